@@ -1,0 +1,1 @@
+"""The inspector: commands and a browser app over `calib`."""
