@@ -1,0 +1,73 @@
+"""Rigid transforms as (..., 4, 4) arrays.
+
+A transform's name tells what it maps: `base_T_flange` takes flange coordinates to base coordinates, so names chain
+as they multiply: `base_T_target = base_T_flange @ flange_T_target`. Lengths are millimetres.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+
+def make_transform(rotation: ArrayLike, translation_mm: ArrayLike) -> Array:
+    """Put rotations (..., 3, 3) and translations (..., 3) together into transforms (..., 4, 4)."""
+    rotation = np.asarray(rotation, dtype=float)
+    translation_mm = np.asarray(translation_mm, dtype=float)
+    shape = np.broadcast_shapes(rotation.shape[:-2], translation_mm.shape[:-1])
+    transform = np.zeros((*shape, 4, 4))
+    transform[..., :3, :3] = rotation
+    transform[..., :3, 3] = translation_mm
+    transform[..., 3, 3] = 1.0
+    return transform
+
+
+def invert(a_T_b: ArrayLike) -> Array:
+    """Invert rigid transforms (..., 4, 4): the result maps a to b."""
+    a_T_b = np.asarray(a_T_b, dtype=float)
+    b_R_a = np.swapaxes(a_T_b[..., :3, :3], -1, -2)
+    return make_transform(b_R_a, -np.einsum("...ij,...j->...i", b_R_a, a_T_b[..., :3, 3]))
+
+
+def apply(a_T_b: ArrayLike, points_b_mm: ArrayLike) -> Array:
+    """Map points (..., 3) from frame b to frame a; the leading axes broadcast."""
+    a_T_b = np.asarray(a_T_b, dtype=float)
+    return np.einsum("...ij,...j->...i", a_T_b[..., :3, :3], np.asarray(points_b_mm, float)) + a_T_b[..., :3, 3]
+
+
+def rotation_from_rotvec(rotvec_rad: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3) that turn by |rotvec| about rotvec (..., 3)."""
+    rotvec_rad = np.asarray(rotvec_rad, dtype=float)
+    flat = Rotation.from_rotvec(rotvec_rad.reshape(-1, 3)).as_matrix()
+    return np.asarray(flat).reshape(*rotvec_rad.shape[:-1], 3, 3)
+
+
+def skew(vectors: ArrayLike) -> Array:
+    """Cross-product matrices (..., 3, 3): `skew(v) @ w` is `v x w`."""
+    v = np.asarray(vectors, dtype=float)
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return out
+
+
+def best_fit_transform(
+    source_mm: ArrayLike, target_mm: ArrayLike, weights: ArrayLike | None = None
+) -> Array:
+    """The rigid motion that takes source (N, 3) to target (N, 3) with the least weighted squared error.
+
+    Closed form by SVD (Kabsch 1976, Umeyama 1991), reflections excluded. Collinear points leave one rotation free;
+    then the answer is one of the equally good ones. Returns target_T_source (4, 4).
+    """
+    source = np.asarray(source_mm, dtype=float)
+    target = np.asarray(target_mm, dtype=float)
+    w = np.ones(len(source)) if weights is None else np.asarray(weights, dtype=float)
+    w = w / w.sum()
+    source_mean, target_mean = w @ source, w @ target
+    covariance = (target - target_mean).T @ (w[:, None] * (source - source_mean))
+    u, _, vt = np.linalg.svd(covariance)
+    rotation = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    return make_transform(rotation, target_mean - rotation @ source_mean)

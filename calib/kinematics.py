@@ -1,0 +1,123 @@
+"""The five-parameter chain and its analytic Jacobian, all poses at once.
+
+Frame i: `Rz(theta_i + q_i) Trans(a_i, 0, d_i) Rx(alpha_i) Ry(beta_i)` (Jang 2025 eq 3; Park 2022 section 2; beta is
+Hayati's parameter for consecutive parallel axes). The tool row closes the chain with the same form and no q.
+
+Each parameter moves everything beyond it by a screw: d and a slide along an axis, theta, alpha and beta turn about
+one. The Jacobian of a point (Jang eq 8) is therefore read off the frames of the forward pass, without differencing:
+
+    dp/dtheta_i = z_(i-1) x (p - o_(i-1))     dp/dd_i = z_(i-1)      dp/da_i = x'_i
+    dp/dalpha_i = x'_i x (p - o_i)            dp/dbeta_i = y_i x (p - o_i)
+
+with x'_i the x axis after the turn by theta_i + q_i, o_i and y_i origin and y axis of frame i.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calib.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Frames of a forward pass over N poses of an arm with n joints.
+
+    `base_T_frame` (N, n + 2, 4, 4): base, frames 1..n, tool. `turned_x` (N, n + 1, 3): the x axes after theta + q.
+    """
+
+    base_T_frame: Array
+    turned_x: Array
+
+    @property
+    def base_T_flange(self) -> Array:
+        """(N, 4, 4) the last joint's frame, where the tool row starts and further targets are given."""
+        return self.base_T_frame[:, -2]
+
+    @property
+    def target_mm(self) -> Array:
+        """(N, 3) the tool point, base frame."""
+        return self.base_T_frame[:, -1, :3, 3]
+
+
+def forward(table: ArrayLike, q: ArrayLike, is_revolute: ArrayLike) -> Chain:
+    """Run the chain.
+
+    Args:
+        table: (n + 1, 5), or (N, n + 1, 5) where poses differ; rows a, alpha, d, theta, beta in mm and rad.
+        q: (N, n) rad, mm for prismatic joints.
+        is_revolute: (n,) bool.
+    """
+    q = np.asarray(q, dtype=float)
+    is_revolute = np.asarray(is_revolute, dtype=bool)
+    n_poses, n_joints = q.shape
+    table = np.broadcast_to(np.asarray(table, dtype=float), (n_poses, n_joints + 1, 5))
+    a, alpha, d, theta, beta = np.moveaxis(table, -1, 0)  # each (N, n + 1)
+    theta, d = theta.copy(), d.copy()
+    theta[:, :-1] += np.where(is_revolute, q, 0.0)
+    d[:, :-1] += np.where(is_revolute, 0.0, q)
+
+    local = _link_transforms(a, alpha, d, theta, beta)
+    base_T_frame = np.empty((n_poses, n_joints + 2, 4, 4))
+    base_T_frame[:, 0] = np.eye(4)
+    for i in range(n_joints + 1):
+        base_T_frame[:, i + 1] = base_T_frame[:, i] @ local[:, i]
+    previous = base_T_frame[:, :-1]
+    turned_x = np.cos(theta)[..., None] * previous[..., :3, 0] + np.sin(theta)[..., None] * previous[..., :3, 1]
+    return Chain(base_T_frame, turned_x)
+
+
+def _link_transforms(a: Array, alpha: Array, d: Array, theta: Array, beta: Array) -> Array:
+    """Jang eq (3), multiplied out; arguments (...,), result (..., 4, 4)."""
+    ct, st = np.cos(theta), np.sin(theta)
+    ca, sa = np.cos(alpha), np.sin(alpha)
+    cb, sb = np.cos(beta), np.sin(beta)
+    out = np.zeros((*theta.shape, 4, 4))
+    out[..., 0, 0] = ct * cb - st * sa * sb
+    out[..., 0, 1] = -st * ca
+    out[..., 0, 2] = ct * sb + st * sa * cb
+    out[..., 0, 3] = a * ct
+    out[..., 1, 0] = st * cb + ct * sa * sb
+    out[..., 1, 1] = ct * ca
+    out[..., 1, 2] = st * sb - ct * sa * cb
+    out[..., 1, 3] = a * st
+    out[..., 2, 0] = -ca * sb
+    out[..., 2, 1] = sa
+    out[..., 2, 2] = ca * cb
+    out[..., 2, 3] = d
+    out[..., 3, 3] = 1.0
+    return out
+
+
+def jacobian(chain: Chain, points_mm: ArrayLike) -> Array:
+    """Derivative of points that ride beyond the tool row by the table's entries (Jang eq 8).
+
+    Args:
+        points_mm: (N, 3) in the base frame, one a pose.
+
+    Returns:
+        (N, 3, n + 1, 5): mm per mm for a and d, mm per rad for alpha, theta and beta.
+    """
+    points_mm = np.asarray(points_mm, dtype=float)
+    previous, current = chain.base_T_frame[:, :-1], chain.base_T_frame[:, 1:]
+    z, y, x = previous[..., :3, 2], current[..., :3, 1], chain.turned_x
+    from_previous = points_mm[:, None] - previous[..., :3, 3]
+    from_current = points_mm[:, None] - current[..., :3, 3]
+    columns = [x, np.cross(x, from_current), z, np.cross(z, from_previous), np.cross(y, from_current)]
+    return np.moveaxis(np.stack(columns, axis=-1), 1, 2)
+
+
+def target_points(robot: Robot, q: ArrayLike) -> Array:
+    """The tool point (N, 3), mm in the base frame, at joint vectors q (N, n)."""
+    return forward(robot.table, q, robot.is_revolute).target_mm
+
+
+def target_jacobian(robot: Robot, q: ArrayLike) -> Array:
+    """J of Jang eq (8): (N, 3, P) by the robot's parameters, in the order of `robot.parameter_names`."""
+    chain = forward(robot.table, q, robot.is_revolute)
+    return jacobian(chain, chain.target_mm).reshape(len(chain.target_mm), 3, -1)

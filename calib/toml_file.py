@@ -1,0 +1,133 @@
+"""TOML with errors that name file, place and way out."""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from calib.errors import DatasetError
+
+
+def write_text_atomically(path: Path, text: str) -> None:
+    """Write through a neighbouring temporary file, so that a reader sees the old text or the new, never half."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
+            file.write(text)
+        os.chmod(name, 0o644)
+        os.replace(name, path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+class TomlTable:
+    """One table of a TOML file; remembers where it stands and which of its keys were read."""
+
+    def __init__(self, data: Mapping[str, Any], file: Path, place: str = "") -> None:
+        self.data = data
+        self.file = file
+        self.place = place
+        self._read: set[str] = set()
+
+    @classmethod
+    def load(cls, path: Path) -> TomlTable:
+        try:
+            text = path.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            raise DatasetError(f"{path}: no such file; a dataset folder needs {path.name}") from None
+        except (OSError, UnicodeDecodeError) as error:
+            raise DatasetError(f"{path}: cannot be read as text ({error})") from None
+        try:
+            return cls(tomllib.loads(text), path)
+        except tomllib.TOMLDecodeError as error:
+            raise DatasetError(f"{path}: not valid TOML: {error}") from None
+
+    def error(self, key: str, found: str, remedy: str) -> DatasetError:
+        place = f"{self.place}.{key}" if self.place else key
+        return DatasetError(f"{self.file}: {place}: {found}; {remedy}")
+
+    def _get(self, key: str) -> Any:
+        self._read.add(key)
+        return self.data.get(key)
+
+    def number(self, key: str, default: float | None = None, *, positive: bool = False) -> float | None:
+        """A finite number; `default` where the key is absent."""
+        value = self._get(key)
+        if value is None:
+            return default
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise self.error(key, f"found {value!r}", "a finite number is needed")
+        if positive and value <= 0:
+            raise self.error(key, f"found {value}", "a number above 0 is needed")
+        return float(value)
+
+    def required_number(self, key: str) -> float:
+        value = self.number(key)
+        if value is None:
+            raise self.error(key, "the key is missing", f"add a line such as {key} = 0.0")
+        return value
+
+    def text(self, key: str, default: str | None = None, *, choices: Iterable[str] = ()) -> str | None:
+        value = self._get(key)
+        if value is None:
+            return default
+        if not isinstance(value, str):
+            raise self.error(key, f"found {value!r}", "a text in quotes is needed")
+        allowed = tuple(choices)
+        if allowed and value not in allowed:
+            raise self.error(key, f"found {value!r}", "expected " + " or ".join(repr(c) for c in allowed))
+        return value
+
+    def required_text(self, key: str) -> str:
+        value = self.text(key)
+        if not value:
+            raise self.error(key, "the key is missing or empty", f'add a line such as {key} = "..."')
+        return value
+
+    def flag(self, key: str, default: bool) -> bool:
+        value = self._get(key)
+        if value is None:
+            return default
+        if not isinstance(value, bool):
+            raise self.error(key, f"found {value!r}", "true or false is needed")
+        return value
+
+    def vector(self, key: str) -> tuple[float, float, float] | None:
+        """Three finite numbers, or None where the key is absent."""
+        value = self._get(key)
+        if value is None:
+            return None
+        numbers = isinstance(value, list) and all(
+            isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in value
+        )
+        if not numbers or len(value) != 3:
+            raise self.error(key, f"found {value!r}", "three finite numbers in [ ] are needed")
+        return (float(value[0]), float(value[1]), float(value[2]))
+
+    def table(self, key: str) -> TomlTable:
+        """A sub-table; empty where it is absent."""
+        value = self._get(key)
+        place = f"{self.place}.[{key}]" if self.place else f"[{key}]"
+        if value is not None and not isinstance(value, dict):
+            raise self.error(key, f"found {value!r}", f"a table headed [{key}] is needed")
+        return TomlTable(value or {}, self.file, place)
+
+    def tables(self, key: str) -> list[TomlTable]:
+        """An array of tables; empty where it is absent."""
+        value = self._get(key)
+        if value is None:
+            return []
+        if not isinstance(value, list) or not all(isinstance(v, dict) for v in value):
+            raise self.error(key, "found no array of tables", f"write each one under [[{key}]]")
+        return [TomlTable(item, self.file, f"[[{key}]] {i + 1}") for i, item in enumerate(value)]
+
+    def unread(self) -> dict[str, Any]:
+        """Keys that nobody asked for: kept, so that writing the file again loses nothing."""
+        return {key: value for key, value in self.data.items() if key not in self._read}
