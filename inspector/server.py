@@ -1,0 +1,275 @@
+"""A viser server that only its own page can drive.
+
+Viser as it comes binds every interface, moves to the next port when the asked one is taken, accepts websocket
+connections that any web page in the user's browser opens, lets any client open a public share tunnel, and applies
+whatever value a client sends, also to fields that are not values. `start_server` closes these five doors.
+
+This is the one file that leans on viser's private names, so viser is pinned to >=1.1.1,<1.2.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import http
+import io
+import ipaddress
+import logging
+import math
+import os
+import socket
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from types import SimpleNamespace
+from typing import Any, TypeVar
+from urllib.parse import urlsplit
+
+import viser
+from viser import _messages
+from viser.infra import _infra
+
+from calib.errors import CalibError
+
+log = logging.getLogger(__name__)
+
+LOOPBACK = "127.0.0.1"
+TEXT_LIMIT = 1000  # characters that a text field may hold
+
+T = TypeVar("T")
+
+
+class ServerError(CalibError):
+    """The address cannot be served on."""
+
+
+def bind(host: str, port: int) -> socket.socket:
+    """The listening socket on exactly host:port; port 0 takes any free one.
+
+    Raises:
+        ServerError: port out of range, taken or not permitted, or a host that is not this machine's.
+    """
+    if not 0 <= port <= 65535:
+        raise ServerError(f"--port {port}: a port is a number from 0 (any free one) to 65535")
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((host, port), family=family)
+    except socket.gaierror as error:
+        raise ServerError(f"--host {host}: not an address of this machine ({error.strerror})") from error
+    except OSError as error:
+        raise ServerError(
+            f"cannot listen on {host}:{port} ({os.strerror(error.errno or 0)}); close the program that uses it or pass "
+            "--port with another number (0 takes any free one)"
+        ) from error
+
+
+# ---- which web pages may talk to us ---------------------------------------------------------------------------------
+
+
+def _host_name(netloc: str) -> str:
+    return (urlsplit(f"//{netloc}").hostname or "").lower()
+
+
+def _is_own_name(name: str, bound_host: str) -> bool:
+    """Whether `name` can only mean this machine: never a public name that someone points at 127.0.0.1."""
+    if name == "localhost" or name == bound_host.lower():
+        return True
+    try:
+        address = ipaddress.ip_address(name)
+    except ValueError:
+        return not _is_loopback(bound_host) and name in {
+            socket.gethostname().lower(),
+            socket.getfqdn().lower(),
+        }
+    return address.is_loopback or not _is_loopback(bound_host)
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host.lower() == "localhost"
+
+
+def origin_allowed(
+    origin: str | None, host_header: str | None, *, bound_host: str, extra: Sequence[str] = ()
+) -> bool:
+    """Whether a request from the web page at `origin` is this server's own page, or no web page at all.
+
+    The page's host:port has to be the one that the request went to (so a forwarded port works), and that host has to
+    be this machine's own name: a foreign name that resolves to 127.0.0.1 (DNS rebinding) is refused. `extra` lists
+    further origins, such as `https://calib.example` of a reverse proxy.
+    """
+    if origin is None or origin in extra:
+        return True
+    if host_header is None:
+        return False
+    try:
+        page, asked = urlsplit(origin), urlsplit(f"//{host_header}")
+        default = {"http": 80, "https": 443}.get(page.scheme)
+        same = (page.hostname, page.port or default) == (asked.hostname, asked.port or default)
+    except ValueError:
+        return False
+    return default is not None and same and _is_own_name(_host_name(host_header), bound_host)
+
+
+# ---- what a client may change ---------------------------------------------------------------------------------------
+
+
+def one_of(value: object, options: Sequence[T], default: T) -> T:
+    """`value` if it is one of the options, otherwise `default`."""
+    for option in options:
+        if type(value) is type(option) and value == option:
+            return option
+    return default
+
+
+def clamped(value: object, low: float, high: float, default: float) -> float:
+    """`value` within [low, high]; `default` if it is no finite number."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        return default
+    return min(max(float(value), low), high)
+
+
+def _value_fits(props: Any, current: object, value: object, is_button: bool) -> bool:
+    """Whether a widget with these props can have sent `value`."""
+    if getattr(props, "disabled", False) or not getattr(props, "visible", True):
+        return False
+    if isinstance(props, (_messages.GuiDropdownProps, _messages.GuiButtonGroupProps)):
+        return isinstance(value, str) and value in props.options
+    if is_button or isinstance(current, bool):
+        return isinstance(value, bool)
+    if isinstance(props, (_messages.GuiSliderProps, _messages.GuiNumberProps)):
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            return False
+        low = -math.inf if props.min is None else props.min
+        high = math.inf if props.max is None else props.max
+        slack = 1e-9 * max(1.0, abs(value))
+        return low - slack <= value <= high + slack
+    if isinstance(current, str):
+        return isinstance(value, str) and len(value) <= TEXT_LIMIT
+    return False
+
+
+def _guard_gui(gui: viser.GuiApi) -> None:
+    """Let through only changes of `value` that the widget on the page could have made."""
+    handlers = gui._websock_interface._incoming_handlers
+    apply = gui._handle_gui_updates
+
+    async def guarded(client_id: Any, message: _messages.GuiUpdateMessage) -> None:
+        handle = gui._gui_input_handle_from_uuid.get(message.uuid)
+        if handle is None:
+            return
+        state = handle._impl
+        fits = set(message.updates) == {"value"} and _value_fits(
+            state.props, state.value, message.updates["value"], state.is_button
+        )
+        if not fits:
+            log.warning("client %s: refused %.200r for a widget", client_id, message.updates)
+            return
+        await apply(client_id, message)
+
+    handlers[_messages.GuiUpdateMessage] = [guarded]  # type: ignore[list-item]
+    # Nothing here takes uploads, and nothing may open a tunnel: without a handler the messages are dropped.
+    for kind in (
+        _messages.FileTransferStartUpload,
+        _messages.FileTransferPart,
+        _messages.ShareUrlRequest,
+        _messages.ShareUrlDisconnect,
+    ):
+        handlers.pop(kind, None)
+
+
+# ---- the server -----------------------------------------------------------------------------------------------------
+
+_starting = threading.Lock()
+
+
+@contextlib.contextmanager
+def _serving_on(listener: socket.socket, bound_host: str, extra: Sequence[str]) -> Iterator[None]:
+    """While inside, a viser server that starts listens on `listener` and refuses foreign origins.
+
+    Viser opens its own port inside a function that cannot be reached from outside, so the module that it takes
+    `serve` from is swapped in viser's own namespace (nobody else's) until the server is up.
+    """
+    real = _infra.websockets
+
+    def guard(inner: Callable[..., Any]) -> Callable[..., Any]:
+        def process_request(connection: Any, request: Any) -> Any:
+            headers = request.headers
+            origins, hosts = headers.get_all("Origin"), headers.get_all("Host")
+            origin = origins[0] if len(origins) == 1 else (None if not origins else "several")
+            host = hosts[0] if len(hosts) == 1 else None
+            if not origin_allowed(origin, host, bound_host=bound_host, extra=extra):
+                return connection.respond(
+                    http.HTTPStatus.FORBIDDEN, "This page may not talk to the inspector (foreign origin).\n"
+                )
+            return inner(connection, request)
+
+        return process_request
+
+    def serve(handler: Any, host: str, port: int, *, process_request: Any, **options: Any) -> Any:
+        del host, port
+        return real.asyncio.server.serve(
+            handler, sock=listener, process_request=guard(process_request), **options
+        )
+
+    stand_in = SimpleNamespace(
+        asyncio=SimpleNamespace(
+            server=SimpleNamespace(serve=serve, ServerConnection=real.asyncio.server.ServerConnection)
+        ),
+        datastructures=real.datastructures,
+        exceptions=real.exceptions,
+    )
+    with _starting:
+        _infra.websockets = stand_in  # type: ignore[assignment]
+        try:
+            yield
+        finally:
+            _infra.websockets = real
+
+
+class InspectorServer(viser.ViserServer):
+    """A viser server behind the five closed doors; `start_server` makes one."""
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """Refused: scans and robots stay on this machine."""
+        del verbose
+        raise ServerError(
+            "public share links are switched off; forward the port instead (ssh -L 8080:localhost:8080)"
+        )
+
+    def stop(self) -> None:
+        with contextlib.redirect_stdout(io.StringIO()):  # viser announces its end on stdout
+            super().stop()
+
+
+def start_server(
+    host: str = LOOPBACK, port: int = 8080, *, label: str | None = None, extra_origins: Sequence[str] = ()
+) -> InspectorServer:
+    """Serve on exactly host:port, for this server's own pages.
+
+    Raises:
+        ServerError: the address cannot be bound (`bind`).
+    """
+    listener = bind(host, port)
+    try:
+        with _serving_on(listener, host, tuple(extra_origins)), contextlib.redirect_stdout(io.StringIO()):
+            server = InspectorServer(host=host, port=listener.getsockname()[1], label=label, verbose=False)
+    except BaseException:
+        listener.close()
+        raise
+    _guard_gui(server.gui)
+    return server
+
+
+def url_of(server: viser.ViserServer) -> str:
+    """The address to type into a browser on this machine."""
+    host = server.get_host()
+    if host in ("0.0.0.0", "::", ""):
+        host = "localhost"
+    return f"http://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
+
+
+def tell(server: viser.ViserServer, title: str, body: str, *, color: str = "red") -> None:
+    """A notification in every open page (plain text, viser shows it unformatted)."""
+    for client in server.get_clients().values():
+        client.add_notification(title, body, color=color, auto_close_seconds=15.0)  # type: ignore[call-overload]
