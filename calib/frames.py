@@ -35,7 +35,9 @@ def invert(a_T_b: ArrayLike) -> Array:
 def apply(a_T_b: ArrayLike, points_b_mm: ArrayLike) -> Array:
     """Map points (..., 3) from frame b to frame a; the leading axes broadcast."""
     a_T_b = np.asarray(a_T_b, dtype=float)
-    return np.einsum("...ij,...j->...i", a_T_b[..., :3, :3], np.asarray(points_b_mm, float)) + a_T_b[..., :3, 3]
+    return (
+        np.einsum("...ij,...j->...i", a_T_b[..., :3, :3], np.asarray(points_b_mm, float)) + a_T_b[..., :3, 3]
+    )
 
 
 def rotation_from_rotvec(rotvec_rad: ArrayLike) -> Array:
@@ -54,9 +56,7 @@ def skew(vectors: ArrayLike) -> Array:
     return out
 
 
-def best_fit_transform(
-    source_mm: ArrayLike, target_mm: ArrayLike, weights: ArrayLike | None = None
-) -> Array:
+def best_fit_transform(source_mm: ArrayLike, target_mm: ArrayLike, weights: ArrayLike | None = None) -> Array:
     """The rigid motion that takes source (N, 3) to target (N, 3) with the least weighted squared error.
 
     Closed form by SVD (Kabsch 1976, Umeyama 1991), reflections excluded. Collinear points leave one rotation free;

@@ -68,7 +68,9 @@ def forward(table: ArrayLike, q: ArrayLike, is_revolute: ArrayLike) -> Chain:
     for i in range(n_joints + 1):
         base_T_frame[:, i + 1] = base_T_frame[:, i] @ local[:, i]
     previous = base_T_frame[:, :-1]
-    turned_x = np.cos(theta)[..., None] * previous[..., :3, 0] + np.sin(theta)[..., None] * previous[..., :3, 1]
+    turned_x = (
+        np.cos(theta)[..., None] * previous[..., :3, 0] + np.sin(theta)[..., None] * previous[..., :3, 1]
+    )
     return Chain(base_T_frame, turned_x)
 
 

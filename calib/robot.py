@@ -111,7 +111,9 @@ class Robot:
 
     @property
     def parameter_units(self) -> tuple[str, ...]:
-        return tuple("mm" if kind in LENGTH_KINDS else "rad" for _ in self.frame_names for kind in PARAMETER_KINDS)
+        return tuple(
+            "mm" if kind in LENGTH_KINDS else "rad" for _ in self.frame_names for kind in PARAMETER_KINDS
+        )
 
     @property
     def is_revolute(self) -> NDArray[np.bool_]:
@@ -127,7 +129,9 @@ class Robot:
         """The same robot with other link parameters (n + 1, 5)."""
         table = np.asarray(table, dtype=float)
         if table.shape != (self.n_joints + 1, len(PARAMETER_KINDS)):
-            raise ValueError(f"a table for {self.n_joints} joints is {self.n_joints + 1} x 5, got {table.shape}")
+            raise ValueError(
+                f"a table for {self.n_joints} joints is {self.n_joints + 1} x 5, got {table.shape}"
+            )
         rows = [dict(zip(_ROW_FIELDS, map(float, row), strict=True)) for row in table]
         joints = tuple(replace(joint, **row) for joint, row in zip(self.joints, rows[:-1], strict=True))  # type: ignore[arg-type]
         return replace(self, joints=joints, tool=replace(self.tool, **rows[-1]))  # type: ignore[arg-type]

@@ -20,7 +20,9 @@ BUILTIN_ROBOTS = ("rb5", "panda")
 def builtin_robot(name: str) -> Robot:
     """One of the arms that come with the package: "rb5" (RB5-850, Jang's Table 2) or "panda" (Franka Panda)."""
     if name not in BUILTIN_ROBOTS:
-        raise DatasetError(f"no built-in robot {name!r}; there are {', '.join(BUILTIN_ROBOTS)}, or give a robot.toml")
+        raise DatasetError(
+            f"no built-in robot {name!r}; there are {', '.join(BUILTIN_ROBOTS)}, or give a robot.toml"
+        )
     with resources.as_file(resources.files("calib") / "robots" / f"{name}.toml") as path:
         return load_robot(path)
 
@@ -30,15 +32,21 @@ def load_robot(path: Path) -> Robot:
     top = TomlTable.load(path)
     joints = tuple(_joint(table, number + 1) for number, table in enumerate(top.tables("joints")))
     if not joints:
-        raise DatasetError(f"{path}: found no [[joints]]; a robot needs one [[joints]] table a joint, in order")
+        raise DatasetError(
+            f"{path}: found no [[joints]]; a robot needs one [[joints]] table a joint, in order"
+        )
     tool = _tool(top.table("tool"))
-    targets = []
+    targets: list[Target] = []
     for table in top.tables("targets"):
         name, xyz_mm = table.required_text("name"), table.vector("xyz_mm")
         if xyz_mm is None:
-            raise table.error("xyz_mm", "the key is missing", "add xyz_mm = [x, y, z] in the last joint's frame")
+            raise table.error(
+                "xyz_mm", "the key is missing", "add xyz_mm = [x, y, z] in the last joint's frame"
+            )
         if name == "jig" or name in {target.name for target in targets}:
-            raise table.error("name", f"found {name!r} a second time", 'each target needs its own ("jig" is the tool)')
+            raise table.error(
+                "name", f"found {name!r} a second time", 'each target needs its own ("jig" is the tool)'
+            )
         targets.append(Target(name, xyz_mm))
     robot = Robot(
         name=top.text("name") or path.stem,
@@ -76,7 +84,9 @@ def _joint(table: TomlTable, number: int) -> Joint:
     unit, scale = ("deg", math.radians(1.0)) if type_ == "revolute" else ("mm", 1.0)
     low, high = table.number(f"min_{unit}"), table.number(f"max_{unit}")
     if low is not None and high is not None and low >= high:
-        raise table.error(f"max_{unit}", f"found {high:g}, not above min_{unit} = {low:g}", "swap or mend the limits")
+        raise table.error(
+            f"max_{unit}", f"found {high:g}, not above min_{unit} = {low:g}", "swap or mend the limits"
+        )
     mass_kg = table.number("mass_kg")
     if mass_kg is not None and mass_kg < 0:
         raise table.error("mass_kg", f"found {mass_kg:g}", "a mass is 0 or more")
@@ -119,7 +129,12 @@ def robot_to_toml(robot: Robot) -> str:
     document["joints"] = [_joint_document(joint) for joint in robot.joints]
     tool = robot.tool
     document["tool"] = _present(
-        {**_link_document(tool), "mass_kg": tool.mass_kg, "com_mm": tool.com_mm, "payload_com_mm": tool.payload_com_mm}
+        {
+            **_link_document(tool),
+            "mass_kg": tool.mass_kg,
+            "com_mm": tool.com_mm,
+            "payload_com_mm": tool.payload_com_mm,
+        }
     ) | dict(tool.extra)
     if robot.targets:
         document["targets"] = [{"name": t.name, "xyz_mm": list(t.xyz_mm)} for t in robot.targets]

@@ -1,0 +1,96 @@
+"""CSV tables whose every error names file, row and column. Rows are counted as an editor does: the header is line 1."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from calib.errors import DatasetError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TableFile:
+    """The cells of one CSV file, as text."""
+
+    path: Path
+    cells: pd.DataFrame
+
+    @classmethod
+    def load(cls, path: Path) -> TableFile:
+        try:
+            cells = pd.read_csv(
+                path, dtype=str, keep_default_na=False, skipinitialspace=True, index_col=False
+            )
+        except FileNotFoundError:
+            raise DatasetError(f"{path}: no such file; dataset.toml names it") from None
+        except pd.errors.EmptyDataError:
+            raise DatasetError(
+                f"{path}: the file is empty; a header line with column names is needed"
+            ) from None
+        except (OSError, UnicodeDecodeError, pd.errors.ParserError) as error:
+            raise DatasetError(f"{path}: cannot be read as CSV ({str(error).strip()})") from None
+        cells = cells.rename(columns=lambda name: str(name).strip())
+        repeated = cells.columns[cells.columns.duplicated()]
+        if len(repeated):
+            raise DatasetError(f"{path}: line 1: column {repeated[0]!r} stands there twice; rename one")
+        return cls(path, cells)
+
+    def __len__(self) -> int:
+        return len(self.cells)
+
+    def __contains__(self, column: str) -> bool:
+        return column in self.cells.columns
+
+    def error(self, row: int, column: str, found: str, remedy: str) -> DatasetError:
+        return DatasetError(f"{self.path}: line {row + 2}, column {column}: {found}; {remedy}")
+
+    def require(self, columns: Iterable[str]) -> None:
+        missing = [name for name in columns if name not in self]
+        if missing:
+            raise DatasetError(
+                f"{self.path}: line 1: missing column {', '.join(missing)}; found {', '.join(self.cells.columns)}"
+            )
+
+    def text(self, column: str, *, allow_empty: bool = False) -> list[str]:
+        """The column as stripped text."""
+        values = [str(value).strip() for value in self.cells[column]]
+        if not allow_empty and "" in values:
+            raise self.error(values.index(""), column, "the cell is empty", "fill it in or remove the row")
+        return values
+
+    def numbers(self, columns: list[str]) -> Array:
+        """(rows, columns) finite numbers."""
+        out = np.empty((len(self), len(columns)))
+        for k, column in enumerate(columns):
+            for row, text in enumerate(self.text(column)):
+                try:
+                    out[row, k] = float(text)
+                except ValueError:
+                    raise self.error(row, column, f"found {text!r}", "a number is needed") from None
+                if not np.isfinite(out[row, k]):
+                    raise self.error(row, column, f"found {text!r}", "a finite number is needed")
+        return out
+
+    def choices(self, column: str, allowed: tuple[str, ...]) -> list[str]:
+        values = self.text(column)
+        for row, value in enumerate(values):
+            if value not in allowed:
+                raise self.error(row, column, f"found {value!r}", "expected " + ", ".join(allowed))
+        return values
+
+    def rest(self, known: Iterable[str]) -> pd.DataFrame:
+        """The other columns: numbers where every cell is one, text otherwise."""
+        known = set(known)
+        frame = self.cells[[name for name in self.cells.columns if name not in known]].copy()
+        for name in frame.columns:
+            numeric = pd.to_numeric(frame[name], errors="coerce")
+            if len(numeric) and numeric.notna().all():
+                frame[name] = numeric
+        return frame
