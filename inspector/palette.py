@@ -1,0 +1,36 @@
+"""The colours of the app, one meaning a colour, told apart also by colour-blind eyes (Okabe and Ito's set)."""
+
+from __future__ import annotations
+
+ROLE_COLOURS = {"reference": "#009E73", "train": "#56B4E9", "test": "#D55E00"}
+ROLE_WORDS = {"reference": "reference", "train": "training", "test": "test"}
+FACE_COLOURS = ("#0072B2", "#E69F00", "#CC79A7")  # the three chosen faces, in the order of the corner's faces
+GROUP_COLOURS = (
+    "#88CCEE",
+    "#DDCC77",
+    "#44AA99",
+    "#AA4499",
+    "#999933",
+    "#CC6677",
+    "#117733",
+    "#882255",
+    "#6699CC",
+)
+REJECTED = "#9AA0A6"  # what a filter or the choice of the three planes left out
+UNKNOWN = "#8A8F98"  # a role or pose of which nothing is known
+FAILED = "#B3261E"
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """(0-255, 0-255, 0-255) of "#RRGGBB"."""
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
+
+
+def group_colour(group: int) -> str:
+    """A colour for the plane group with this index; they come again after nine."""
+    return GROUP_COLOURS[group % len(GROUP_COLOURS)]
+
+
+def role_colour(role: str) -> str:
+    """The colour of a pose with this role."""
+    return ROLE_COLOURS.get(role, UNKNOWN)

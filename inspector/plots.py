@@ -1,0 +1,185 @@
+"""Figures from numbers: plain arrays in, plotly figures out. Nothing here knows viser or computes anything.
+
+Every figure fits a panel about 400 pixels wide, names its axes with units, shows values on hover, and comes in a light
+and a dark version, because a plotly figure does not follow the page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import ArrayLike, NDArray
+
+from inspector.palette import ROLE_COLOURS, ROLE_WORDS, role_colour
+
+# Blue - white - red (ColorBrewer RdBu): safe for red-green blindness, symmetric in lightness about zero.
+CORRELATION_SCALE = (
+    (0.0, "#2166AC"),
+    (0.25, "#92C5DE"),
+    (0.5, "#F7F7F7"),
+    (0.75, "#F4A582"),
+    (1.0, "#B2182B"),
+)
+NO_INFLUENCE = "#8A8F98"
+_GREEK = {"alpha": "α", "beta": "β", "theta": "θ"}
+
+
+def parameter_label(name: str) -> str:
+    """ "alpha3" -> "α3", "aTCP" -> "aTCP": short enough for an axis."""
+    for word, letter in _GREEK.items():
+        if name.startswith(word):
+            return letter + escape(name[len(word) :])
+    return escape(name)
+
+
+def correlation_heatmap(
+    names: Sequence[str], pearson: ArrayLike, *, dark: bool = False, no_influence: Sequence[str] = ()
+) -> go.Figure:
+    """Pearson's r of all pairs. pearson  # (P, P); NaN where a parameter has no influence: those cells are grey."""
+    r = np.asarray(pearson, dtype=float)
+    labels = [parameter_label(name) for name in names]
+    missing = np.isnan(r)
+    silent = [name for name in names if name in set(no_influence)] or [
+        name for i, name in enumerate(names) if missing[i].all()
+    ]
+    fig = go.Figure()
+    if missing.any():
+        fig.add_trace(
+            go.Heatmap(
+                z=np.where(missing, 0.0, np.nan), x=labels, y=labels, showscale=False, xgap=1, ygap=1,
+                colorscale=[(0, NO_INFLUENCE), (1, NO_INFLUENCE)], zmin=-1, zmax=1, hoverongaps=False,
+                customdata=_why_missing(names, silent),
+                hovertemplate="%{y} – %{x}<br>no influence: %{customdata}<extra></extra>",
+            )
+        )  # fmt: skip
+    fig.add_trace(
+        go.Heatmap(
+            z=r, x=labels, y=labels, zmin=-1, zmax=1, colorscale=CORRELATION_SCALE, xgap=1, ygap=1,
+            hoverongaps=False, hovertemplate="%{y} – %{x}<br>r = %{z:.4f}<extra></extra>",
+            colorbar={
+                "title": {"text": "r", "side": "top"}, "thickness": 8, "len": 0.75, "tickvals": [-1, -0.5, 0, 0.5, 1],
+                "tickfont": {"size": 9}, "outlinewidth": 0, "xpad": 4,
+            },
+        )
+    )  # fmt: skip
+    size = 10 if len(names) <= 22 else 8 if len(names) <= 36 else 7
+    axis = {
+        "tickfont": {"size": size}, "showgrid": False, "zeroline": False, "ticks": "", "type": "category",
+        "tickmode": "array", "tickvals": labels, "ticktext": labels, "constrain": "domain",
+    }  # fmt: skip
+    fig.update_xaxes(**axis, tickangle=-90)
+    fig.update_yaxes(**axis, autorange="reversed", scaleanchor="x")
+    _style(fig, dark, margin={"l": 6, "r": 6, "t": 6, "b": 6})
+    fig.update_xaxes(automargin=True)
+    fig.update_yaxes(automargin=True)
+    return fig
+
+
+def _why_missing(names: Sequence[str], silent: Sequence[str]) -> NDArray:
+    quiet = set(silent)
+    words = [
+        [
+            " and ".join(dict.fromkeys(n for n in (row, column) if n in quiet)) or "a column does not vary"
+            for column in names
+        ]
+        for row in names
+    ]
+    return np.array(words, dtype=object)
+
+
+def convergence(
+    train_rmse_mm: Sequence[float], test_rmse_mm: Sequence[float] | None = None, *, dark: bool = False
+) -> go.Figure:
+    """Error per iteration, logarithmic; iteration 0 is the nominal robot."""
+    fig = go.Figure()
+    for role, values in (("train", train_rmse_mm), ("test", test_rmse_mm)):
+        if values is None or not len(values):
+            continue
+        y = np.asarray(values, dtype=float)
+        fig.add_trace(
+            go.Scatter(
+                x=np.arange(len(y)),
+                y=np.where(y > 0, y, np.nan),  # zero has no place on a logarithmic axis
+                mode="lines+markers",
+                name=ROLE_WORDS[role],
+                line={"color": ROLE_COLOURS[role], "width": 2},
+                marker={"size": 7, "symbol": "circle" if role == "train" else "diamond"},
+                hovertemplate="iteration %{x}<br>" + ROLE_WORDS[role] + " RMSE %{y:.4g} mm<extra></extra>",
+            )
+        )
+    _style(fig, dark, margin={"l": 56, "r": 12, "t": 30, "b": 42})
+    fig.update_yaxes(type="log", title="RMSE, mm", exponentformat="power", nticks=8, automargin=True)
+    fig.update_xaxes(title="iteration (0 = nominal)", rangemode="tozero", dtick=_whole_steps(fig))
+    return fig
+
+
+def _whole_steps(fig: go.Figure) -> int:
+    longest = max((len(trace.x) for trace in fig.data), default=1)
+    return max(1, longest // 8)
+
+
+def pose_residuals(
+    ids: Sequence[str],
+    roles: Sequence[str],
+    residual_mm: ArrayLike,
+    *,
+    selected: str | None = None,
+    what: str = "residual",
+    dark: bool = False,
+) -> go.Figure:
+    """One bar a pose, coloured by role, the selected pose outlined. residual_mm  # (N,); NaN leaves a gap."""
+    values = np.asarray(residual_mm, dtype=float)
+    names = [escape(name) for name in ids]  # plotly reads a little markup in labels
+    fig = go.Figure()
+    for role in dict.fromkeys(roles):
+        at = [i for i, r in enumerate(roles) if r == role]
+        fig.add_trace(
+            go.Bar(
+                x=[names[i] for i in at],
+                y=values[at],
+                name=ROLE_WORDS.get(role, role),
+                marker={
+                    "color": role_colour(role),
+                    "line": {
+                        "color": "#FFFFFF" if dark else "#111111",
+                        "width": [2 if ids[i] == selected else 0 for i in at],
+                    },
+                },
+                hovertemplate=f"pose %{{x}} ({ROLE_WORDS.get(role, role)})<br>{what} %{{y:.4f}} mm<extra></extra>",
+            )
+        )
+    _style(fig, dark, margin={"l": 50, "r": 12, "t": 30, "b": 46})
+    fig.update_layout(bargap=0.15, barmode="overlay")
+    fig.update_xaxes(
+        title="pose", type="category", categoryorder="array", categoryarray=names, nticks=12, tickangle=-45,
+        tickfont={"size": 9}, automargin=True,
+    )  # fmt: skip
+    fig.update_yaxes(title=f"{what}, mm", rangemode="tozero", automargin=True)
+    return fig
+
+
+def _style(fig: go.Figure, dark: bool, margin: dict[str, int]) -> None:
+    text = "#E8EAED" if dark else "#24292F"
+    grid = "rgba(255,255,255,0.14)" if dark else "rgba(0,0,0,0.10)"
+    fig.update_layout(
+        template="plotly_dark" if dark else "plotly_white",
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
+        margin=margin,
+        font={"size": 11, "color": text},
+        legend={
+            "orientation": "h",
+            "x": 0,
+            "y": 1.02,
+            "xanchor": "left",
+            "yanchor": "bottom",
+            "font": {"size": 11},
+        },
+        hoverlabel={"font": {"size": 12}},
+        dragmode=False,
+    )
+    fig.update_xaxes(gridcolor=grid, linecolor=grid)
+    fig.update_yaxes(gridcolor=grid, linecolor=grid)

@@ -1,0 +1,116 @@
+"""HTML for the panels: tables, facts, notes. Everything that comes from outside is escaped here, once.
+
+Colours are left to the page (which is light or dark); the tables only use its own text colour, thinned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+_CELL = "padding:2px 6px;white-space:nowrap;"
+_LINE = "border-bottom:1px solid rgba(128,128,128,0.28);"
+
+
+class Html(str):
+    """Text that is markup already and whose parts were escaped by the one who made it."""
+
+
+def _markup(value: object) -> str:
+    return value if isinstance(value, Html) else text(value)
+
+
+def text(value: object) -> str:
+    """`value` as text that cannot become markup."""
+    return escape(str(value), quote=True)
+
+
+def table(
+    headers: Sequence[str],
+    rows: Iterable[Sequence[object]],
+    *,
+    left: int = 1,
+    mark: int | None = None,
+    height_px: int | None = None,
+) -> str:
+    """A compact table: the first `left` columns to the left, numbers to the right; row `mark` is emphasised.
+
+    Cells are escaped unless they are `Html`. `height_px` makes a long table scroll inside the panel.
+    """
+
+    def cell(tag: str, column: int, value: object, extra: str = "") -> str:
+        align = "left" if column < left else "right"
+        return f'<{tag} style="{_CELL}{_LINE}text-align:{align};{extra}">{_markup(value)}</{tag}>'
+
+    head = "".join(cell("th", i, h, "font-weight:600;opacity:0.75;") for i, h in enumerate(headers))
+    body = []
+    for number, row in enumerate(rows):
+        style = ' style="background:rgba(86,180,233,0.22)"' if number == mark else ""
+        body.append(f"<tr{style}>" + "".join(cell("td", i, v) for i, v in enumerate(row)) + "</tr>")
+    scroll = f"max-height:{height_px}px;overflow-y:auto;" if height_px else ""
+    return (
+        f'<div style="overflow-x:auto;{scroll}margin:2px 10px 6px 10px">'
+        '<table style="border-collapse:collapse;width:100%;font-size:12px;line-height:1.35;'
+        f'font-variant-numeric:tabular-nums"><thead><tr>{head}</tr></thead><tbody>{"".join(body)}</tbody></table></div>'
+    )
+
+
+def swatch(colour: str) -> Html:
+    """A small square in a colour of the palette (never one from outside)."""
+    return Html(
+        f'<span style="display:inline-block;width:10px;height:10px;border-radius:2px;background:{colour};'
+        'vertical-align:baseline"></span>'
+    )
+
+
+def named_swatch(colour: str, name: object) -> Html:
+    """A square in a colour with its meaning behind it."""
+    return Html(f"{swatch(colour)}&nbsp;{text(name)}")
+
+
+def legend(entries: Iterable[tuple[str, object]]) -> str:
+    """Colour and meaning, side by side."""
+    items = "".join(
+        f'<span style="margin-right:12px;white-space:nowrap">{named_swatch(colour, name)}</span>'
+        for colour, name in entries
+    )
+    return f'<div style="margin:2px 16px 6px 16px;font-size:12px;line-height:1.6">{items}</div>'
+
+
+def note(sentence: object) -> str:
+    """The plain-words line of a tab: what one sees and what to look for."""
+    return f'<div style="margin:4px 16px 8px 16px;font-size:12px;line-height:1.4;opacity:0.78">{text(sentence)}</div>'
+
+
+def heading(title: object) -> str:
+    """A small heading inside a tab."""
+    return f'<div style="margin:10px 16px 2px 16px;font-size:13px;font-weight:600">{text(title)}</div>'
+
+
+def alert(sentence: object, *, colour: str = "#B3261E") -> str:
+    """A line that has to be seen: a failure with its reason."""
+    return (
+        f'<div style="margin:4px 14px 8px 14px;padding:6px 10px;border-left:4px solid {colour};font-size:12px;'
+        f'line-height:1.4;background:rgba(128,128,128,0.14)">{text(sentence)}</div>'
+    )
+
+
+def facts(pairs: Iterable[tuple[str, object]]) -> str:
+    """Name and value, a row each."""
+    rows = "".join(
+        f'<tr><td style="{_CELL}opacity:0.75">{text(name)}</td>'
+        f'<td style="{_CELL}white-space:normal;text-align:right">{_markup(value)}</td></tr>'
+        for name, value in pairs
+    )
+    return (
+        '<div style="margin:2px 10px 6px 10px"><table style="border-collapse:collapse;width:100%;font-size:12px;'
+        f'line-height:1.4;font-variant-numeric:tabular-nums">{rows}</table></div>'
+    )
+
+
+def bullets(sentences: Iterable[object]) -> str:
+    """A plain list, a sentence each."""
+    items = "".join(f'<li style="margin:1px 0">{text(sentence)}</li>' for sentence in sentences)
+    return (
+        f'<ul style="margin:2px 16px 6px 16px;padding-left:16px;font-size:12px;line-height:1.4">{items}</ul>'
+    )
