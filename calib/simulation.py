@@ -1,0 +1,317 @@
+"""Whole datasets with known truth: an arm with link errors and effects, its poses, its points or scans.
+
+The arm's errors are drawn here, its poses in `calib.pose_design`, what it then does is worked out in `calib.truth`, and
+what the scanner makes of it in `calib.scan_simulation`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calib.dataset import Dataset, Points, Poses, Scanner
+from calib.dataset_file import write_dataset
+from calib.errors import CalibError
+from calib.jig import Jig
+from calib.pose_design import (
+    JANG_FIELD,
+    ScanField,
+    place_scanner,
+    random_poses,
+    scan_poses,
+    spread_poses,
+    target_T_jig,
+)
+from calib.robot import Robot
+from calib.scan import write_scan
+from calib.scan_simulation import (
+    CUBE_CORNER,
+    PLAIN_MODEL,
+    ScanModel,
+    SimulatedScan,
+    jig_geometry,
+    simulate_scan,
+)
+from calib.toml_file import write_text_atomically
+from calib.truth import Truth, gravity_torques, scanner_T_target, truth_document
+
+Array = NDArray[np.float64]
+
+JIG_HEIGHT_MM = 88.0
+"""From the flange to the jig's apex, Jang's Table 2; taken where a robot's tool row has no length of its own."""
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Standard deviations from which link errors are drawn, every parameter of every row by itself."""
+
+    length_mm: float = 0.3
+    angle_deg: float = 0.1
+
+
+TYPICAL = Tolerances()
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A dataset and the truth it was made from. Scans are cast when asked for, each from its own seed."""
+
+    dataset: Dataset
+    truth: Truth
+    apex_mm: Array  # (N, 3) where the measured point truly is, scanner frame
+    scanner_T_jig: Array  # (N, 4, 4)
+    scan_model: ScanModel | None
+    scan_seeds: tuple[int, ...]
+
+    def scan(self, pose: int) -> SimulatedScan:
+        """Cast the scan of one pose: the same points every time."""
+        if self.scan_model is None:
+            raise CalibError(
+                f"dataset {self.dataset.name}: simulated as points; ask for scans when simulating"
+            )
+        rng = np.random.default_rng(self.scan_seeds[pose])
+        return simulate_scan(
+            self.scanner_T_jig[pose],
+            self.dataset.jig,
+            rng=rng,
+            name=self.dataset.poses.ids[pose],
+            model=self.scan_model,
+            flange_mm=abs(self.dataset.robot.tool.d_mm),
+            arm_turn_rad=float(-self.dataset.poses.q[pose, -1]),
+            window_offset_mm=(float(rng.uniform(-15.0, 15.0)), float(rng.uniform(-15.0, 15.0))),
+        )
+
+    def document(self) -> dict[str, Any]:
+        """What truth.json holds."""
+        apexes = dict(zip(self.dataset.poses.ids, self.apex_mm.tolist(), strict=True))
+        return truth_document(self.truth, self.dataset.robot, dataset=self.dataset.name, apex_mm=apexes)
+
+
+def simulate_dataset(
+    robot: Robot,
+    *,
+    rng: np.random.Generator,
+    effects: Sequence[str] = (),
+    poses: int = 64,
+    noise_mm: float = 0.05,
+    scans: bool = False,
+    name: str = "simulated",
+    description: str = "",
+    jig: Jig = CUBE_CORNER,
+    tolerances: Tolerances = TYPICAL,
+    field: ScanField = JANG_FIELD,
+    scan_model: ScanModel = PLAIN_MODEL,
+    payloads_kg: Sequence[float] = (),
+    repeats: int = 1,
+) -> Simulation:
+    """Simulate a calibration of `robot`, which stays the nominal arm of the dataset.
+
+    Args:
+        effects: families that the true arm carries, of `SIMULATED_EFFECTS`; sizes are drawn.
+        poses: how many; one is the reference, the others are shared 50 : 13 between train and test (Jang 2025).
+        noise_mm: of a measured point, each axis; scans make their own from `scan_model`.
+        scans: poses hold the jig in the scanner's field and scans are cast. Otherwise points over the work space.
+        payloads_kg: each pose carries one of these; () for none and no such column.
+        repeats: measurements of each pose (points only).
+
+    Raises:
+        CalibError: an unknown effect, too few poses, or a robot that lacks what the effect needs.
+    """
+    if poses < 2:
+        raise CalibError(
+            f"found {poses} poses, a dataset needs 2 or more: the reference and one to compare with"
+        )
+    if not np.isfinite(noise_mm) or noise_mm < 0:
+        raise CalibError(f"noise_mm is {noise_mm:g}; a standard deviation is 0 or more")
+    _check_effects(effects)
+    if scans:
+        robot = with_jig(robot, jig)
+    base_T_scanner = place_scanner(robot, rng=rng, field=field)
+    if scans:
+        candidates = scan_poses(robot, base_T_scanner, 4 * poses, rng=rng, jig=jig, field=field)
+        q = candidates[spread_poses(candidates, poses)]
+    else:
+        q = random_poses(robot, poses, rng=rng)
+    q = rounded(robot, q)
+    payload_kg = rng.choice(np.asarray(payloads_kg, float), poses) if len(payloads_kg) else None
+    truth = draw_truth(
+        robot, base_T_scanner, q, effects=effects, tolerances=tolerances, payload_kg=payload_kg, rng=rng
+    )
+    width = max(2, len(str(poses)))
+    ids = tuple(f"p{i + 1:0{width}d}" for i in range(poses))
+    table = Poses(
+        ids=ids,
+        role=draw_roles(poses, rng=rng),
+        q=q,
+        setup=np.full(poses, ""),
+        scan_names=tuple(f"{pose_id}.ply" for pose_id in ids),
+        payload_kg=payload_kg,
+    )
+    return measure(
+        robot,
+        truth,
+        table,
+        rng=rng,
+        name=name,
+        description=description,
+        jig=jig,
+        noise_mm=None if scans else noise_mm,
+        scan_model=scan_model if scans else None,
+        repeats=repeats,
+    )
+
+
+def measure(
+    robot: Robot,
+    truth: Truth,
+    poses: Poses,
+    *,
+    rng: np.random.Generator,
+    name: str,
+    description: str = "",
+    jig: Jig = CUBE_CORNER,
+    noise_mm: float | None = None,
+    scan_model: ScanModel | None = None,
+    repeats: int = 1,
+) -> Simulation:
+    """Measure given poses of a given arm: points where `noise_mm` is given, scans where `scan_model` is."""
+    scanner_T_tool = scanner_T_target(truth, poses.q, poses.payload_kg)
+    apex_mm = scanner_T_tool[:, :3, 3]
+    points = None
+    if noise_mm is not None:
+        pose = np.repeat(np.arange(len(poses)), repeats)
+        noisy_mm = apex_mm[pose] + noise_mm * rng.standard_normal((len(pose), 3))
+        points = Points(pose=pose, xyz_mm=noisy_mm, target=np.full(len(pose), "jig"))
+    dataset = Dataset(
+        name=name,
+        description=description,
+        robot=robot,
+        poses=poses,
+        points=points,
+        scan_folder=None if scan_model is None else "scans",
+        scanner=Scanner(
+            point_sigma_mm=noise_mm or None,
+            scan_sigma_mm=None if scan_model is None else scan_model.scan_sigma_mm,
+        ),
+        jig=jig,
+    )
+    seeds = (
+        tuple(int(seed) for seed in rng.integers(2**63, size=len(poses))) if scan_model is not None else ()
+    )
+    return Simulation(dataset, truth, apex_mm, scanner_T_tool @ target_T_jig(robot), scan_model, seeds)
+
+
+def write_simulation(
+    simulation: Simulation,
+    folder: Path,
+    *,
+    truth_path: Path | None = None,
+    on_progress: Callable[[int, int, str], None] | None = None,
+) -> None:
+    """Write the dataset's folder, its scans, and the truth (truth.json in the folder unless told otherwise)."""
+    folder = Path(folder)
+    poses = simulation.dataset.poses
+    if simulation.scan_model is not None:
+        scan_folder = folder / (simulation.dataset.scan_folder or "scans")
+        scan_folder.mkdir(parents=True, exist_ok=True)
+        for i, scan_name in enumerate(poses.scan_names):
+            write_scan(scan_folder / scan_name, simulation.scan(i).scan)
+            if on_progress is not None:
+                on_progress(i + 1, len(poses), poses.ids[i])
+    write_dataset(simulation.dataset, folder)
+    truth_path = folder / "truth.json" if truth_path is None else truth_path
+    truth_path.parent.mkdir(parents=True, exist_ok=True)
+    write_text_atomically(truth_path, json.dumps(simulation.document(), indent=1) + "\n")
+
+
+def with_jig(robot: Robot, jig: Jig) -> Robot:
+    """The robot with a tool row that reaches from the flange to a jig's apex, where it has none."""
+    if abs(robot.tool.d_mm) > float(np.abs(jig_geometry(jig)[0][:, 2]).mean()) + 1.0:
+        return robot
+    return replace(robot, tool=replace(robot.tool, d_mm=JIG_HEIGHT_MM))
+
+
+def draw_roles(count: int, *, rng: np.random.Generator) -> NDArray[np.str_]:
+    """(count,) the first pose is the reference; of the others 13 in 63 are for testing, drawn at random."""
+    role = np.full(count, "train", dtype="<U9")
+    role[0] = "reference"
+    role[1 + rng.permutation(count - 1)[: round((count - 1) * 13 / 63)]] = "test"
+    return role
+
+
+def draw_truth(
+    robot: Robot,
+    base_T_scanner: ArrayLike,
+    q: Array,
+    *,
+    rng: np.random.Generator,
+    effects: Sequence[str] = (),
+    tolerances: Tolerances = TYPICAL,
+    payload_kg: Array | None = None,
+) -> Truth:
+    """Draw an arm: link errors from the tolerances, and effects whose sizes make sense at the poses q (N, n)."""
+    _check_effects(effects)
+    angle_rad = np.radians(tolerances.angle_deg)
+    sigma = np.array([tolerances.length_mm, angle_rad, tolerances.length_mm, angle_rad, angle_rad])
+    table = robot.table + sigma * rng.standard_normal(robot.table.shape)
+    truth = Truth.without_effects(robot.with_table(table), base_T_scanner)
+    for effect in effects:
+        truth = _EFFECTS[effect](truth, q, payload_kg, rng)
+    return truth
+
+
+def rounded(robot: Robot, q: Array) -> Array:
+    """Joint vectors as a controller would command them: whole thousandths of a degree, or of a millimetre."""
+    return np.where(robot.is_revolute, np.radians(np.round(np.degrees(q), 3)), np.round(q, 3))
+
+
+def _check_effects(effects: Sequence[str]) -> None:
+    for effect in effects:
+        if effect not in _EFFECTS:
+            raise CalibError(f"cannot simulate the effect {effect!r}; there are {', '.join(_EFFECTS)}")
+
+
+def _draw_joint_compliance(
+    truth: Truth, q: Array, payload_kg: Array | None, rng: np.random.Generator
+) -> Truth:
+    """Joints that yield: 0.2 to 0.5 mm rms at the tool over the poses; the wrist is about four times softer."""
+    robot = truth.robot
+    n = robot.n_joints
+    softness = (
+        np.where(np.arange(n) < n - 3, 1.0, 4.0) * np.exp(0.3 * rng.standard_normal(n)) * robot.is_revolute
+    )
+    wanted_mm = rng.uniform(0.2, 0.5)
+    if not np.any(gravity_torques(robot, q, payload_kg)[:, robot.is_revolute]):
+        raise CalibError(
+            f"robot {robot.name}: gravity turns none of its joints, joint_compliance would do nothing"
+        )
+    rigid_mm = scanner_T_target(truth, q, payload_kg)[:, :3, 3]
+    scale = 1e-5
+    for _ in range(4):  # the sag is all but proportional to the scale
+        truth = replace(truth, joint_compliance_rad_per_nm=scale * softness)
+        sag_mm = np.linalg.norm(scanner_T_target(truth, q, payload_kg)[:, :3, 3] - rigid_mm, axis=1)
+        scale *= wanted_mm / float(np.sqrt(np.mean(sag_mm**2)))
+    return truth
+
+
+def _draw_transmission_error(
+    truth: Truth, q: Array, payload_kg: Array | None, rng: np.random.Generator
+) -> Truth:
+    """Gears that run unevenly once and twice a turn: 1e-4 rad (20 arc seconds) rms for n = 1, half of it for n = 2."""
+    size_rad = np.array([1.0e-4, 0.5e-4]) * truth.robot.is_revolute[:, None]
+    cos_rad, sin_rad = rng.standard_normal((2, truth.robot.n_joints, 2)) * size_rad
+    return replace(truth, transmission_cos_rad=cos_rad, transmission_sin_rad=sin_rad)
+
+
+_EFFECTS: dict[str, Callable[[Truth, Array, Array | None, np.random.Generator], Truth]] = {
+    "joint_compliance": _draw_joint_compliance,
+    "transmission_error": _draw_transmission_error,
+}
+
+SIMULATED_EFFECTS = tuple(_EFFECTS)
