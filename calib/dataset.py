@@ -60,6 +60,25 @@ class Poses:
         """(N,) poses that no fit may see. All others, the reference too, are for training."""
         return np.asarray(self.role == "test")
 
+    def select(self, rows: NDArray[np.int64]) -> Poses:
+        """Some of the poses, in the order of `rows` (K,)."""
+
+        def pick(values: Array | None) -> Array | None:
+            return None if values is None else values[rows]
+
+        return Poses(
+            ids=tuple(self.ids[i] for i in rows),
+            role=self.role[rows],
+            q=self.q[rows],
+            setup=self.setup[rows],
+            scan_names=tuple(self.scan_names[i] for i in rows),
+            payload_kg=pick(self.payload_kg),
+            temperature_c=pick(self.temperature_c),
+            time_s=pick(self.time_s),
+            approach=pick(self.approach),
+            extra=self.extra.iloc[rows] if len(self.extra.columns) else self.extra,
+        )
+
     def index(self, pose_id: str) -> int:
         try:
             return self.ids.index(pose_id)

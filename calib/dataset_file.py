@@ -128,13 +128,12 @@ def _load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
     if len(file) == 0:
         raise DatasetError(f"{path}: no row below the header; one row a pose is needed")
     ids = file.text("pose")
+    first: dict[str, int] = {}
     for row, pose_id in enumerate(ids):
-        if pose_id in ids[:row]:
+        if first.setdefault(pose_id, row) != row:
+            line = first[pose_id] + 2
             raise file.error(
-                row,
-                "pose",
-                f"{pose_id!r} stands in line {ids.index(pose_id) + 2} too",
-                "each pose needs its own id",
+                row, "pose", f"{pose_id!r} stands in line {line} too", "each pose needs its own id"
             )
     role = file.choices("role", ROLES)
     references = [row for row, value in enumerate(role) if value == "reference"]
@@ -222,7 +221,8 @@ def _load_points(path: Path, robot: Robot, poses: Poses) -> tuple[Points, list[s
             raise file.error(
                 row, "pose", f"{pose_id!r} is not in poses.csv", "remove the row or add the pose"
             )
-    missing = [pose_id for pose_id in poses.ids if pose_id not in set(ids)]
+    measured = set(ids)
+    missing = [pose_id for pose_id in poses.ids if pose_id not in measured]
     if missing:
         raise DatasetError(
             f"{path}: no point for pose {', '.join(missing[:5])}{' ...' if len(missing) > 5 else ''} "

@@ -1,0 +1,1 @@
+"""Physical effects: what turns the nominal robot's state at each pose into the real one's."""

@@ -1,0 +1,45 @@
+"""The link errors of the five-parameter model: the effect that every calibration starts with."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.effects.base import Array, Parameter, RobotState
+from calib.robot import LENGTH_KINDS, PARAMETER_KINDS, Robot
+
+TOLERANCE_MM = 1.0
+"""Manufacturing tolerance of a length, the default prior's sigma."""
+TOLERANCE_RAD = math.radians(0.5)
+"""Manufacturing tolerance of an angle, the default prior's sigma."""
+
+
+@dataclass(frozen=True)
+class LinkErrors:
+    """Errors of every a, alpha, d, theta and beta of a robot's table (Jang 2025 eq 3), constant over the poses."""
+
+    robot: Robot
+
+    @property
+    def name(self) -> str:
+        return "link_errors"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        names = self.robot.parameter_names
+        kinds = [kind for _ in self.robot.frame_names for kind in PARAMETER_KINDS]
+        return tuple(
+            Parameter(
+                name,
+                unit="mm" if kind in LENGTH_KINDS else "rad",
+                scale=TOLERANCE_MM if kind in LENGTH_KINDS else TOLERANCE_RAD,
+                doc=f"{kind} of frame {name.removeprefix(kind)}",
+                nominal=float(value),
+            )
+            for name, kind, value in zip(names, kinds, self.robot.table.ravel(), strict=True)
+        )
+
+    def apply(self, state: RobotState, values: Array) -> RobotState:
+        return replace(state, table=state.table + np.reshape(values, state.table.shape[1:]))

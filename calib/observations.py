@@ -1,0 +1,98 @@
+"""What was measured, as a fit sees it: some of a dataset's points, each with its covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calib.dataset import Dataset, Points, Poses
+from calib.errors import FitError
+from calib.model import Model
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Observations:
+    """The measured points that a residual looks at, with the sigma of each."""
+
+    poses: Poses
+    points: Points
+    covariance_mm2: Array  # (M, 3, 3)
+
+    @classmethod
+    def of(cls, dataset: Dataset, keep: ArrayLike | None = None) -> Observations:
+        """The dataset's points whose pose is in `keep` (N,) bool; the training and reference poses by default.
+
+        A point's covariance is its own where it has one, else the scanner's declared sigma, else 1 mm.
+        """
+        if dataset.points is None:
+            raise FitError(
+                f"dataset {dataset.name}: no measured points yet; find the corners of its scans first"
+            )
+        chosen = ~dataset.poses.is_test if keep is None else np.asarray(keep, dtype=bool)
+        points = dataset.points.select(chosen[dataset.points.pose])
+        covariance = points.covariance_mm2
+        if covariance is None:
+            sigma_mm = dataset.scanner.point_sigma_mm or 1.0
+            covariance = np.broadcast_to(sigma_mm**2 * np.eye(3), (len(points), 3, 3))
+        return cls(dataset.poses, points, covariance)
+
+    @property
+    def setup(self) -> NDArray[np.str_]:
+        """(M,)"""
+        return self.poses.setup[self.points.pose]
+
+    @cached_property
+    def used_poses(self) -> tuple[Poses, NDArray[np.int64]]:
+        """The poses that have points, and for each point its row among them (M,)."""
+        used, row = np.unique(self.points.pose, return_inverse=True)
+        return self.poses.select(used), row
+
+
+def predict_points(model: Model, x: Array, observed: Observations) -> Array:
+    """Where the model sees each observed point (M, 3), mm in the base frame."""
+    poses, row = observed.used_poses
+    out = np.empty((len(observed.points), 3))
+    for target in np.unique(observed.points.target):
+        of_target = observed.points.target == target
+        out[of_target] = model.predict(x, poses, str(target))[row[of_target]]
+    return out
+
+
+def linearise_points(model: Model, x: Array, observed: Observations) -> tuple[Array, Array]:
+    """As `predict_points`, with the derivative by the model's free parameters (M, 3, P)."""
+    poses, row = observed.used_poses
+    points_mm = np.empty((len(observed.points), 3))
+    jacobian = np.empty((len(observed.points), 3, len(model.parameters)))
+    for target in np.unique(observed.points.target):
+        of_target = observed.points.target == target
+        at, by = model.linearise(x, poses, str(target))
+        points_mm[of_target], jacobian[of_target] = at[row[of_target]], by[row[of_target]]
+    return points_mm, jacobian
+
+
+def mean_jig_points(observed: Observations) -> tuple[NDArray[np.bool_], Array, Array]:
+    """Per used pose: whether it has a "jig" point, the repeats' mean (N, 3), and its covariance (N, 3, 3)."""
+    poses, row = observed.used_poses
+    is_jig = observed.points.target == "jig"
+    count = np.bincount(row[is_jig], minlength=len(poses)).astype(float)
+    mean = np.zeros((len(poses), 3))
+    covariance = np.zeros((len(poses), 3, 3))
+    np.add.at(mean, row[is_jig], observed.points.xyz_mm[is_jig])
+    np.add.at(covariance, row[is_jig], observed.covariance_mm2[is_jig])
+    n = np.maximum(count, 1.0)
+    return count > 0, mean / n[:, None], covariance / n[:, None, None] ** 2
+
+
+def setup_references(poses: Poses, usable: NDArray[np.bool_]) -> dict[str, int]:
+    """Which pose distances of a setup start from: the reference, or the setup's first usable pose."""
+    out: dict[str, int] = {}
+    for i in np.flatnonzero(usable):
+        setup = str(poses.setup[i])
+        if setup not in out or poses.role[i] == "reference":
+            out[setup] = int(i)
+    return out

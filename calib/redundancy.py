@@ -1,0 +1,166 @@
+"""Which parameters say the same thing: Park's pairwise correlation, and the truth by rank beside it.
+
+Park 2022 section 3: columns of the Jacobian that are proportional to each other can only be known as one sum. Pearson's
+r between all pairs finds them where |r| = 1; columns of zeros (r undefined, NaN) have no influence. One parameter of
+each group is kept. Park looks at lengths (a, d) and angles (alpha, theta, beta) apart.
+
+Pairs are not all: a length can equal an angle, and three or more columns can depend on each other although no two of
+them do. The rank (singular values) counts what can be known, and `combinations` names the rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from calib.errors import FitError
+
+Array = NDArray[np.float64]
+
+_SAME = 1e-8  # |r| this close to 1 is redundant
+_ZERO = 1e-9  # a column this small beside the largest of its unit has no influence
+_DEPENDENT = 1e-8  # what is left of a unit column after projection, below which it depends on the others
+
+
+@dataclass(frozen=True)
+class Redundancy:
+    """What the columns of a Jacobian (R, P) share."""
+
+    parameters: tuple[str, ...]  # (P,)
+    units: tuple[str, ...]  # (P,) "mm" or "rad", ...
+    pearson: Array  # (P, P), NaN in rows and columns without influence
+    no_influence: tuple[str, ...]
+    groups: tuple[tuple[str, ...], ...]  # Park's: |r| = 1 among parameters of one unit
+    kept: tuple[str, ...]  # Park's: all but the later members of each group
+    mixed_groups: tuple[tuple[str, ...], ...]  # |r| = 1 among all parameters, where units differ
+    rank: int  # of the Jacobian: how many parameters can be known
+    independent: tuple[str, ...]  # `rank` parameters, the first that will do, that carry all the information
+    combinations: tuple[
+        dict[str, float], ...
+    ]  # coefficients of corrections that cancel: three or more parameters
+
+    def split_pearson(self, unit: str) -> tuple[tuple[str, ...], Array]:
+        """Park's tables: the parameters of one unit and their part of the matrix."""
+        rows = [i for i, u in enumerate(self.units) if u == unit]
+        return tuple(self.parameters[i] for i in rows), self.pearson[np.ix_(rows, rows)]
+
+    def to_frame(self) -> pd.DataFrame:
+        return pd.DataFrame(self.pearson, index=self.parameters, columns=self.parameters)
+
+    def summary(self) -> str:
+        """In words: what acts together, what does nothing, what pairs cannot show."""
+        lines = [
+            f"{len(self.parameters)} parameters; Park's pairwise method keeps {len(self.kept)}, "
+            f"the rank says that {self.rank} can be known."
+        ]
+        lines += [self._group_words(group) for group in self.groups]
+        lines += [self._group_words(group) for group in self.mixed_groups]
+        if self.no_influence:
+            lines.append(f"No influence on the measured point: {', '.join(self.no_influence)}.")
+        for relation in self.combinations:
+            terms = " ".join(f"{value:+.4g} {name}" for name, value in relation.items())
+            lines.append(f"Invisible together, although no two are alike: {terms}.")
+        return "\n".join(lines)
+
+    def _group_words(self, group: tuple[str, ...]) -> str:
+        row = {name: i for i, name in enumerate(self.parameters)}
+        signs = ["+" if self.pearson[row[group[0]], row[name]] > 0 else "-" for name in group]
+        same_unit = len({self.units[row[name]] for name in group}) == 1
+        total = " ".join(f"{sign} {name}" for sign, name in zip(signs, group, strict=True)).removeprefix("+ ")
+        what = total if same_unit else f"one weighted sum of {', '.join(group)}"
+        return f"{', '.join(group)} act alike: only {what} can be known; keep {group[0]}."
+
+
+def pearson_matrix(jacobian: ArrayLike, is_zero: ArrayLike | None = None) -> Array:
+    """Pearson's r between all columns of (R, P); NaN where a column is zero (Park 2022 eq for r, section 3)."""
+    columns = np.asarray(jacobian, dtype=float)
+    centred = columns - columns.mean(axis=0)
+    norm = np.linalg.norm(centred, axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        unit = centred / norm
+    unit[:, norm <= 0.0] = np.nan
+    if is_zero is not None:
+        unit[:, np.asarray(is_zero, dtype=bool)] = np.nan
+    r = unit.T @ unit
+    np.fill_diagonal(r, np.where(np.isnan(np.diag(r)), np.nan, 1.0))
+    return np.clip(r, -1.0, 1.0)
+
+
+def analyse(jacobian: ArrayLike, parameters: tuple[str, ...], units: tuple[str, ...]) -> Redundancy:
+    """Everything `Redundancy` holds, from a Jacobian (R, P) in the parameters' own units.
+
+    Raises FitError where the Jacobian has fewer than two rows or is not finite.
+    """
+    columns = np.asarray(jacobian, dtype=float)
+    if columns.ndim != 2 or columns.shape[0] < 2 or columns.shape[1] != len(parameters):
+        raise FitError(f"redundancy needs two rows or more and a column a parameter, got {columns.shape}")
+    if not np.all(np.isfinite(columns)):
+        raise FitError("the Jacobian is not finite; check the robot's table and the joint angles")
+    norm = np.linalg.norm(columns, axis=0)
+    largest = np.array(
+        [max((n for n, v in zip(norm, units, strict=True) if v == u), default=0.0) for u in units]
+    )
+    is_zero = norm <= _ZERO * np.maximum(largest, 1e-300)
+    pearson = pearson_matrix(columns, is_zero)
+    same_unit = np.array([[a == b for b in units] for a in units])
+    groups = _groups(pearson, same_unit, parameters)
+    every_group = _groups(pearson, np.ones_like(same_unit), parameters)
+    dropped = {name for group in groups for name in group[1:]}
+    independent, relations = _dependencies(columns, is_zero, parameters)
+    paired = {name for group in every_group for name in group[1:]}
+    return Redundancy(
+        parameters=parameters,
+        units=units,
+        pearson=pearson,
+        no_influence=tuple(p for p, zero in zip(parameters, is_zero, strict=True) if zero),
+        groups=groups,
+        kept=tuple(p for p in parameters if p not in dropped),
+        mixed_groups=tuple(group for group in every_group if group not in groups),
+        rank=len(independent),
+        independent=independent,
+        combinations=tuple(r for name, r in relations.items() if name not in paired),
+    )
+
+
+def _groups(
+    pearson: Array, allowed: NDArray[np.bool_], names: tuple[str, ...]
+) -> tuple[tuple[str, ...], ...]:
+    """Sets of parameters with |r| = 1 to the first of them, in the parameters' order."""
+    alike = (np.abs(np.nan_to_num(pearson)) >= 1.0 - _SAME) & allowed
+    seen: set[int] = set()
+    groups = []
+    for i in range(len(names)):
+        members = [j for j in np.flatnonzero(alike[i]) if j >= i and j not in seen]
+        if i not in seen and len(members) > 1:
+            groups.append(tuple(names[j] for j in members))
+            seen.update(int(j) for j in members)
+    return tuple(groups)
+
+
+def _dependencies(
+    columns: Array, is_zero: NDArray[np.bool_], names: tuple[str, ...]
+) -> tuple[tuple[str, ...], dict[str, dict[str, float]]]:
+    """The first columns that span all (Gram-Schmidt in order), and what further ones are made of."""
+    norm = np.where(is_zero, 1.0, np.linalg.norm(columns, axis=0))
+    unit = columns / norm
+    chosen: list[int] = []
+    basis = np.empty((len(columns), 0))
+    relations: dict[str, dict[str, float]] = {}
+    for j in np.flatnonzero(~is_zero):
+        rest = unit[:, j] - basis @ (basis.T @ unit[:, j])
+        rest -= basis @ (basis.T @ rest)  # once more: rounding of the first pass
+        size = float(np.linalg.norm(rest))
+        if size > _DEPENDENT:
+            chosen.append(int(j))
+            basis = np.column_stack([basis, rest / size])
+            continue
+        weights, *_ = np.linalg.lstsq(unit[:, chosen], unit[:, j], rcond=None)
+        used = [(k, w) for k, w in zip(chosen, weights, strict=True) if abs(w) > 1e-6]
+        if len(used) >= 2:
+            # Corrections x with J x = 0, scaled so that the dependent parameter moves by 1.
+            relation = {names[k]: -float(w * norm[j] / norm[k]) for k, w in used}
+            relations[names[j]] = relation | {names[j]: 1.0}
+    return tuple(names[k] for k in chosen), relations

@@ -1,0 +1,256 @@
+"""The solver: a trust region around Gauss-Newton, in units in which every parameter is of size one.
+
+Millimetres and radians share the vector, so each column is scaled by its parameter's tolerance. The step comes from
+the singular values of the scaled Jacobian; while the full Gauss-Newton step (Jang eq 16: the pseudo-inverse) lowers the
+cost as predicted it is taken whole, which is why exact data are met in a handful of iterations. Where it does not, the
+step is held inside a radius (More and Sorensen 1983), so that near-redundant directions, which the pseudo-inverse
+divides by almost nothing, cannot blow up.
+
+The prior says that each correction is about as large as its manufacturing tolerance. It is weighed against the noise
+that the residual shows, not the declared one: exact data overrule it entirely.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calib.effects.base import Parameter
+from calib.errors import FitError
+from calib.residuals import Residuals
+
+Array = NDArray[np.float64]
+
+_NULL = 1e-10  # singular values below this share of the largest carry no information
+_FLOOR = 1e-9  # a residual this much below the first one is at the level of rounding
+_WEIGHINGS = 8  # how often prior and noise are weighed anew at the most
+_CONVERGED = (
+    1e-12  # a full step would lower the cost by less than this share: no parameter moves by 1e-4 sigma
+)
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One accepted point of the solver's way; the first is the start."""
+
+    x: Array  # (P,)
+    cost: float  # sum of squared whitened residuals, without the prior
+    step: float  # length of the step that led here, in tolerances
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What came out. `x` holds corrections in the parameters' own units."""
+
+    parameters: tuple[Parameter, ...]
+    x: Array  # (P,)
+    covariance: Array  # (P, P) by the noise that the residual shows, and the prior where one was used
+    undetermined: NDArray[np.bool_]  # (P,) neither data nor prior bound them; their covariance is meaningless
+    iterations: tuple[Iteration, ...]
+    converged: bool
+    reason: str
+    rank: int  # of the Jacobian at the start, where redundant parameters are exactly redundant
+    known: int  # directions that the data know better than their tolerance does
+    rows: int
+    degrees_of_freedom: float
+    noise: float  # residual sigma over declared sigma; nan without degrees of freedom
+
+    @property
+    def sigma(self) -> Array:
+        """(P,) standard deviation of each parameter; inf where nothing bounds it."""
+        return np.where(self.undetermined, np.inf, np.sqrt(np.diag(self.covariance)))
+
+    def summary(self) -> str:
+        state = "converged" if self.converged else "not converged"
+        return (
+            f"{state} after {len(self.iterations) - 1} iterations ({self.reason}); {self.rows} rows, "
+            f"{len(self.x)} parameters, rank {self.rank}, residual {self.noise:.3g} times the declared sigma"
+        )
+
+
+def solve(
+    residuals: Residuals, *, start: ArrayLike | None = None, prior: bool = True, max_iterations: int = 100
+) -> Fit:
+    """Find the parameters that make the residuals least.
+
+    Args:
+        residuals: what to make small.
+        start: (P,) first guess; zeros, the nominal robot, where None.
+        prior: hold each parameter within about its tolerance (`Parameter.scale`).
+        max_iterations: accepted steps at the most.
+
+    Raises:
+        FitError: nothing to fit, too few rows, or a residual that is not finite at the start.
+    """
+    if not residuals.parameters:
+        raise FitError("no free parameter: everything is held; free at least one")
+    descent = _Descent(residuals, start, max_iterations)
+    if not prior:
+        descent.run(weight=0.0)
+        return descent.fit(weight=0.0)
+    weight = 1.0
+    for _ in range(_WEIGHINGS):
+        descent.run(weight)
+        noise = descent.noise(weight)
+        if not noise > 1e-9 or abs(noise - weight) <= 0.05 * weight:
+            break
+        weight = noise
+    return descent.fit(weight)
+
+
+@dataclass(frozen=True)
+class _Factors:
+    """A = U diag(s) V^T of the stacked, scaled problem with right-hand side b, and g = U^T b."""
+
+    s: Array
+    v: Array
+    g: Array
+
+    @classmethod
+    def of(cls, matrix: Array, rhs: Array) -> _Factors:
+        # R of [A b] carries the whole problem in P + 1 rows, however many poses there are.
+        r = _triangle(np.column_stack([matrix, rhs]))
+        u, s, vt = np.linalg.svd(r[:, :-1], full_matrices=False)
+        keep = s > _NULL * max(float(s[0]), 1e-300)
+        return cls(s[keep], vt[keep].T, u[:, keep].T @ r[:, -1])
+
+    @property
+    def possible_drop(self) -> float:
+        """How far the linear model could still lower the squared norm."""
+        return float(self.g @ self.g)
+
+    def step(self, radius: float) -> tuple[Array, float]:
+        """The minimiser of |A z + b| within the radius, and the drop of the squared norm that it predicts."""
+
+        def damped(mu: float) -> Array:
+            return -self.s * self.g / (self.s**2 + mu)
+
+        y = damped(0.0)
+        if np.linalg.norm(y) > radius:
+            low, high = 1e-30 * self.s[0] ** 2, float(np.linalg.norm(self.s * self.g)) / radius
+            while high > 1.01 * low:
+                middle = float(np.sqrt(low * high))
+                low, high = (middle, high) if np.linalg.norm(damped(middle)) > radius else (low, middle)
+            y = damped(high)
+        return self.v @ y, self.possible_drop - float(np.sum((self.g + self.s * y) ** 2))
+
+
+def _triangle(matrix: Array) -> Array:
+    """R of the QR decomposition: the same singular values in far fewer rows."""
+    return np.asarray(np.linalg.qr(matrix, mode="r"))
+
+
+class _Descent:
+    """The state of one solution on its way: where it is, and how it came there."""
+
+    def __init__(self, residuals: Residuals, start: ArrayLike | None, max_iterations: int) -> None:
+        self.residuals = residuals
+        self.scales = np.array([p.scale for p in residuals.parameters])
+        self.z = np.zeros(len(self.scales)) if start is None else np.asarray(start, dtype=float) / self.scales
+        self.limit = max_iterations
+        residual = residuals.residual(self.z * self.scales)
+        if not np.all(np.isfinite(residual)):
+            raise FitError("the residual is not finite at the start; check the points and the robot's table")
+        self.cost = float(residual @ residual)
+        self.history = [Iteration(self.z * self.scales, self.cost, 0.0)]
+        self.converged, self.reason = False, ""
+        self._linearise()
+        self.rank = int(np.sum(self.singular_values() > 1e-9 * self.singular_values()[0]))
+
+    def _linearise(self) -> None:
+        at = self.residuals.linearise(self.z * self.scales)
+        self.residual, self.jacobian = at.residual, at.jacobian * self.scales
+
+    def singular_values(self) -> Array:
+        return np.asarray(np.linalg.svd(_triangle(self.jacobian), compute_uv=False))
+
+    def _factors(self, weight: float) -> _Factors:
+        if weight == 0.0:
+            return _Factors.of(self.jacobian, self.residual)
+        prior = weight * np.eye(len(self.z))
+        return _Factors.of(
+            np.vstack([self.jacobian, prior]), np.concatenate([self.residual, weight * self.z])
+        )
+
+    def run(self, weight: float) -> None:
+        """Go down to the minimum of |residual|^2 + weight^2 |z|^2."""
+        radius = np.inf
+        while True:
+            factors = self._factors(weight)
+            objective = self.cost + weight**2 * float(self.z @ self.z)
+            if factors.possible_drop <= _CONVERGED * objective:
+                return self._stop(True, "the gradient vanishes")
+            if len(self.history) > self.limit:
+                return self._stop(False, f"the limit of {self.limit} iterations was reached")
+            step, drop, predicted, cost = self._try(factors, radius, weight, objective)
+            while not (drop > 0.0 and drop >= 1e-4 * predicted):
+                if self._at_floor() or predicted <= 1e-12 * objective:
+                    return self._stop(True, "no step lowers the cost beyond rounding")
+                radius = 0.25 * float(np.linalg.norm(step))
+                if radius < 1e-12:
+                    return self._stop(False, "no step lowers the cost, although the gradient does not vanish")
+                step, drop, predicted, cost = self._try(factors, radius, weight, objective)
+            length = float(np.linalg.norm(step))
+            if drop > 0.75 * predicted:
+                radius = max(radius, 3.0 * length)
+            elif drop < 0.25 * predicted:
+                radius = 0.5 * length
+            self.z, self.cost = self.z + step, cost
+            self.history.append(Iteration(self.z * self.scales, cost, length))
+            self._linearise()
+            if self._at_floor() and drop < 0.9 * objective:
+                return self._stop(True, "the residual is at the level of rounding")
+
+    def _try(
+        self, factors: _Factors, radius: float, weight: float, objective: float
+    ) -> tuple[Array, float, float, float]:
+        """A step, by how much it lowers the objective, by how much the model said, and the data's cost there."""
+        step, predicted = factors.step(radius)
+        z = self.z + step
+        residual = self.residuals.residual(z * self.scales)
+        cost = float(residual @ residual) if np.all(np.isfinite(residual)) else np.inf
+        return step, objective - cost - weight**2 * float(z @ z), predicted, cost
+
+    def _at_floor(self) -> bool:
+        return self.cost <= _FLOOR**2 * self.history[0].cost
+
+    def _stop(self, converged: bool, reason: str) -> None:
+        self.converged, self.reason = converged, reason
+
+    def degrees_of_freedom(self, weight: float) -> float:
+        """Rows less frames less parameters, a parameter that the prior holds counting as the part that data moved."""
+        s2 = self.singular_values() ** 2
+        held = weight**2 if weight > 0.0 else (_NULL**2) * float(s2.max())
+        return len(self.residual) - self.residuals.degrees_spent - float(np.sum(s2 / (s2 + held)))
+
+    def noise(self, weight: float) -> float:
+        """Residual sigma in units of the declared one; nan where no degree of freedom is left."""
+        left = self.degrees_of_freedom(weight)
+        return float(np.sqrt(self.cost / left)) if left > 0.5 else float("nan")
+
+    def fit(self, weight: float) -> Fit:
+        noise = self.noise(weight)
+        sigma = noise if np.isfinite(noise) and noise > 0.0 else 1.0
+        _, s, vt = np.linalg.svd(_triangle(self.jacobian))
+        s = np.concatenate([s, np.zeros(len(self.z) - len(s))])
+        is_null = s <= 1e-9 * max(float(s[0]), 1e-300)
+        information = np.where(is_null, 0.0, s**2) / sigma**2 + (1.0 if weight > 0.0 else 0.0)
+        variance = np.divide(1.0, information, out=np.zeros_like(information), where=information > 0.0)
+        covariance = (vt.T * variance) @ vt
+        loose = np.abs(vt[is_null]).max(axis=0, initial=0.0) > 1e-6
+        return Fit(
+            parameters=self.residuals.parameters,
+            x=self.z * self.scales,
+            covariance=covariance * np.outer(self.scales, self.scales),
+            undetermined=loose & (weight == 0.0),
+            iterations=tuple(self.history),
+            converged=self.converged,
+            reason=self.reason,
+            rank=self.rank,
+            known=int(np.sum(s / sigma > 1.0)),
+            rows=len(self.residual),
+            degrees_of_freedom=self.degrees_of_freedom(weight),
+            noise=noise,
+        )
