@@ -1,0 +1,155 @@
+"""The house rules that a program can check: what imports what, what is in the repository, what README promises."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+HEAVY = ("open3d", "trimesh", "viser", "plotly")
+# An absolute path into somebody's machine: the lookbehind lets the path part of a URL pass.
+MACHINE_PATH = re.compile(r"(?<![\w.~-])/(?:work|root|home|Users|tmp)/\w|[A-Z]:\\Users\\")
+
+
+def tracked_files() -> list[Path]:
+    """Files of the repository; where git cannot tell (not installed, an unpacked archive) every file that is kept."""
+    try:
+        listing = subprocess.run(
+            ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True, text=True
+        ).stdout
+    except (OSError, subprocess.CalledProcessError):
+        ignored = re.compile(r"(^|/)(\.(?!ci/|gitignore)|__pycache__|build/|dist/)|\.egg-info/")
+        names = (path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*") if path.is_file())
+        listing = "\0".join(name for name in names if not ignored.search(name))
+    return [ROOT / name for name in listing.split("\0") if name and (ROOT / name).is_file()]
+
+
+def python_files(package: str) -> list[Path]:
+    files = [path for path in tracked_files() if path.is_relative_to(ROOT / package) and path.suffix == ".py"]
+    assert files, f"no Python file in {package}"
+    return files
+
+
+def imported_names(path: Path) -> set[str]:
+    """Top-level packages that a file imports anywhere, also inside functions."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            names.add(node.module.split(".")[0])
+    return names
+
+
+# ---- imports --------------------------------------------------------------------------------------------------------
+
+
+def test_importing_any_calib_module_loads_nothing_heavy():
+    program = f"""
+import importlib, json, pkgutil, sys
+import calib
+loaded = {{}}
+for name in ["calib", *(module.name for module in pkgutil.walk_packages(calib.__path__, "calib."))]:
+    importlib.import_module(name)
+    loaded[name] = [heavy for heavy in {HEAVY!r} if heavy in sys.modules]
+print(json.dumps(loaded))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    loaded = json.loads(done.stdout)
+    assert len(loaded) >= len(python_files("calib")), (
+        "the walk missed modules (a folder without __init__.py?)"
+    )
+    assert {name: heavy for name, heavy in loaded.items() if heavy} == {}
+
+
+def test_imports_go_down_only():
+    upward = {
+        str(path.relative_to(ROOT)): sorted(found)
+        for path in python_files("calib")
+        if (found := imported_names(path) & {"inspector", "viser", "tests"})
+    }
+    assert upward == {}
+
+
+def test_packages_import_only_what_pyproject_requires():
+    requirements = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    required = {re.match(r"[\w.-]+", line)[0].replace("-cpu", "").replace("-", "_") for line in requirements}
+    allowed = required | set(sys.stdlib_module_names) | {"calib", "inspector"}
+    foreign = {
+        str(path.relative_to(ROOT)): sorted(found)
+        for path in [*python_files("calib"), *python_files("inspector")]
+        if (found := imported_names(path) - allowed)
+    }
+    assert foreign == {}
+
+
+# ---- files ----------------------------------------------------------------------------------------------------------
+
+
+def test_no_file_outgrows_its_room():
+    files = [*python_files("calib"), *python_files("inspector")]
+    lengths = {
+        str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines()) for path in files
+    }
+    assert {name: lines for name, lines in lengths.items() if lines > 350} == {}
+
+
+def test_no_tracked_file_names_a_place_on_somebodys_machine():
+    found = []
+    for path in tracked_files():
+        content = path.read_bytes()
+        if b"\0" in content[:8192]:
+            continue
+        for number, line in enumerate(content.decode("utf-8", errors="replace").splitlines(), start=1):
+            if MACHINE_PATH.search(line):
+                found.append(f"{path.relative_to(ROOT)}:{number}: {line.strip()[:80]}")
+    assert found == []
+
+
+@pytest.mark.parametrize("text", ["see /" + "home/ann/x", '"/' + 'tmp/a.ply"', "file:///" + "root/x"])
+def test_the_search_for_such_places_finds_them(text: str):
+    assert MACHINE_PATH.search(text)
+
+
+def test_sample_data_stays_under_25_mb():
+    sizes = {
+        path: path.stat().st_size for path in tracked_files() if path.is_relative_to(ROOT / "sample_data")
+    }
+    assert sum(sizes.values()) < 25e6, sorted(sizes.items(), key=lambda item: -item[1])[:5]
+
+
+# ---- what README promises -------------------------------------------------------------------------------------------
+
+
+def readme_commands() -> list[list[str]]:
+    """Every `./run ...` line of README's code blocks, split into words."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```[^\n]*\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    lines = (line.strip().removeprefix("$ ") for block in blocks for line in block.splitlines())
+    return [shlex.split(line, comments=True) for line in lines if line.startswith("./run")]
+
+
+@pytest.mark.skipif(not (ROOT / "README.md").exists(), reason="README.md is not written yet")
+def test_readme_names_only_commands_that_exist():
+    commands = readme_commands()
+    names = {words[1] for words in commands if len(words) > 1}
+    assert {"serve", "test"} <= names, "README shows the two commands"
+    for name in sorted(names - {"test", "help"}):
+        program = [sys.executable, "-m", "inspector", name, "--help"]
+        done = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, f"./run {name}: {done.stderr}"
+    for words in commands:
+        for word in words:
+            if word.startswith("sample_data"):
+                assert (ROOT / word).exists(), f"{shlex.join(words)}: no {word}"

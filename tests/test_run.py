@@ -1,0 +1,304 @@
+"""The script `run`, driven with a stand-in for Python that records how it was called: no network, nothing installed."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+# All that `run` may need of a system. Not there: python3.12, apt-get, sudo and chromium of the machine that tests it.
+TOOLS = (
+    "sh",
+    "cat",
+    "chmod",
+    "cksum",
+    "cp",
+    "dirname",
+    "env",
+    "grep",
+    "id",
+    "mkdir",
+    "readlink",
+    "rm",
+    "sed",
+    "tail",
+    "touch",
+)
+FAKE_PYTHON = """#!/bin/sh
+printf '%s\\n' "$*" >>"$CALLS"
+case "$*" in
+"-c import sys; sys.exit(not"*) exit "${FITS_EXIT:-0}" ;;
+"--version") echo "Python 3.9.9" ;;
+"-c import open3d") [ -z "${OPEN3D_ERROR:-}" ] || { echo "$OPEN3D_ERROR" >&2; exit 1; } ;;
+"-c import ensurepip, venv") exit "${ENSUREPIP_EXIT:-0}" ;;
+"-c import sys; print("*) echo 3.11 ;;
+"-m venv "*) mkdir -p "$3/bin" && cp "$0" "$3/bin/python" ;;
+"-m pip install"*) echo "${PIP_SAYS:-}"; exit "${PIP_EXIT:-0}" ;;
+"-m ruff check"*) exit "${RUFF_EXIT:-0}" ;;
+"-m mypy"*) exit "${MYPY_EXIT:-0}" ;;
+"-m pytest"*) exit "${PYTEST_EXIT:-0}" ;;
+esac
+"""
+
+
+@dataclass
+class Sandbox:
+    """A copy of `run` in a folder whose name has a space, and a PATH that holds nothing but TOOLS and the stand-in."""
+
+    folder: Path
+    project: Path = field(init=False)
+    tools: Path = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.project, self.tools = self.folder / "a 'project", self.folder / "bin"
+        self.project.mkdir()
+        self.tools.mkdir()
+        for name in ("run", "pyproject.toml"):
+            shutil.copy(ROOT / name, self.project / name)
+        for tool in TOOLS:
+            path = shutil.which(tool)
+            assert path, tool
+            (self.tools / tool).symlink_to(path)
+        self.program("python3", FAKE_PYTHON)
+
+    def program(self, name: str, text: str) -> None:
+        path = self.tools / name
+        path.unlink(missing_ok=True)
+        path.write_text(text)
+        path.chmod(0o755)
+
+    def run(self, *args: str, **env: str) -> tuple[subprocess.CompletedProcess[str], Sequence[str]]:
+        """Call `run` from another folder; returns what it did and how it called Python, call by call."""
+        calls = self.folder / "calls"
+        calls.write_text("")
+        known = {"PATH": str(self.tools), "CALLS": str(calls), "CHROMIUM": "sh"}
+        command = [str(self.project / "run"), *args]
+        done = subprocess.run(
+            command, cwd=self.folder, env=known | env, capture_output=True, text=True, check=False
+        )
+        return done, calls.read_text().splitlines()
+
+
+@pytest.fixture
+def sandbox(tmp_path: Path) -> Sandbox:
+    return Sandbox(tmp_path)
+
+
+def inspector_call(calls: Sequence[str]) -> str:
+    assert calls[-1].startswith("-P -m inspector "), calls
+    return calls[-1].removeprefix("-P -m inspector ")
+
+
+def test_is_plain_posix_sh():
+    shell = shutil.which("dash") or "sh"
+    done = subprocess.run([shell, "-n", str(ROOT / "run")], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    text = (ROOT / "run").read_text()
+    assert text.startswith("#!/bin/sh\n")
+    assert os.access(ROOT / "run", os.X_OK)
+    # dash takes these for ordinary words, so -n does not find them
+    bashisms = r"\[\[|^\s*(?:function|local|source|declare)\s|<<<|&>|\$'|\$\{\w+(?://|\^|,)|\[ [^]]* == "
+    assert re.findall(bashisms, text, flags=re.MULTILINE) == []
+
+
+def test_accepts_the_pythons_that_pyproject_accepts():
+    requires = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["requires-python"]
+    text = (ROOT / "run").read_text()
+    oldest, newest = (
+        int(re.search(rf"^{name}=(\d+)", text, re.MULTILINE)[1]) for name in ("oldest", "newest")
+    )
+    assert requires == f">=3.{oldest},<3.{newest + 1}"
+
+
+@pytest.mark.parametrize("args", [(), ("help",), ("--help",), ("-h",)])
+def test_help_needs_nothing(sandbox: Sandbox, args: tuple[str, ...]):
+    done, calls = sandbox.run(*args)
+    assert done.returncode == 0
+    assert "./run serve" in done.stdout
+    assert "./run test" in done.stdout
+    assert calls == []
+    assert not (sandbox.project / ".venv").exists()
+
+
+def test_first_call_installs_and_the_second_starts_at_once(sandbox: Sandbox):
+    done, calls = sandbox.run("check", "some where/data", "--json")
+    assert done.returncode == 0, done.stderr
+    assert f"-m venv {sandbox.project}/.venv" in calls
+    assert any(call.endswith("--editable .") for call in calls)
+    assert inspector_call(calls) == "check some where/data --json"
+    assert done.stdout == "", "stdout belongs to the command"
+
+    done, calls = sandbox.run("check", "x")
+    assert calls == ["-P -m inspector check x"]
+    assert done.stderr == ""
+
+
+def test_a_test_install_serves_too_but_not_the_other_way_round(sandbox: Sandbox):
+    sandbox.run("check", "x")
+    _, calls = sandbox.run("test")
+    assert any(call.endswith("--editable .[test]") for call in calls)
+    assert not any("-m venv" in call for call in calls), "a healthy .venv is kept"
+    (sandbox.project / ".venv" / ".base-installed").unlink()
+    _, calls = sandbox.run("check", "x")
+    assert calls == ["-P -m inspector check x"]
+
+
+@pytest.mark.parametrize(
+    ("args", "expected"),
+    [
+        ((), "serve {project}/sample_data"),
+        (("--port", "9000"), "serve {project}/sample_data --port 9000"),
+        (("--host=::1",), "serve {project}/sample_data --host=::1"),
+        (("data",), "serve data"),
+        (("--port", "9000", "data"), "serve --port 9000 data"),
+        (("data", "--session", "s.json"), "serve data --session s.json"),
+        (("--port",), "serve {project}/sample_data --port"),
+    ],
+)
+def test_serve_without_a_path_shows_the_sample_data(sandbox: Sandbox, args: tuple[str, ...], expected: str):
+    _, calls = sandbox.run("serve", *args)
+    assert inspector_call(calls) == expected.format(project=sandbox.project)
+
+
+def test_tests_run_in_order_and_stop_at_the_first_failure(sandbox: Sandbox):
+    done, calls = sandbox.run("test")
+    checks = [call for call in calls if re.match(r"-m (ruff|mypy|pytest)", call)]
+    assert checks == ["-m ruff check .", "-m ruff format --check .", "-m mypy", "-m pytest"]
+    assert done.returncode == 0
+
+    done, calls = sandbox.run("test", MYPY_EXIT="2")
+    assert done.returncode == 2
+    assert calls[-1] == "-m mypy"
+
+    done, calls = sandbox.run("test", PYTEST_EXIT="3")
+    assert done.returncode == 3
+
+    done, calls = sandbox.run("test", "-k", "two words", RUFF_EXIT="1")
+    assert calls == ["-m pytest -k two words"]
+    assert done.returncode == 0
+
+
+def test_installs_again_when_pyproject_changes_or_the_folder_moves(sandbox: Sandbox):
+    sandbox.run("check", "x")
+    with (sandbox.project / "pyproject.toml").open("a") as file:
+        file.write("# another\n")
+    _, calls = sandbox.run("check", "x")
+    assert any("pip install" in call for call in calls)
+
+    sandbox.project = sandbox.project.rename(sandbox.folder / "moved")
+    _, calls = sandbox.run("check", "x")
+    assert any("pip install" in call for call in calls)
+    _, calls = sandbox.run("check", "x")
+    assert calls == ["-P -m inspector check x"]
+
+
+@pytest.mark.parametrize(
+    ("pip_says", "expected", "starts_afresh"),
+    [
+        ("... NewConnectionError: ...", "could not reach the package index", False),
+        ("... CERTIFICATE_VERIFY_FAILED ...", "PIP_CERT=", False),
+        ("ERROR: No space left on device", "ERROR: No space left on device", True),
+    ],
+)
+def test_a_failed_installation_says_so_and_the_next_call_mends_it(
+    sandbox: Sandbox, pip_says: str, expected: str, starts_afresh: bool
+):
+    done, calls = sandbox.run("check", "x", PIP_EXIT="1", PIP_SAYS=pip_says)
+    assert done.returncode == 1
+    assert expected in done.stderr.splitlines()[-1]
+    assert not any("-m inspector" in call for call in calls)
+
+    done, calls = sandbox.run("check", "x")
+    assert done.returncode == 0
+    assert any("-m venv" in call for call in calls) == starts_afresh
+    assert inspector_call(calls) == "check x"
+
+
+def test_a_killed_installation_starts_afresh(sandbox: Sandbox):
+    sandbox.run("check", "x")
+    venv = sandbox.project / ".venv"
+    (venv / ".installing").touch()
+    (venv / ".base-installed").unlink()
+    (venv / "lib").mkdir()
+    (venv / "lib" / "half a package").touch()
+    done, calls = sandbox.run("check", "x")
+    assert "did not finish" in done.stderr
+    assert any("-m venv" in call for call in calls)
+    assert not (venv / "lib").exists()
+
+
+def test_a_python_out_of_range_is_named_with_what_would_do(sandbox: Sandbox):
+    done, _ = sandbox.run("check", "x", FITS_EXIT="1")
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert "found python3 is Python 3.9.9" in done.stderr
+    assert "3.11 to 3.14" in done.stderr
+    (sandbox.tools / "python3").unlink()
+    done, _ = sandbox.run("check", "x")
+    assert done.returncode == 1
+    assert "found none" in done.stderr
+
+
+MISSING_EGL = "ImportError: libEGL.so.1: cannot open shared object file: No such file or directory"
+
+
+def test_without_the_right_to_install_it_prints_the_line_to_type(sandbox: Sandbox):
+    sandbox.program("apt-get", "#!/bin/sh\nexit 9\n")
+    sandbox.program("id", "#!/bin/sh\necho 1000\n")
+    done, calls = sandbox.run("check", "x", OPEN3D_ERROR=MISSING_EGL)
+    assert done.returncode == 1
+    assert "libEGL.so.1" in done.stderr
+    line = done.stderr.splitlines()[-1].strip()
+    assert line.startswith("sudo apt-get update && sudo apt-get install -y --no-install-recommends libegl1 ")
+    assert not any("-m inspector" in call for call in calls)
+
+    done, _ = sandbox.run("test", CHROMIUM="no-such-browser")
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].strip().endswith(" chromium fonts-dejavu-core")
+
+
+def test_as_root_it_installs_and_asks_for_fresh_lists_when_needed(sandbox: Sandbox):
+    sandbox.program("id", "#!/bin/sh\necho 0\n")
+    sandbox.program(
+        "apt-get",
+        '#!/bin/sh\nprintf "apt-get %s\\n" "$*" >>"$CALLS"\ncase "$*" in *update) touch "$CALLS.lists" ;; '
+        '*) [ -e "$CALLS.lists" ] || { echo "E: Unable to locate package" >&2; exit 100; } ;; esac\n',
+    )
+    done, calls = sandbox.run("check", "x", ENSUREPIP_EXIT="1")
+    assert done.returncode == 0, done.stderr
+    apt = [call for call in calls if call.startswith("apt-get")]
+    assert [call.split()[-1] for call in apt] == ["python3.11-venv", "update", "python3.11-venv"]
+
+
+def test_a_missing_browser_stops_all_tests_and_in_ci_any(sandbox: Sandbox):
+    done, calls = sandbox.run("test", CHROMIUM="no-such-browser")
+    assert done.returncode == 1
+    assert "chromium" in done.stderr
+    done, calls = sandbox.run("test", "tests/test_one.py", CHROMIUM="no-such-browser")
+    assert done.returncode == 0
+    assert calls == ["-m pytest tests/test_one.py"]
+    done, _ = sandbox.run("test", "tests/test_one.py", CHROMIUM="no-such-browser", CI="true")
+    assert done.returncode == 1
+
+
+def test_ci_runs_the_same_tests(sandbox: Sandbox):
+    (sandbox.project / ".ci").mkdir()
+    shutil.copy(ROOT / ".ci" / "run", sandbox.project / ".ci" / "run")
+    bash = shutil.which("bash")
+    assert bash
+    (sandbox.tools / "bash").symlink_to(bash)
+    calls = sandbox.folder / "calls"
+    env = {"PATH": str(sandbox.tools), "CALLS": str(calls), "CHROMIUM": "sh", "PYTEST_EXIT": "5"}
+    done = subprocess.run(
+        [sandbox.project / ".ci" / "run"], env=env, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 5
+    assert calls.read_text().splitlines()[-1] == "-m pytest"
