@@ -1,0 +1,80 @@
+"""Shapes to draw, as plain arrays in the unit of what they are made from. No viser node is made here."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser.transforms
+from numpy.typing import NDArray
+
+
+def thin(points_mm: NDArray, limit: int) -> NDArray:
+    """Indices of at most `limit` points, one a voxel, so that near and far parts stay equally dense."""
+    count = len(points_mm)
+    if count <= limit:
+        return np.arange(count)
+    low = points_mm.min(axis=0)
+    extent = float((points_mm.max(axis=0) - low).max()) or 1.0
+    edge = extent / np.sqrt(limit)  # scans are surfaces: about limit voxels of this size are on one
+    while True:
+        cells = np.minimum((points_mm - low) / edge, 2**20).astype(np.int64)
+        _, kept = np.unique(cells @ (1, 2**21, 2**42), return_index=True)
+        if len(kept) <= limit:
+            return np.sort(kept)
+        edge *= max(1.05, np.sqrt(len(kept) / limit))
+
+
+def ellipsoids(covariance_mm2: NDArray, factor: float) -> tuple[NDArray, NDArray]:
+    """Orientations wxyz (N, 4) and half axes (N, 3) in mm of the 1-sigma ellipsoids, `factor` times enlarged."""
+    variance, axes = np.linalg.eigh(np.asarray(covariance_mm2, dtype=float))
+    axes[np.linalg.det(axes) < 0, :, 0] *= -1
+    half = np.sqrt(np.maximum(variance, 0)) * factor
+    wxyz = np.array([viser.transforms.SO3.from_matrix(a).wxyz for a in axes]).reshape(-1, 4)
+    return wxyz, np.maximum(half, 1e-4)
+
+
+def facing(normals: NDArray) -> NDArray:
+    """wxyz (N, 4) of the rotations that turn z to each of the unit normals (N, 3)."""
+    other = np.where(np.abs(normals[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]])
+    x = np.cross(other, normals)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    matrices = np.stack([x, np.cross(normals, x), normals], axis=2)
+    return np.array([viser.transforms.SO3.from_matrix(m).wxyz for m in matrices]).reshape(-1, 4)
+
+
+def jig_edges(xyz_mm: NDArray, normals: NDArray, centres_mm: NDArray, edge_mm: float) -> NDArray:
+    """The three lines (3, 2, 3) in mm in which the faces meet, from the corner `edge_mm` long, along the jig."""
+    lines = []
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        along = np.cross(normals[i], normals[j])
+        along /= np.linalg.norm(along)
+        if along @ (centres_mm[i] + centres_mm[j] - 2 * xyz_mm) < 0:
+            along = -along
+        lines.append([xyz_mm, xyz_mm + edge_mm * along])
+    return np.array(lines)
+
+
+def disc(sides: int = 32) -> tuple[NDArray, NDArray]:
+    """Vertices (V, 3) and faces (F, 3) of a unit disc across z."""
+    angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
+    vertices = np.c_[np.cos(angle), np.sin(angle), np.zeros(sides)]
+    return vertices, np.array([[0, i, i + 1] for i in range(1, sides - 1)])
+
+
+def unit_sphere(rings: int = 12, sectors: int = 20) -> tuple[NDArray, NDArray]:
+    """Vertices (V, 3) and faces (F, 3), outward, of a unit sphere."""
+    polar = np.linspace(0, np.pi, rings + 1)[:, None]
+    around = np.linspace(0, 2 * np.pi, sectors, endpoint=False)[None]
+    vertices = np.stack(
+        np.broadcast_arrays(np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)),
+        axis=-1,
+    ).reshape(-1, 3)
+    r, s = np.meshgrid(np.arange(rings), np.arange(sectors), indexing="ij")
+    a, b = r * sectors + s, r * sectors + (s + 1) % sectors
+    c, d = a + sectors, b + sectors
+    faces = np.concatenate([np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)])
+    return vertices, faces
+
+
+def spread(points_mm: NDArray, centre_mm: NDArray) -> float:
+    """Radius around the centre inside which nine in ten of the points lie."""
+    return float(np.percentile(np.linalg.norm(points_mm - centre_mm, axis=1), 90)) if len(points_mm) else 0.0
