@@ -1,0 +1,224 @@
+"""From a scan to the corner of the jig, the whole way (Jang 2025, section 2, and the refinement on all inliers)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from hashlib import blake2b
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.choice import ChoiceTolerances, FaceChoice, choose_faces
+from calib.clustering import ClusterTolerances, PlaneGroup, cluster
+from calib.dataset import Dataset
+from calib.errors import DatasetError, ScanError
+from calib.filters import FilterTolerances, SampleSets, apply_filters, draw_sample_sets
+from calib.intersection import Corner
+from calib.jig import Jig
+from calib.normals import Neighbourhoods, estimate_normals, thin_to_voxels
+from calib.refinement import RefinementOptions, refine
+from calib.scan import Scan, load_scan
+
+MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
+_EDGE_VOXELS = 35  # voxels along the jig's edge
+
+
+@dataclass(frozen=True)
+class CornerOptions:
+    """What one may want to turn. Lengths that are not here follow from the jig's edge and the noise."""
+
+    sample_sets: int = 5000
+    local_sets: bool = True  # False: four points from the whole scan, as in the paper
+    refinement: RefinementOptions = field(default_factory=RefinementOptions)
+
+
+@dataclass(frozen=True)
+class CornerSearch:
+    """Every intermediate product of one search, success or not, so that it can be looked at."""
+
+    scan: str
+    voxel_points_mm: NDArray  # (V, 3) the points that the sample sets were drawn from
+    voxel_normals: NDArray  # (V, 3) toward the scanner
+    sets: SampleSets
+    groups: tuple[
+        PlaneGroup, ...
+    ]  # the one with the most sets first; a voted third face is the last, without sets
+    chosen: tuple[int, ...]  # indices of the three chosen groups, () where none were
+    corner: Corner | None
+    failure: str  # "" or the reason, with numbers and a way out
+    seconds: float
+    unreadable: bool = False  # the scan's file could not be read at all
+
+    def filter_counts(self) -> dict[str, int]:
+        """How many sets were drawn, rejected by each filter, and passed."""
+        passed, first, second, third = np.bincount(self.sets.rejected_by, minlength=4).tolist()
+        return {
+            "drawn": len(self.sets), "filter1": first, "filter2": second, "filter3": third, "passed": passed,
+        }  # fmt: skip
+
+    def summary(self) -> str:
+        """One line: the corner with its uncertainty and faces, or why there is none."""
+        if self.corner is None:
+            return f"{self.scan}: no corner: {self.failure}"
+        x, y, z = self.corner.xyz_mm
+        faces = ", ".join(str(f.points) for f in self.corner.faces)
+        return (
+            f"{self.scan}: corner ({x:.4f}, {y:.4f}, {z:.4f}) mm, sigma {self.corner.sigma_mm():.4f} mm, "
+            f"faces of {faces} points, {len(self.groups)} plane groups, {self.seconds:.2f} s"
+        )
+
+
+def find_corner(
+    scan: Scan,
+    jig: Jig,
+    *,
+    scan_sigma_mm: float | None = None,
+    rng: np.random.Generator | None = None,
+    options: CornerOptions | None = None,
+) -> CornerSearch:
+    """Find the jig's apex in one scan.
+
+    The noise is the larger of `scan_sigma_mm` and what the scan itself shows. Without `rng` the draws are seeded by the
+    scan's name, so the same scan gives the same corner whenever and wherever it is processed.
+
+    Never raises on a scan: where there is no corner, the search's `failure` says why.
+    """
+    options = options or CornerOptions()
+    started = time.perf_counter()
+
+    def elapsed() -> float:
+        return time.perf_counter() - started
+
+    failure = _unworkable(scan, jig)
+    if failure:
+        return _failed(scan.name, failure, elapsed())
+    around = estimate_normals(scan.points_mm[thin_to_voxels(scan.points_mm, jig.edge_mm / _EDGE_VOXELS)])
+    tolerances = _Tolerances.of(around, jig, max(scan_sigma_mm or 0.0, around.noise_mm()))
+    drawn = draw_sample_sets(
+        around.tree, options.sample_sets, rng or _generator(scan.name), local=options.local_sets
+    )
+    sets = apply_filters(around.points_mm[drawn], around.normals[drawn], tolerances.filters)
+    groups = cluster(sets, tolerances.clusters)
+    choice = choose_faces(scan.points_mm, groups, around, jig, tolerances.choice)
+    chosen: tuple[int, ...] = ()
+    corner = None
+    if isinstance(choice, FaceChoice):
+        groups, chosen = choice.groups, choice.chosen
+        sigma_mm = tolerances.clusters.sigma_mm
+        corner, failure = refine(scan.points_mm, groups, choice.chosen, jig, sigma_mm, options.refinement)
+    else:
+        failure = choice
+    return CornerSearch(
+        scan.name, around.points_mm, around.normals, sets, groups, chosen, corner, failure, elapsed()
+    )
+
+
+def find_corners(
+    dataset: Dataset,
+    *,
+    on_progress: Callable[[int, int, str], None] | None = None,
+    executor: Executor | None = None,
+) -> dict[str, CornerSearch]:
+    """The corner of every pose's scan, by pose id, in the dataset's order.
+
+    `on_progress(done, total, pose_id)` is called after each scan. With an `executor` the scans are processed by it, and
+    the result is the same. Each job loads its own scan, so no more scans are in memory than jobs run at a time. A scan
+    that cannot be read becomes a failed search with `unreadable` set.
+
+    Raises DatasetError where the dataset has no scans.
+    """
+    ids = dataset.poses.ids
+    paths = [dataset.scan_path(i) for i in range(len(ids))]
+    jobs = [(path, dataset.jig, dataset.scanner.scan_sigma_mm) for path in paths if path is not None]
+    if len(jobs) < len(ids) or not jobs:
+        raise DatasetError(
+            f"dataset {dataset.name!r} has no scans to find corners in; name them with scans = ..."
+        )
+    searches: Iterable[CornerSearch] = (
+        map(_search_file, jobs) if executor is None else executor.map(_search_file, jobs)
+    )
+    found = {}
+    for done, (pose_id, search) in enumerate(zip(ids, searches, strict=True), start=1):
+        found[pose_id] = search
+        if on_progress is not None:
+            on_progress(done, len(ids), pose_id)
+    return found
+
+
+def _search_file(job: tuple[Path, Jig, float | None]) -> CornerSearch:
+    path, jig, scan_sigma_mm = job
+    try:
+        scan = load_scan(path)
+    except ScanError as error:
+        return _failed(path.stem, str(error), 0.0, unreadable=True)
+    return find_corner(scan, jig, scan_sigma_mm=scan_sigma_mm)
+
+
+@dataclass(frozen=True)
+class _Tolerances:
+    """The stages' tolerances, from the jig's edge and the scan's noise; the factors were found by experiment."""
+
+    filters: FilterTolerances
+    clusters: ClusterTolerances
+    choice: ChoiceTolerances
+
+    @staticmethod
+    def of(around: Neighbourhoods, jig: Jig, sigma_mm: float) -> _Tolerances:
+        edge_mm = jig.edge_mm
+        normals_rad = float(np.clip(4 * np.median(around.normal_sigma_rad), np.radians(8), np.radians(25)))
+        height_mm = max(15 * sigma_mm, edge_mm / 120)
+        out_of_square_rad = np.radians(max(abs(angle - 90) for angle in jig.face_angles_deg))
+        return _Tolerances(
+            FilterTolerances(
+                distance_mm=(max(edge_mm / 40, 20 * sigma_mm), edge_mm / 3),
+                point_normals_rad=normals_rad,
+                triangle_normals_rad=max(np.radians(3), 0.6 * normals_rad),
+            ),
+            ClusterTolerances(
+                parallel_rad=np.radians(4), in_plane_rad=np.radians(4), height_mm=height_mm, sigma_mm=sigma_mm
+            ),
+            ChoiceTolerances(
+                perpendicular_rad=np.radians(1.5) + out_of_square_rad,
+                member_normal_rad=max(normals_rad, np.radians(15)),
+                height_mm=height_mm,
+            ),
+        )
+
+
+def _unworkable(scan: Scan, jig: Jig) -> str:
+    """Why this scan cannot hold the jig, or "": too few points, or a size that tells of another unit."""
+    points = scan.points_mm[np.all(np.isfinite(scan.points_mm), axis=1)]
+    if len(points) < MIN_POINTS:
+        return f"the scan holds {len(points)} points, a corner needs at least {MIN_POINTS}; scan the pose again, finer"
+    points = points[:: max(1, len(points) // 5000)]
+    low, high = np.quantile(points, (0.02, 0.98), axis=0)  # stray points must not decide about the unit
+    extent = float(np.max(high - low))
+    edge = jig.edge_mm
+    if extent < edge / 10 and extent > edge / 1e4:
+        return (
+            f"the scan spans {extent:.3g} mm, the jig's edge is {edge:g} mm: the scan seems to be in metres; "
+            "multiply its coordinates by 1000"
+        )
+    if extent < edge / 10:
+        return f"the scan spans {extent:.3g} mm only, the jig's edge is {edge:g} mm; scan the pose again"
+    if extent > 200 * edge:
+        return (
+            f"the scan spans {extent:.4g} mm, {extent / edge:.0f} times the jig's edge of {edge:g} mm; "
+            "check that the scan and edge_mm in dataset.toml are both in millimetres"
+        )
+    return ""
+
+
+def _failed(name: str, failure: str, seconds: float, *, unreadable: bool = False) -> CornerSearch:
+    """A search that ended before the first sample set."""
+    none = np.zeros((0, 3))
+    sets = SampleSets(np.zeros((0, 4, 3)), none, none, np.zeros(0, np.uint8))
+    return CornerSearch(name, none, none, sets, (), (), None, failure, seconds, unreadable)
+
+
+def _generator(name: str) -> np.random.Generator:
+    return np.random.default_rng(int.from_bytes(blake2b(name.encode(), digest_size=8).digest(), "big"))
