@@ -1,0 +1,222 @@
+"""Calibration: dataset in, fitted model out, with what it was like before and after on training and test poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from calib import kinematics
+from calib.dataset import Dataset
+from calib.effects.base import Effect
+from calib.effects.links import LinkErrors
+from calib.errors import FitError
+from calib.evaluation import Evaluation, Figures, evaluate
+from calib.model import Model
+from calib.observations import Observations
+from calib.redundancy import Redundancy, analyse
+from calib.residuals import make_residuals
+from calib.robot import Robot
+from calib.solver import Fit, solve
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One iteration as the user sees it: 3D error of training and test poses (nan without test poses)."""
+
+    train_rmse_mm: float
+    test_rmse_mm: float
+    train_distance_rmse_mm: float
+    test_distance_rmse_mm: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A fitted model and how it stands to the measurements."""
+
+    dataset: Dataset
+    model: Model
+    residual: str
+    fit: Fit
+    before: Evaluation
+    after: Evaluation
+    steps: tuple[Step, ...]  # one an iteration, the first is the nominal robot
+
+    @property
+    def robot(self) -> Robot:
+        """The robot with the fitted table."""
+        return self.model.calibrated_robot(self.fit.x)
+
+    @property
+    def sigma_mm(self) -> float:
+        """Residual sigma of one coordinate of one point, by degrees of freedom; nan where none are left."""
+        return self.fit.noise * declared_sigma_mm(self.dataset)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        out = [*self.dataset.warnings, *self.after.notes]
+        if not self.fit.converged:
+            out.append(f"the fit did not converge: {self.fit.reason}")
+        return tuple(out)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The parameters: name, nominal, value, change, sigma, tolerance, unit, and whether the data know them."""
+        parameters = self.fit.parameters
+        return pd.DataFrame(
+            {
+                "name": [p.name for p in parameters],
+                "nominal": [p.nominal for p in parameters],
+                "value": [p.nominal + v for p, v in zip(parameters, self.fit.x, strict=True)],
+                "change": self.fit.x,
+                "sigma": self.fit.sigma,
+                "tolerance": [p.scale for p in parameters],
+                "unit": [p.unit for p in parameters],
+                "known": self.fit.sigma < 0.5 * self.model.scales,
+            }
+        )
+
+    def summary(self) -> str:
+        lines = [f"{self.dataset.name}: {self.residual} residual, {self.fit.summary()}"]
+        for label, before, after in (
+            ("train", self.before.train, self.after.train),
+            ("test ", self.before.test, self.after.test),
+        ):
+            if before is not None and after is not None:
+                lines.append(f"{label} {figures_line(before, after)}")
+        return "\n".join([*lines, *self.warnings])
+
+
+def figures_line(before: Figures, after: Figures) -> str:
+    """Before and after in one line, with the fall in per cent."""
+
+    def fall(name: str, a: float, b: float) -> str:
+        share = f" (-{100.0 * (1.0 - b / a):.1f} %)" if a > 0.0 else ""
+        return f"{name} {a:.4g} -> {b:.4g} mm{share}"
+
+    return ", ".join(
+        [
+            fall("RMSE", before.rmse_mm, after.rmse_mm),
+            fall("max", before.max_mm, after.max_mm),
+            fall("distance max", before.distance_max_mm, after.distance_max_mm),
+            fall("distance mean", before.distance_mean_mm, after.distance_mean_mm),
+        ]
+    )
+
+
+def declared_sigma_mm(dataset: Dataset) -> float:
+    """RMS over the measured points of what their covariances declare for one coordinate."""
+    covariance = Observations.of(dataset).covariance_mm2
+    return float(np.sqrt(np.mean(np.trace(covariance, axis1=-2, axis2=-1)) / 3.0))
+
+
+def calibrate(
+    dataset: Dataset,
+    *,
+    residual: str = "position",
+    effects: Sequence[Effect] = (),
+    fixed: Sequence[str] = (),
+    prior: bool = True,
+) -> Calibration:
+    """Fit the link errors, and further effects, to the training poses of a dataset.
+
+    Args:
+        dataset: with measured points.
+        residual: "position" (free scanner frames) or "distance" (Jang).
+        effects: beyond the link errors.
+        fixed: names of parameters to hold at their nominal value.
+        prior: hold parameters within about their tolerance.
+
+    Raises:
+        FitError: no points, or fewer equations than the data would have to settle.
+    """
+    model = Model(dataset.robot, (LinkErrors(dataset.robot), *effects)).hold(fixed)
+    observed = Observations.of(dataset)
+    if len(observed.points) < 3:
+        raise FitError(
+            f"dataset {dataset.name}: {len(observed.points)} training points; a fit needs many more"
+        )
+    residuals = make_residuals(residual, model, observed)
+    fit = solve(residuals, prior=prior)
+    spent = residuals.degrees_spent
+    if fit.rows - spent <= fit.rank:
+        rows_a_pose = 1 if residual == "distance" else 3
+        knowable = structural_rank(dataset.robot)
+        raise FitError(
+            f"dataset {dataset.name}: {len(np.unique(observed.points.pose))} training poses give {fit.rows - spent} "
+            f"equations, the arm has {knowable} knowable parameters; measure at least "
+            f"{int(np.ceil((knowable + spent) / rows_a_pose)) + 2} different poses, better three times as many"
+        )
+    evaluations = [evaluate(model, step.x, dataset) for step in fit.iterations]
+    return Calibration(
+        dataset=dataset,
+        model=model,
+        residual=residual,
+        fit=fit,
+        before=evaluations[0],
+        after=evaluations[-1],
+        steps=tuple(_step(evaluation) for evaluation in evaluations),
+    )
+
+
+def _step(evaluation: Evaluation) -> Step:
+    def rms(values: Array) -> float:
+        return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
+
+    train, test = evaluation.train, evaluation.test
+    of_test = evaluation.is_test[evaluation.distance_pose]
+    return Step(
+        train.rmse_mm if train else float("nan"),
+        test.rmse_mm if test else float("nan"),
+        rms(evaluation.distance_error_mm[~of_test]),
+        rms(evaluation.distance_error_mm[of_test]),
+    )
+
+
+def structural_rank(robot: Robot, poses: int = 200) -> int:
+    """How many parameters distances, or positions from an unknown place, can tell of this arm at best."""
+    rng = np.random.default_rng(0)  # any generic poses give the same rank
+    span = np.where(robot.is_revolute, np.pi, 500.0)
+    q = rng.uniform(-1.0, 1.0, (poses, robot.n_joints)) * span
+    points, by = kinematics.target_points(robot, q), kinematics.target_jacobian(robot, q)
+    return analyse(_distance_columns(points, by), robot.parameter_names, robot.parameter_units).rank
+
+
+def _distance_columns(points_mm: Array, by_parameter: Array) -> Array:
+    """Phi of Jang eq (14): 2 (P_k - P_1)^T (J_k - J_1), (N - 1, P), divided by twice the length."""
+    along = points_mm[1:] - points_mm[0]
+    length = np.linalg.norm(along, axis=1)
+    keep = length > 1e-6
+    columns = np.einsum(
+        "ki,kip->kp", along[keep] / length[keep, None], (by_parameter[1:] - by_parameter[0])[keep]
+    )
+    return np.asarray(columns)
+
+
+def redundancy(dataset: Dataset, *, residual: str = "position") -> Redundancy:
+    """Which parameters say the same at the dataset's training poses, for the nominal robot (Park 2022 section 3).
+
+    "position" looks at the tool point in the base frame, as Park does; "distance" at the rows of Jang eq (14), to
+    which d1, theta1 and beta1 are invisible.
+    """
+    robot = dataset.robot
+    poses = dataset.poses
+    rows = [poses.reference, *(int(i) for i in np.flatnonzero(poses.role == "train"))]
+    q = poses.q[rows]
+    by = kinematics.target_jacobian(robot, q)
+    names, units = robot.parameter_names, robot.parameter_units
+    if residual == "position":
+        return analyse(by.reshape(-1, len(names)), names, units)
+    if residual != "distance":
+        make_residuals(residual, Model(robot, ()), Observations.of(dataset))  # raises with the known names
+    setup = poses.setup[rows]
+    blocks = []
+    for name in np.unique(setup):
+        of_setup = np.flatnonzero(setup == name)
+        points = kinematics.target_points(robot, q[of_setup])
+        blocks.append(_distance_columns(points, by[of_setup]))
+    return analyse(np.concatenate(blocks), names, units)
