@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from functools import partial
 from hashlib import blake2b
 from pathlib import Path
 
@@ -133,24 +134,23 @@ def find_corners(
     """
     ids = dataset.poses.ids
     paths = [dataset.scan_path(i) for i in range(len(ids))]
-    jobs = [(path, dataset.jig, dataset.scanner.scan_sigma_mm) for path in paths if path is not None]
-    if len(jobs) < len(ids) or not jobs:
+    scans = [path for path in paths if path is not None]
+    if len(scans) < len(ids) or not scans:
         raise DatasetError(
             f"dataset {dataset.name!r} has no scans to find corners in; name them with scans = ..."
         )
-    searches: Iterable[CornerSearch] = (
-        map(_search_file, jobs) if executor is None else executor.map(_search_file, jobs)
-    )
+    search = partial(search_file, jig=dataset.jig, scan_sigma_mm=dataset.scanner.scan_sigma_mm)
+    searches: Iterable[CornerSearch] = map(search, scans) if executor is None else executor.map(search, scans)
     found = {}
-    for done, (pose_id, search) in enumerate(zip(ids, searches, strict=True), start=1):
-        found[pose_id] = search
+    for done, (pose_id, result) in enumerate(zip(ids, searches, strict=True), start=1):
+        found[pose_id] = result
         if on_progress is not None:
             on_progress(done, len(ids), pose_id)
     return found
 
 
-def _search_file(job: tuple[Path, Jig, float | None]) -> CornerSearch:
-    path, jig, scan_sigma_mm = job
+def search_file(path: Path, jig: Jig, scan_sigma_mm: float | None = None) -> CornerSearch:
+    """`find_corner` in a scan file; one that cannot be read becomes a failed search with `unreadable` set."""
     try:
         scan = load_scan(path)
     except ScanError as error:
