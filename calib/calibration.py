@@ -64,6 +64,22 @@ class Calibration:
             out.append(f"the fit did not converge: {self.fit.reason}")
         return tuple(out)
 
+    def require_improvement(self, *, force: bool = False) -> None:
+        """Raise FitError where the result should not be put on a robot: not converged, or worse on test poses."""
+        if force:
+            return
+        way_out = "find out why before you use it, or force it"
+        if not self.fit.converged:
+            raise FitError(
+                f"dataset {self.dataset.name}: the fit did not converge ({self.fit.reason}); {way_out}"
+            )
+        before, after = self.before.test, self.after.test
+        if before is not None and after is not None and after.rmse_mm >= before.rmse_mm:
+            raise FitError(
+                f"dataset {self.dataset.name}: the test poses got worse, RMSE {before.rmse_mm:.4g} -> "
+                f"{after.rmse_mm:.4g} mm; {way_out}"
+            )
+
     def to_frame(self) -> pd.DataFrame:
         """The parameters: name, nominal, value, change, sigma, tolerance, unit, and whether the data know them."""
         parameters = self.fit.parameters

@@ -96,7 +96,7 @@ def evaluate(model: Model, x: Array, dataset: Dataset) -> Evaluation:
     error_mm = np.empty_like(base_mm)
     placements: dict[str, Array] = {}
     notes = []
-    for name in np.unique(setup):
+    for name in map(str, np.unique(setup)):
         rows = setup == name
         fitted = rows & for_training
         if not fitted.any():
@@ -104,7 +104,7 @@ def evaluate(model: Model, x: Array, dataset: Dataset) -> Evaluation:
             notes.append(f"setup {name!r} has no training pose: its frame comes from its own test poses")
         frame = fit_scanner_frame(base_mm[fitted], points.xyz_mm[fitted], observed.covariance_mm2[fitted])
         error_mm[rows] = frames.apply(frame, base_mm[rows]) - points.xyz_mm[rows]
-        placements[str(name)] = frame
+        placements[name] = frame
     distance_pose, distance_error_mm = _distance_errors(model, x, observed)
     return Evaluation(
         pose=points.pose,

@@ -1,0 +1,9 @@
+"""`python -m inspector` is the command `inspector`."""
+
+from __future__ import annotations
+
+import sys
+
+from inspector.cli import main
+
+sys.exit(main())
