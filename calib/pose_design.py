@@ -138,7 +138,7 @@ def reach_apexes(
     field = JANG_FIELD
     out = []
     for wanted_mm in np.asarray(apex_mm, dtype=float):
-        for _ in range(40):
+        for _ in range(12):
             apexes = np.tile(wanted_mm, (256, 1))
             axis = _tilted(apexes / np.linalg.norm(apexes, axis=1, keepdims=True), rng, field)
             start = random_poses(robot, 256, rng=rng)

@@ -46,6 +46,8 @@ Array = NDArray[np.float64]
 JIG_HEIGHT_MM = 88.0
 """From the flange to the jig's apex, Jang's Table 2; taken where a robot's tool row has no length of its own."""
 
+_WINDOW_RASTER_MM = 30.0
+
 
 @dataclass(frozen=True)
 class Tolerances:
@@ -75,16 +77,18 @@ class Simulation:
             raise CalibError(
                 f"dataset {self.dataset.name}: simulated as points; ask for scans when simulating"
             )
-        rng = np.random.default_rng(self.scan_seeds[pose])
+        # The window snaps to a raster over the field, so that repeats of a pose share it.
+        apex_mm = self.apex_mm[pose, :2]
+        offset_mm = _WINDOW_RASTER_MM * np.round(apex_mm / _WINDOW_RASTER_MM) - apex_mm
         return simulate_scan(
             self.scanner_T_jig[pose],
             self.dataset.jig,
-            rng=rng,
+            rng=np.random.default_rng(self.scan_seeds[pose]),
             name=self.dataset.poses.ids[pose],
             model=self.scan_model,
             flange_mm=abs(self.dataset.robot.tool.d_mm),
             arm_turn_rad=float(-self.dataset.poses.q[pose, -1]),
-            window_offset_mm=(float(rng.uniform(-15.0, 15.0)), float(rng.uniform(-15.0, 15.0))),
+            window_offset_mm=(float(offset_mm[0]), float(offset_mm[1])),
         )
 
     def document(self) -> dict[str, Any]:

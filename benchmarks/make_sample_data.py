@@ -1,0 +1,132 @@
+"""Make sample_data/ and the truth its tests compare with, from seeds: `python benchmarks/make_sample_data.py`.
+
+The same numpy, scipy and Open3D write the same bytes again. Where the datasets come from and what is hidden in them
+stands in sample_data/README.md.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from calib.dataset import Poses
+from calib.frames import apply
+from calib.kinematics import forward
+from calib.pose_design import JANG_FIELD, place_scanner, reach_apexes, scan_poses, spread_poses
+from calib.robot import Robot
+from calib.robot_file import builtin_robot
+from calib.scan_simulation import ScanModel
+from calib.simulation import Simulation, draw_truth, measure, rounded, write_simulation
+from calib.truth import Truth, scanner_T_target
+
+ROOT = Path(__file__).resolve().parents[1]
+
+JANG_SEED, REPEATS_SEED = 3, 11
+
+# Harmonic drives of this size: shoulder about 5e4 Nm/rad, wrist about 1e4 Nm/rad.
+COMPLIANCE_RAD_PER_NM = (2.0e-5, 2.4e-5, 3.0e-5, 8.0e-5, 9.0e-5, 1.1e-4)
+
+# Jang 2025, Table 1: where the apex stands at the four points, scanner frame, mm.
+JANG_POINTS_MM = {
+    "P1": (-73.6937, 42.9056, 661.386),
+    "P2": (105.390, 46.8749, 689.947),
+    "P3": (134.837, -16.3709, 748.842),
+    "P4": (-93.4269, 21.2656, 593.549),
+}
+
+SCANS = ScanModel(points=11_000, scan_sigma_mm=0.02)
+
+
+def rb5_jang(robot: Robot) -> Simulation:
+    """Jang's experiment: training in two configurations of the arm, testing in all that it has."""
+    rng = np.random.default_rng(JANG_SEED)
+    base_T_scanner = place_scanner(robot, rng=rng, field=JANG_FIELD)
+    configurations = scan_poses(robot, base_T_scanner, 2, rng=rng)
+    candidates = scan_poses(robot, base_T_scanner, 102, rng=rng, start_q=configurations)
+    training = candidates[spread_poses(candidates, 51)]
+    testing = scan_poses(robot, base_T_scanner, 13, rng=rng)
+    q = rounded(robot, np.concatenate([training, testing]))
+    truth = draw_truth(robot, base_T_scanner, q, rng=rng)
+    truth = replace(truth, joint_compliance_rad_per_nm=np.array(COMPLIANCE_RAD_PER_NM))
+    ids = tuple(f"p{i + 1:02d}" for i in range(len(q)))
+    poses = Poses(
+        ids=ids,
+        role=np.array(["reference"] + 50 * ["train"] + 13 * ["test"]),
+        q=q,
+        setup=np.full(len(q), ""),
+        scan_names=tuple(f"{pose_id}.ply" for pose_id in ids),
+    )
+    return measure(
+        robot,
+        truth,
+        poses,
+        rng=rng,
+        name="rb5_jang",
+        description="Simulated RB5-850 after Jang 2025: 64 scans of the jig, 50 poses to train on and 13 to test",
+        scan_model=SCANS,
+    )
+
+
+def rb5_repeats(robot: Robot, truth: Truth) -> Simulation:
+    """Jang's Table 1: the same arm stands still at four points, ten scans at each."""
+    rng = np.random.default_rng(REPEATS_SEED)
+    wanted_mm = np.array(list(JANG_POINTS_MM.values()))
+    q = reach_apexes(robot, truth.base_T_scanner, wanted_mm, rng=rng)
+    q = np.radians(np.round(np.degrees(led_to(truth, q, wanted_mm)), 7))
+    rows = [(point, cycle + 1) for point in JANG_POINTS_MM for cycle in range(10)]
+    ids = tuple(f"{point}_{cycle:02d}" for point, cycle in rows)
+    poses = Poses(
+        ids=ids,
+        role=np.array(["reference"] + (len(rows) - 1) * ["train"]),
+        q=np.repeat(q, 10, axis=0),
+        setup=np.full(len(rows), ""),
+        scan_names=tuple(f"{pose_id}.ply" for pose_id in ids),
+        extra=pd.DataFrame(rows, columns=["point", "cycle"]),
+    )
+    return measure(
+        robot,
+        truth,
+        poses,
+        rng=rng,
+        name="rb5_repeats",
+        description="Simulated RB5-850 after Jang 2025, Table 1: four points, ten scans each, the arm stands still",
+        scan_model=SCANS,
+    )
+
+
+def led_to(truth: Truth, q: np.ndarray, wanted_mm: np.ndarray) -> np.ndarray:
+    """Joint vectors (K, n) near q at which the true apex stands at `wanted_mm` (K, 3), scanner frame, to 1e-9 mm."""
+    robot = truth.robot
+    base_mm = apply(truth.base_T_scanner, wanted_mm)
+    for _ in range(10):
+        off_mm = base_mm - apply(truth.base_T_scanner, scanner_T_target(truth, q)[:, :3, 3])
+        chain = forward(robot.table, q, robot.is_revolute)
+        axis, origin_mm = chain.base_T_frame[:, :-2, :3, 2], chain.base_T_frame[:, :-2, :3, 3]
+        move = np.swapaxes(np.cross(axis, chain.target_mm[:, None] - origin_mm), 1, 2)  # (K, 3, n)
+        q = q + np.einsum("knj,kj->kn", np.linalg.pinv(move), off_mm)
+    return q
+
+
+def main() -> None:
+    """Write both datasets and their truth anew."""
+    robot = builtin_robot("rb5")
+    jang = rb5_jang(robot)
+    for simulation in (jang, rb5_repeats(robot, jang.truth)):
+        name = simulation.dataset.name
+        folder = ROOT / "sample_data" / name
+        shutil.rmtree(folder, ignore_errors=True)
+        write_simulation(simulation, folder, truth_path=ROOT / "tests" / "truth" / f"{name}.json")
+        size_mb = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) / 1e6
+        print(
+            f"{folder.relative_to(ROOT)}: {len(simulation.dataset.poses)} scans, {size_mb:.1f} MB",
+            file=sys.stderr,
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,150 @@
+"""The datasets that come with the project: complete, small, made from their seeds, and honest about what is in them."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from calib.dataset_file import find_datasets, load_dataset
+from calib.robot_file import builtin_robot
+from calib.scan import load_scan
+from calib.simulation import Simulation
+from calib.truth import scanner_T_target
+
+ROOT = Path(__file__).parents[1]
+SAMPLES = ROOT / "sample_data"
+NAMES = ("rb5_jang", "rb5_repeats")
+
+
+@pytest.fixture(scope="module")
+def maker() -> ModuleType:
+    spec = importlib.util.spec_from_file_location(
+        "make_sample_data", ROOT / "benchmarks" / "make_sample_data.py"
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def made(maker: ModuleType) -> dict[str, Simulation]:
+    """Both datasets anew from their seeds; scans are cast only when asked for."""
+    jang = maker.rb5_jang(builtin_robot("rb5"))
+    return {"rb5_jang": jang, "rb5_repeats": maker.rb5_repeats(builtin_robot("rb5"), jang.truth)}
+
+
+def truth(name: str) -> dict[str, Any]:
+    return json.loads((ROOT / "tests" / "truth" / f"{name}.json").read_text())
+
+
+def test_everything_fits_in_25_mb_and_nothing_tells_the_truth() -> None:
+    files = [path for path in SAMPLES.rglob("*") if path.is_file()]
+    assert sum(path.stat().st_size for path in files) < 25e6
+    assert not [path for path in files if "truth" in path.name]
+    assert not list(SAMPLES.rglob("points.csv"))  # corners are to be found in the scans
+
+
+def test_readme_tells_of_every_dataset(maker: ModuleType) -> None:
+    text = (SAMPLES / "README.md").read_text()
+    for path in find_datasets(SAMPLES):
+        assert f"## {path.name}" in text
+    for seed in (maker.JANG_SEED, maker.REPEATS_SEED):
+        assert f"seed {seed}" in text
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_dataset_loads_without_a_warning(name: str) -> None:
+    dataset = load_dataset(SAMPLES / name)
+    assert dataset.name == name
+    assert dataset.warnings == ()
+    assert dataset.points is None
+    np.testing.assert_array_equal(
+        dataset.robot.table, builtin_robot("rb5").table
+    )  # the nominal arm, no error let slip
+    assert dataset.scanner.scan_sigma_mm == 0.02
+
+
+def test_roles_are_jangs() -> None:
+    role = load_dataset(SAMPLES / "rb5_jang").poses.role
+    assert [int(np.sum(role == r)) for r in ("reference", "train", "test")] == [1, 50, 13]
+
+
+def test_repeats_stand_still_at_four_points() -> None:
+    poses = load_dataset(SAMPLES / "rb5_repeats").poses
+    assert list(poses.extra.columns) == ["point", "cycle"]
+    for point, rows in poses.extra.groupby("point"):
+        assert list(rows["cycle"]) == list(range(1, 11))
+        assert [poses.ids[i] for i in rows.index] == [f"{point}_{cycle:02d}" for cycle in range(1, 11)]
+        assert np.ptp(poses.q[rows.index], axis=0).max() == 0.0
+    assert len(np.unique(poses.q, axis=0)) == 4
+
+
+def test_repeats_are_at_the_papers_reference_points(maker: ModuleType) -> None:
+    apexes = truth("rb5_repeats")["apex_mm"]
+    for pose_id, apex_mm in apexes.items():
+        np.testing.assert_allclose(apex_mm, maker.JANG_POINTS_MM[pose_id.split("_")[0]], atol=1e-5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_scan_is_a_plain_float_cloud_of_its_size(name: str) -> None:
+    dataset = load_dataset(SAMPLES / name)
+    for i in range(len(dataset.poses)):
+        path = dataset.scan_path(i)
+        assert path is not None
+        with path.open("rb") as file:
+            header = file.read(400).split(b"end_header\n")[0].decode().split("\n")
+        assert [line.split()[-1] for line in header if line.startswith("property float")] == ["x", "y", "z"]
+        count = next(int(line.split()[-1]) for line in header if line.startswith("element vertex"))
+        assert 8_000 <= count <= 15_000
+    assert len(list((SAMPLES / name / "scans").iterdir())) == len(dataset.poses)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_seed_gives_the_same_poses_and_truth(name: str, made: dict[str, Simulation]) -> None:
+    simulation, stored = made[name], truth(name)
+    np.testing.assert_allclose(simulation.dataset.poses.q, load_dataset(SAMPLES / name).poses.q, atol=1e-9)
+    assert stored["effects"].keys() == {"joint_compliance"}
+    np.testing.assert_allclose(
+        stored["effects"]["joint_compliance"]["c_rad_per_nm"], simulation.truth.joint_compliance_rad_per_nm
+    )
+    for pose_id, apex_mm in zip(simulation.dataset.poses.ids, simulation.apex_mm, strict=True):
+        np.testing.assert_allclose(stored["apex_mm"][pose_id], apex_mm, atol=1e-6)
+
+
+@pytest.mark.parametrize(("name", "pose"), [("rb5_jang", 0), ("rb5_jang", 63), ("rb5_repeats", 17)])
+def test_seed_gives_the_same_scan(name: str, pose: int, made: dict[str, Simulation]) -> None:
+    """Compared point by neighbour, because a ray that grazes an edge may fall either way on another processor."""
+    path = load_dataset(SAMPLES / name).scan_path(pose)
+    assert path is not None
+    stored_mm, anew_mm = load_scan(path).points_mm, made[name].scan(pose).scan.points_mm
+    assert len(stored_mm) == pytest.approx(len(anew_mm), rel=1e-3)
+    assert np.mean(cKDTree(anew_mm).query(stored_mm)[0] < 1e-3) > 0.999
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_scan_shows_three_faces(name: str, made: dict[str, Simulation]) -> None:
+    simulation = made[name]
+    for pose in range(0, len(simulation.dataset.poses), 5):
+        label = simulation.scan(pose).label
+        counts = [int(np.sum(label == face)) for face in (1, 2, 3)]
+        assert sum(counts) > 1000
+        assert min(counts) > 200
+
+
+def test_hidden_sag_is_far_above_the_noise(made: dict[str, Simulation]) -> None:
+    simulation = made["rb5_jang"]
+    rigid = replace(simulation.truth, joint_compliance_rad_per_nm=np.zeros(6))
+    sag_mm = np.linalg.norm(
+        simulation.apex_mm - scanner_T_target(rigid, simulation.dataset.poses.q)[:, :3, 3], axis=1
+    )
+    assert 0.5 < np.sqrt(np.mean(sag_mm**2)) < 1.5
