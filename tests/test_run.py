@@ -258,11 +258,28 @@ def test_without_the_right_to_install_it_prints_the_line_to_type(sandbox: Sandbo
     assert "libEGL.so.1" in done.stderr
     line = done.stderr.splitlines()[-1].strip()
     assert line.startswith("sudo apt-get update && sudo apt-get install -y --no-install-recommends libegl1 ")
+    assert not line.endswith(" chromium fonts-dejavu-core"), "serving needs no browser on this machine"
     assert not any("-m inspector" in call for call in calls)
+
+    done, calls = sandbox.run("test", OPEN3D_ERROR=MISSING_EGL, CHROMIUM="no-such-browser")
+    assert done.returncode == 1
+    line = done.stderr.splitlines()[-1].strip()
+    assert " libegl1 " in line, "one line for all that is missing"
+    assert line.endswith(" chromium fonts-dejavu-core")
+    assert not any("-m venv" in call for call in calls), "what pip installed is kept"
 
     done, _ = sandbox.run("test", CHROMIUM="no-such-browser")
     assert done.returncode == 1
-    assert done.stderr.splitlines()[-1].strip().endswith(" chromium fonts-dejavu-core")
+    assert done.stderr.splitlines()[-1].strip().endswith("--no-install-recommends chromium fonts-dejavu-core")
+
+
+def test_without_the_right_to_install_a_bare_system_needs_one_line_only(sandbox: Sandbox):
+    sandbox.program("apt-get", "#!/bin/sh\nexit 9\n")
+    sandbox.program("id", "#!/bin/sh\necho 1000\n")
+    done, _ = sandbox.run("test", ENSUREPIP_EXIT="1", CHROMIUM="no-such-browser")
+    assert done.returncode == 1
+    words = done.stderr.splitlines()[-1].split()
+    assert {"python3.11-venv", "libegl1", "chromium"} <= set(words)
 
 
 def test_as_root_it_installs_and_asks_for_fresh_lists_when_needed(sandbox: Sandbox):
