@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 _NULL = 1e-10  # singular values below this share of the largest carry no information
 _FLOOR = 1e-9  # a residual this much below the first one is at the level of rounding
+_LOOSE = 0.05  # a smaller share in the directions nobody knows is the working point's curvature, not redundancy
 _WEIGHINGS = 8  # how often prior and noise are weighed anew at the most
 _CONVERGED = (
     1e-12  # a full step would lower the cost by less than this share: no parameter moves by 1e-4 sigma
@@ -239,7 +240,7 @@ class _Descent:
         information = np.where(is_null, 0.0, s**2) / sigma**2 + (1.0 if weight > 0.0 else 0.0)
         variance = np.divide(1.0, information, out=np.zeros_like(information), where=information > 0.0)
         covariance = (vt.T * variance) @ vt
-        loose = np.abs(vt[is_null]).max(axis=0, initial=0.0) > 1e-6
+        loose = np.linalg.norm(vt[is_null], axis=0) > _LOOSE
         return Fit(
             parameters=self.residuals.parameters,
             x=self.z * self.scales,

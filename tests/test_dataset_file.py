@@ -1,0 +1,223 @@
+"""The dataset folder: round trip, and one clear line for each way it can be wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from arms import dataset_of, jang_arm
+from calib.dataset import Dataset, Points, Scanner
+from calib.dataset_file import find_datasets, load_dataset, write_dataset
+from calib.errors import DatasetError
+from calib.jig import Jig
+
+
+def full_dataset(seed: int = 0) -> Dataset:
+    """One with every optional part there is."""
+    rng = np.random.default_rng(seed)
+    robot = jang_arm()
+    base = dataset_of(robot, robot, rng, poses=8, test=2)
+    n = len(base.poses)
+    poses = replace(
+        base.poses,
+        setup=np.array(["left", "right"] * (n // 2)),
+        payload_kg=rng.uniform(0, 5, n),
+        temperature_c=rng.uniform(15, 30, n),
+        time_s=np.sort(rng.uniform(0, 1e4, n)),
+        approach=rng.choice([-1.0, 1.0], (n, 6)),
+        scan_names=tuple(f"scan {i}.ply" for i in range(n)),
+        extra=pd.DataFrame({"operator": ["a", "b"] * (n // 2), "humidity": rng.uniform(0, 1, n)}),
+    )
+    measured = np.repeat(np.arange(n), 2)
+    xyz = rng.normal(size=(2 * n, 3)) * 300
+    spread = rng.normal(size=(2 * n, 3, 3))
+    covariance = spread @ np.swapaxes(spread, 1, 2) + np.eye(3)
+    return replace(
+        base,
+        poses=poses,
+        points=Points(measured, xyz, np.full(2 * n, "jig"), covariance),
+        description='with "quotes" and ü',
+        scanner=Scanner(0.05, 0.02, {"serial": 7}),
+        jig=Jig(edge_mm=50.0, convex=False, face_angles_deg=(90.01, 89.99, 90.0), certified=True),
+        extra={"site": "hall 3", "jig": {"material": "steel"}},
+    )
+
+
+@settings(max_examples=10)
+@given(st.integers(0, 2**32 - 1))
+def test_round_trip_loses_nothing(seed: int) -> None:
+    import tempfile
+
+    dataset = full_dataset(seed)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "cell 1"
+        write_dataset(dataset, folder)
+        again = load_dataset(folder)
+    assert again.points is not None
+    assert dataset.points is not None
+    np.testing.assert_allclose(again.poses.q, dataset.poses.q, rtol=1e-14)
+    np.testing.assert_array_equal(again.points.xyz_mm, dataset.points.xyz_mm)
+    np.testing.assert_array_equal(again.points.covariance_mm2, dataset.points.covariance_mm2)
+    for name in ("ids", "scan_names"):
+        assert getattr(again.poses, name) == getattr(dataset.poses, name)
+    for name in ("role", "setup", "payload_kg", "temperature_c", "time_s", "approach"):
+        np.testing.assert_array_equal(getattr(again.poses, name), getattr(dataset.poses, name))
+    pd.testing.assert_frame_equal(again.poses.extra, dataset.poses.extra, check_dtype=False)
+    for name in ("name", "description", "scanner", "jig", "robot", "extra"):
+        assert getattr(again, name) == getattr(dataset, name)
+
+
+def test_writing_twice_gives_the_same_bytes(tmp_path: Path) -> None:
+    write_dataset(full_dataset(), tmp_path / "a")
+    write_dataset(load_dataset(tmp_path / "a"), tmp_path / "b")
+    for path in sorted((tmp_path / "a").iterdir()):
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    robot = jang_arm()
+    write_dataset(dataset_of(robot, robot, np.random.default_rng(1), poses=6, test=1), tmp_path / "cell")
+    return tmp_path / "cell"
+
+
+def edit(name: str, old: str, new: str, count: int = 1) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        text = (folder / name).read_text()
+        assert old in text
+        (folder / name).write_text(text.replace(old, new, count))
+
+    return change
+
+
+def cell(name: str, row: int, column: str, value: str) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        frame = pd.read_csv(folder / name, dtype=str)
+        frame.loc[row, column] = value
+        frame.to_csv(folder / name, index=False)
+
+    return change
+
+
+def drop_row(name: str, row: int) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        pd.read_csv(folder / name, dtype=str).drop(index=row).to_csv(folder / name, index=False)
+
+    return change
+
+
+def drop_column(name: str, column: str) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        pd.read_csv(folder / name, dtype=str).drop(columns=column).to_csv(folder / name, index=False)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("break_it", "says"),
+    [
+        (lambda f: (f / "dataset.toml").unlink(), ["dataset.toml", "no such file"]),
+        (lambda f: (f / "robot.toml").unlink(), ["robot.toml", "no such file"]),
+        (lambda f: (f / "poses.csv").unlink(), ["poses.csv", "no such file"]),
+        (lambda f: (f / "points.csv").unlink(), ["points.csv", "no such file"]),
+        (lambda f: (f / "poses.csv").write_text(""), ["poses.csv", "empty"]),
+        (lambda f: (f / "poses.csv").write_bytes(b"\xff\xfe\x00bad"), ["poses.csv"]),
+        (edit("dataset.toml", "format = 1", "format = 2"), ["dataset.toml", "format", "reads format = 1"]),
+        (edit("dataset.toml", 'points = "points.csv"\n', ""), ["neither points nor scans"]),
+        (edit("dataset.toml", '"poses.csv"', '"../poses.csv"'), ["poses", "not below"]),
+        (edit("dataset.toml", "edge_mm = 60.0", "edge_mm = 0.06"), ["edge_mm", "looks like metres"]),
+        (edit("dataset.toml", "edge_mm = 60.0", "edge_mm = -60.0"), ["edge_mm", "above 0"]),
+        (edit("dataset.toml", "point_sigma_mm = 0.05", "point_sigma_mm = 0"), ["point_sigma_mm", "above 0"]),
+        (drop_column("poses.csv", "q3_deg"), ["poses.csv", "missing column q3_deg"]),
+        (drop_column("points.csv", "z_mm"), ["points.csv", "missing column z_mm"]),
+        (drop_row("points.csv", 2), ["points.csv", "no point for pose p0002"]),
+        (drop_row("poses.csv", 3), ["points.csv", "line 5", "'p0003' is not in poses.csv"]),
+        (cell("poses.csv", 2, "pose", "p0001"), ["line 4, column pose", "stands in line 3 too"]),
+        (cell("poses.csv", 0, "role", "train"), ["found 0 reference poses (none)"]),
+        (cell("poses.csv", 2, "role", "reference"), ["found 2 reference poses (line 2, line 4)"]),
+        (cell("poses.csv", 2, "role", "training"), ["line 4, column role", "found 'training'"]),
+        (cell("poses.csv", 3, "q2_deg", "nan"), ["line 5, column q2_deg", "finite"]),
+        (cell("poses.csv", 3, "q2_deg", "ten"), ["line 5, column q2_deg", "found 'ten'"]),
+        (cell("poses.csv", 3, "q2_deg", ""), ["line 5, column q2_deg", "empty"]),
+        (cell("points.csv", 1, "y_mm", "inf"), ["line 3, column y_mm", "finite"]),
+        (cell("points.csv", 1, "target", "smr9"), ["line 3, column target", "robot.toml knows jig"]),
+    ],
+)
+def test_each_mistake_is_one_line_that_names_its_place(
+    folder: Path, break_it: Callable[[Path], None], says: list[str]
+) -> None:
+    if "target" in str(says):
+        frame = pd.read_csv(folder / "points.csv", dtype=str)
+        frame["target"] = "jig"
+        frame.to_csv(folder / "points.csv", index=False)
+    break_it(folder)
+    with pytest.raises(DatasetError) as caught:
+        load_dataset(folder)
+    message = str(caught.value)
+    for part in says:
+        assert part in message
+    assert "\n" not in message
+    assert str(folder) in message
+
+
+def test_a_covariance_that_is_none_is_refused(tmp_path: Path) -> None:
+    write_dataset(full_dataset(), tmp_path)
+    cell("points.csv", 4, "szz_mm2", "-1.0")(tmp_path)
+    with pytest.raises(DatasetError, match=r"line 6.*not positive definite"):
+        load_dataset(tmp_path)
+
+
+def test_an_approach_is_minus_one_or_one(tmp_path: Path) -> None:
+    write_dataset(full_dataset(), tmp_path)
+    cell("poses.csv", 4, "approach2", "0")(tmp_path)
+    with pytest.raises(DatasetError, match=r"line 6, column approach2: found 0; expected -1 or 1"):
+        load_dataset(tmp_path)
+
+
+def test_radians_and_metres_are_warned_of(folder: Path) -> None:
+    frame = pd.read_csv(folder / "poses.csv")
+    for k in range(6):
+        frame[f"q{k + 1}_deg"] = np.radians(frame[f"q{k + 1}_deg"])
+    frame.to_csv(folder / "poses.csv", index=False)
+    points = pd.read_csv(folder / "points.csv")
+    points[["x_mm", "y_mm", "z_mm"]] /= 1000
+    points.to_csv(folder / "points.csv", index=False)
+    warnings = " ".join(load_dataset(folder).warnings)
+    assert "look like radians" in warnings
+    # Angles of 3 degrees leave the arm where it is, so metres show only with poses that differ.
+    frame[[f"q{k + 1}_deg" for k in range(6)]] *= 57.3
+    frame.to_csv(folder / "poses.csv", index=False)
+    assert "look like metres" in " ".join(load_dataset(folder).warnings)
+
+
+def test_a_good_dataset_has_no_warning(folder: Path) -> None:
+    assert load_dataset(folder).warnings == ()
+
+
+def test_a_missing_scan_and_one_outside_the_folder(folder: Path) -> None:
+    edit("dataset.toml", 'points = "points.csv"', 'scans = "scans"')(folder)
+    (folder / "scans").mkdir()
+    with pytest.raises(DatasetError, match=r"p0000\.ply: no such scan"):
+        load_dataset(folder)
+    frame = pd.read_csv(folder / "poses.csv", dtype=str)
+    frame["scan"] = "../../secret.ply"
+    frame.to_csv(folder / "poses.csv", index=False)
+    with pytest.raises(DatasetError, match=r"line 2, column scan.*leaves the dataset's folder"):
+        load_dataset(folder)
+
+
+def test_datasets_are_found_here_or_one_folder_below(tmp_path: Path, folder: Path) -> None:
+    assert find_datasets(folder) == [folder]
+    assert find_datasets(tmp_path) == [folder]
+    with pytest.raises(DatasetError, match="no such folder"):
+        find_datasets(tmp_path / "none")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(DatasetError, match=r"found no dataset\.toml"):
+        find_datasets(tmp_path / "empty")

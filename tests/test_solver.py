@@ -1,0 +1,199 @@
+"""The solver: exact on exact data, finite on bad, the same answer from any place the scanner stands."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from arms import dataset_of, elementary_points, jang_arm, park_arm, perturbed, random_arm
+from calib.dataset import Dataset
+from calib.errors import FitError
+from calib.model import geometric_model
+from calib.observations import Observations
+from calib.residuals import DistanceResiduals, PositionResiduals, make_residuals
+from calib.robot import Robot
+from calib.solver import Fit, solve
+from test_frames import random_transform
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+RB5_CASES = (  # Park, Table 9: what is eliminated
+    "aTCP d2 d3 dTCP beta1 beta4 beta5",
+    "a6 d2 d3 d6 theta1 theta4 theta5",
+    "a6 d2 d4 d6 beta1 theta4 beta5",
+    "aTCP d3 d4 dTCP theta1 beta4 theta5",
+    "",
+)
+PANDA_CASES = (  # Park, Table 10
+    "a7 d7 theta1 theta2 theta5",
+    "a7 dTCP theta1 beta2 beta5",
+    "aTCP d7 beta1 theta2 theta5",
+    "aTCP dTCP beta1 beta2 beta5",
+    "",
+)
+
+
+def park_fit(robot: Robot, eliminated: str, seed: int) -> tuple[Robot, Robot, Fit]:
+    """Park's set-up: positions of random poses in the base frame, exact; the true arm has errors everywhere."""
+    rng = np.random.default_rng(seed)
+    true = perturbed(robot, rng)
+    dataset = dataset_of(robot, true, rng)
+    model = geometric_model(robot).hold(eliminated.split())
+    fit = solve(PositionResiduals(model, Observations.of(dataset), frame_known=True), prior=False)
+    return true, model.calibrated_robot(fit.x), fit
+
+
+@pytest.mark.parametrize(
+    ("arm", "eliminated"), [("rb5", c) for c in RB5_CASES] + [("panda", c) for c in PANDA_CASES]
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_parks_set_up_is_met_to_rounding_in_eight_iterations(arm: str, eliminated: str, seed: int) -> None:
+    _, found, fit = park_fit(park_arm(arm), eliminated, seed)
+    assert fit.converged
+    assert len(fit.iterations) - 1 <= 8
+    rmse_mm = 0.05 * np.sqrt(3 * fit.iterations[-1].cost / fit.rows)
+    assert rmse_mm < 1e-12
+    # And it is the arm, not only the poses that were seen.
+    rng = np.random.default_rng(99)
+    true = park_fit(park_arm(arm), eliminated, seed)[0]
+    q = rng.uniform(-np.pi, np.pi, (20, found.n_joints))
+    np.testing.assert_allclose(elementary_points(found, q), elementary_points(true, q), atol=1e-8)
+
+
+@pytest.mark.parametrize("cases", [("rb5", RB5_CASES), ("panda", PANDA_CASES)])
+def test_the_sums_of_tables_9_and_10_do_not_hang_on_what_is_kept(cases: tuple[str, tuple[str, ...]]) -> None:
+    """With only d2 (or theta1) wrong, each elimination finds the same d2 + d3 + d4 and theta1 + beta1."""
+    arm, eliminations = cases
+    robot = park_arm(arm)
+    table = robot.table
+    if arm == "rb5":
+        table[1, 2] += 0.51  # Table 9: the sum becomes 111.21 mm
+    table[0, 3] += 0.00075  # Table 10
+    true = robot.with_table(table)
+    for eliminated in eliminations:
+        rng = np.random.default_rng(4)
+        model = geometric_model(robot).hold(eliminated.split())
+        residuals = PositionResiduals(model, Observations.of(dataset_of(robot, true, rng)), frame_known=True)
+        found = model.calibrated_robot(solve(residuals, prior=False).x).table
+        assert found[0, 3] + found[0, 4] == pytest.approx(0.00075, abs=1e-9)
+        if arm == "rb5":
+            assert found[1:4, 2].sum() == pytest.approx(111.21, abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["position", "distance"])
+@pytest.mark.parametrize("arm", ["rb5", "panda"])
+@pytest.mark.parametrize("prior", [False, True])
+def test_exact_data_from_an_unknown_place_are_met(kind: str, arm: str, prior: bool) -> None:
+    rng = np.random.default_rng(11)
+    robot = park_arm(arm)
+    dataset = dataset_of(robot, perturbed(robot, rng), rng, base_T_scanner=random_transform(rng))
+    fit = solve(make_residuals(kind, geometric_model(robot), Observations.of(dataset)), prior=prior)
+    assert fit.converged
+    assert 0.05 * np.sqrt(fit.iterations[-1].cost / fit.rows) < 1e-10
+    assert fit.rank == {"rb5": 18, "panda": 22}[arm]
+
+
+def shortened(dataset: Dataset, scanner_T_new: np.ndarray) -> Dataset:
+    points = dataset.points
+    assert points is not None
+    moved = points.xyz_mm @ scanner_T_new[:3, :3].T + scanner_T_new[:3, 3]
+    return dataset.with_points(type(points)(points.pose, moved, points.target))
+
+
+@settings(max_examples=10)
+@given(SEEDS, st.sampled_from(["position", "distance"]))
+def test_where_the_scanner_stands_changes_nothing(seed: int, kind: str) -> None:
+    rng = np.random.default_rng(seed)
+    robot = jang_arm()
+    here = dataset_of(robot, perturbed(robot, rng), rng, noise_mm=0.05)
+    there = shortened(here, random_transform(rng))
+    fits = [
+        solve(make_residuals(kind, geometric_model(robot), Observations.of(dataset)))
+        for dataset in (here, there)
+    ]
+    assert fits[1].iterations[0].cost == pytest.approx(fits[0].iterations[0].cost, rel=1e-8)
+    assert fits[1].iterations[-1].cost == pytest.approx(fits[0].iterations[-1].cost, rel=1e-5)
+    off = np.abs(fits[1].x - fits[0].x) / fits[0].sigma
+    assert off.max() < 0.02  # both ended within a small part of a sigma of the one minimum
+
+
+@settings(max_examples=15)
+@given(SEEDS, st.integers(4, 7))
+def test_noise_and_a_missing_effect_do_not_make_it_diverge(seed: int, joints: int) -> None:
+    """Sagging joints that the model does not know; the plain pseudo-inverse has blown up on such data."""
+    rng = np.random.default_rng(seed)
+    robot = random_arm(rng, joints)
+    true = perturbed(robot, rng)
+    dataset = dataset_of(robot, true, rng, noise_mm=0.05, test=20, poses=84)
+    sag = 0.004 * np.sin(dataset.poses.q)
+    points = elementary_points(true, dataset.poses.q + sag) + 0.05 * rng.normal(size=(84, 3))
+    assert dataset.points is not None
+    bent = dataset.with_points(type(dataset.points)(dataset.points.pose, points, dataset.points.target))
+    for kind in ("position", "distance"):
+        for prior in (True, False):
+            fit = solve(make_residuals(kind, geometric_model(robot), Observations.of(bent)), prior=prior)
+            costs = [i.cost for i in fit.iterations]
+            assert np.all(np.isfinite(fit.x))
+            assert costs[-1] < costs[0]
+            if prior:
+                assert np.abs(fit.x / [p.scale for p in fit.parameters]).max() < 100.0
+
+
+def test_estimates_lie_within_their_sigmas() -> None:
+    """What the data can know: normalised errors of parameters that are not redundant, over 40 arms."""
+    robot = park_arm("rb5")
+    sure = ("a2", "a3", "theta3", "alpha3", "beta2")
+    errors = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        true = perturbed(robot, rng, mm=0.3, rad=0.0005)
+        dataset = dataset_of(robot, true, rng, noise_mm=0.05)
+        fit = solve(PositionResiduals(geometric_model(robot), Observations.of(dataset)))
+        truth = (true.table - robot.table).ravel()
+        at = [robot.parameter_names.index(name) for name in sure]
+        errors.append((fit.x[at] - truth[at]) / fit.sigma[at])
+    assert 0.7 < float(np.mean(np.square(errors))) < 1.35
+
+
+def test_degrees_of_freedom_and_noise_are_right() -> None:
+    robot = park_arm("rb5")
+    noise = []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        dataset = dataset_of(robot, perturbed(robot, rng), rng, noise_mm=0.1, sigma_mm=0.05)
+        fit = solve(PositionResiduals(geometric_model(robot), Observations.of(dataset)))
+        # 192 coordinates, 6 for the frame, 18 knowable directions and a few near-redundant ones
+        assert 192 - 6 - 22 < fit.degrees_of_freedom < 192 - 6 - 16
+        noise.append(fit.noise)
+    assert np.mean(noise) == pytest.approx(2.0, rel=0.03)
+
+
+def test_without_a_prior_what_nothing_bounds_has_no_sigma() -> None:
+    rng = np.random.default_rng(0)
+    robot = park_arm("rb5")
+    dataset = dataset_of(robot, perturbed(robot, rng), rng, noise_mm=0.05)
+    fit = solve(DistanceResiduals(geometric_model(robot), Observations.of(dataset)), prior=False)
+    sigma = dict(zip(robot.parameter_names, fit.sigma, strict=True))
+    assert np.isinf(sigma["d1"])
+    assert np.isinf(sigma["theta1"])
+    assert np.isfinite(sigma["a2"])
+
+
+def test_bad_problems_are_one_clear_error() -> None:
+    rng = np.random.default_rng(0)
+    robot = park_arm("rb5")
+    model = geometric_model(robot)
+    dataset = dataset_of(robot, robot, rng)
+    with pytest.raises(FitError, match="no parameter named 'a9'"):
+        model.hold(["a9"])
+    with pytest.raises(FitError, match="no free parameter"):
+        solve(PositionResiduals(model.hold(robot.parameter_names), Observations.of(dataset)))
+    with pytest.raises(FitError, match="no residual named"):
+        make_residuals("angles", model, Observations.of(dataset))
+    points = dataset.points
+    assert points is not None
+    broken = dataset.with_points(type(points)(points.pose, points.xyz_mm * np.nan, points.target))
+    with pytest.raises((FitError, ValueError, np.linalg.LinAlgError)):
+        solve(PositionResiduals(model, Observations.of(broken)))
