@@ -21,15 +21,16 @@ from calib.pose_design import JANG_FIELD, place_scanner, reach_apexes, scan_pose
 from calib.robot import Robot
 from calib.robot_file import builtin_robot
 from calib.scan_simulation import ScanModel
-from calib.simulation import Simulation, draw_truth, measure, rounded, write_simulation
+from calib.simulation import Simulation, measure, rounded, write_simulation
+from calib.true_arm import draw_truth
 from calib.truth import Truth, scanner_T_target
 
 ROOT = Path(__file__).resolve().parents[1]
 
 JANG_SEED, REPEATS_SEED = 3, 11
 
-# Harmonic drives of this size: shoulder about 5e4 Nm/rad, wrist about 1e4 Nm/rad.
-COMPLIANCE_RAD_PER_NM = (2.0e-5, 2.4e-5, 3.0e-5, 8.0e-5, 9.0e-5, 1.1e-4)
+# Harmonic drives of this size: shoulder about 8e4 Nm/rad, wrist about 2e4 Nm/rad.
+COMPLIANCE_RAD_PER_NM = (1.2e-5, 1.4e-5, 1.8e-5, 4.8e-5, 5.4e-5, 6.6e-5)
 
 # Jang 2025, Table 1: where the apex stands at the four points, scanner frame, mm.
 JANG_POINTS_MM = {

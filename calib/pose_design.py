@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from calib.errors import CalibError
 from calib.frames import apply, invert, make_transform, rotation_from_rotvec
 from calib.jig import Jig
+from calib.jig_scene import CUBE_CORNER, jig_geometry
 from calib.kinematics import Chain, forward
 from calib.robot import Robot
-from calib.scan_simulation import CUBE_CORNER, jig_geometry
 
 Array = NDArray[np.float64]
 

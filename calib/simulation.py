@@ -1,7 +1,7 @@
 """Whole datasets with known truth: an arm with link errors and effects, its poses, its points or scans.
 
-The arm's errors are drawn here, its poses in `calib.pose_design`, what it then does is worked out in `calib.truth`, and
-what the scanner makes of it in `calib.scan_simulation`.
+The arm's errors are drawn in `calib.true_arm`, its poses in `calib.pose_design`; what it then does is worked
+out in `calib.truth`, and what the scanner makes of it in `calib.scan_simulation`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from calib.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset_file import write_dataset
@@ -39,7 +39,8 @@ from calib.scan_simulation import (
     simulate_scan,
 )
 from calib.toml_file import write_text_atomically
-from calib.truth import Truth, gravity_torques, scanner_T_target, truth_document
+from calib.true_arm import TYPICAL, Tolerances, check_effects, draw_truth
+from calib.truth import Truth, scanner_T_target, truth_document
 
 Array = NDArray[np.float64]
 
@@ -47,17 +48,6 @@ JIG_HEIGHT_MM = 88.0
 """From the flange to the jig's apex, Jang's Table 2; taken where a robot's tool row has no length of its own."""
 
 _WINDOW_RASTER_MM = 30.0
-
-
-@dataclass(frozen=True)
-class Tolerances:
-    """Standard deviations from which link errors are drawn, every parameter of every row by itself."""
-
-    length_mm: float = 0.3
-    angle_deg: float = 0.1
-
-
-TYPICAL = Tolerances()
 
 
 @dataclass(frozen=True)
@@ -133,7 +123,7 @@ def simulate_dataset(
         )
     if not np.isfinite(noise_mm) or noise_mm < 0:
         raise CalibError(f"noise_mm is {noise_mm:g}; a standard deviation is 0 or more")
-    _check_effects(effects)
+    check_effects(effects)
     if scans:
         robot = with_jig(robot, jig)
     base_T_scanner = place_scanner(robot, rng=rng, field=field)
@@ -249,73 +239,6 @@ def draw_roles(count: int, *, rng: np.random.Generator) -> NDArray[np.str_]:
     return role
 
 
-def draw_truth(
-    robot: Robot,
-    base_T_scanner: ArrayLike,
-    q: Array,
-    *,
-    rng: np.random.Generator,
-    effects: Sequence[str] = (),
-    tolerances: Tolerances = TYPICAL,
-    payload_kg: Array | None = None,
-) -> Truth:
-    """Draw an arm: link errors from the tolerances, and effects whose sizes make sense at the poses q (N, n)."""
-    _check_effects(effects)
-    angle_rad = np.radians(tolerances.angle_deg)
-    sigma = np.array([tolerances.length_mm, angle_rad, tolerances.length_mm, angle_rad, angle_rad])
-    table = robot.table + sigma * rng.standard_normal(robot.table.shape)
-    truth = Truth.without_effects(robot.with_table(table), base_T_scanner)
-    for effect in effects:
-        truth = _EFFECTS[effect](truth, q, payload_kg, rng)
-    return truth
-
-
 def rounded(robot: Robot, q: Array) -> Array:
     """Joint vectors as a controller would command them: whole thousandths of a degree, or of a millimetre."""
     return np.where(robot.is_revolute, np.radians(np.round(np.degrees(q), 3)), np.round(q, 3))
-
-
-def _check_effects(effects: Sequence[str]) -> None:
-    for effect in effects:
-        if effect not in _EFFECTS:
-            raise CalibError(f"cannot simulate the effect {effect!r}; there are {', '.join(_EFFECTS)}")
-
-
-def _draw_joint_compliance(
-    truth: Truth, q: Array, payload_kg: Array | None, rng: np.random.Generator
-) -> Truth:
-    """Joints that yield: 0.2 to 0.5 mm rms at the tool over the poses; the wrist is about four times softer."""
-    robot = truth.robot
-    n = robot.n_joints
-    softness = (
-        np.where(np.arange(n) < n - 3, 1.0, 4.0) * np.exp(0.3 * rng.standard_normal(n)) * robot.is_revolute
-    )
-    wanted_mm = rng.uniform(0.2, 0.5)
-    if not np.any(gravity_torques(robot, q, payload_kg)[:, robot.is_revolute]):
-        raise CalibError(
-            f"robot {robot.name}: gravity turns none of its joints, joint_compliance would do nothing"
-        )
-    rigid_mm = scanner_T_target(truth, q, payload_kg)[:, :3, 3]
-    scale = 1e-5
-    for _ in range(4):  # the sag is all but proportional to the scale
-        truth = replace(truth, joint_compliance_rad_per_nm=scale * softness)
-        sag_mm = np.linalg.norm(scanner_T_target(truth, q, payload_kg)[:, :3, 3] - rigid_mm, axis=1)
-        scale *= wanted_mm / float(np.sqrt(np.mean(sag_mm**2)))
-    return truth
-
-
-def _draw_transmission_error(
-    truth: Truth, q: Array, payload_kg: Array | None, rng: np.random.Generator
-) -> Truth:
-    """Gears that run unevenly once and twice a turn: 1e-4 rad (20 arc seconds) rms for n = 1, half of it for n = 2."""
-    size_rad = np.array([1.0e-4, 0.5e-4]) * truth.robot.is_revolute[:, None]
-    cos_rad, sin_rad = rng.standard_normal((2, truth.robot.n_joints, 2)) * size_rad
-    return replace(truth, transmission_cos_rad=cos_rad, transmission_sin_rad=sin_rad)
-
-
-_EFFECTS: dict[str, Callable[[Truth, Array, Array | None, np.random.Generator], Truth]] = {
-    "joint_compliance": _draw_joint_compliance,
-    "transmission_error": _draw_transmission_error,
-}
-
-SIMULATED_EFFECTS = tuple(_EFFECTS)

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from calib.errors import ScanError
 from calib.jig import Jig
-from calib.scan_simulation import FLYING, SCENE, ScanModel, SimulatedScan, jig_geometry, simulate_scan
+from calib.jig_scene import SCENE, jig_geometry
+from calib.scan_simulation import FLYING, ScanModel, SimulatedScan, simulate_scan
 
 APEXES_MM = (
     (-73.7, 42.9, 661.4),

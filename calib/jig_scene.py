@@ -1,0 +1,110 @@
+"""What a simulated scanner looks at: the jig on its flange, a piece of the arm behind, a wall and a table.
+
+The jig's frame has its origin in the apex and z along the jig's axis, away from the scanner: a convex jig lies at
+z > 0, and flange and arm lie behind it. Wall and table are fixed to the scanner. Lengths are mm.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.errors import ScanError
+from calib.frames import apply
+from calib.jig import Jig
+
+Array = NDArray[np.float64]
+
+CUBE_CORNER = Jig()
+
+SCENE = 0
+"""Label of a surface that is none of the jig's faces, which are 1, 2, 3."""
+
+
+def jig_geometry(jig: Jig) -> tuple[Array, Array]:
+    """Edge ends (3, 3) in mm and outward face normals (3, 3) of a jig, in the jig's frame; one a row.
+
+    Face i is the triangle between the apex and the edges that are not edge i. With dihedral angles f_ij (in the
+    material of a convex jig, in the air of a concave one) the normals satisfy n_i . n_j = -cos f_ij. Outward is
+    towards the scanner's side.
+
+    Raises:
+        ScanError: no corner has such face angles.
+    """
+    f12, f23, f31 = np.radians(jig.face_angles_deg)
+    gram = np.array(
+        [
+            [1.0, -np.cos(f12), -np.cos(f31)],
+            [-np.cos(f12), 1.0, -np.cos(f23)],
+            [-np.cos(f31), -np.cos(f23), 1.0],
+        ]
+    )
+    if np.linalg.eigvalsh(gram)[0] < 1e-6:
+        raise ScanError(
+            f"jig: no corner has faces at {jig.face_angles_deg} degrees; a cube's corner has 90, 90, 90"
+        )
+    normals = np.linalg.cholesky(gram)
+    edges = np.cross(normals[[1, 2, 0]], normals[[2, 0, 1]])
+    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
+    edges *= -np.sign(np.einsum("ij,ij->i", edges, normals))[:, None]  # edge i leaves face i's plane inwards
+    axis = edges.sum(axis=0) / np.linalg.norm(edges.sum(axis=0))
+    across = normals[0] - axis * (normals[0] @ axis)
+    across /= np.linalg.norm(across)
+    jig_R_raw = np.stack([across, np.cross(axis, across), axis])
+    edges, normals = edges @ jig_R_raw.T, normals @ jig_R_raw.T
+    if not jig.convex:  # seen from the inside: the apex is deepest, the edges come towards the scanner
+        edges, normals = edges * [1, 1, -1], -normals * [1, 1, -1]
+    return jig.edge_mm * edges, normals
+
+
+def scene_triangles(
+    scanner_T_jig: Array,
+    jig: Jig,
+    *,
+    flange_mm: float,
+    arm_turn_rad: float,
+    wall_z_mm: float,
+    table_y_mm: float,
+) -> tuple[Array, NDArray[np.int8]]:
+    """Everything the scanner may see: triangles (T, 3, 3) in its frame and a label (T,) each."""
+    import trimesh
+
+    edges, _ = jig_geometry(jig)
+    apex = np.zeros(3)
+    faces = np.array([[apex, edges[1], edges[2]], [apex, edges[2], edges[0]], [apex, edges[0], edges[1]]])
+    back_mm = float(edges[:, 2].mean()) if jig.convex else 2.0
+    flange_mm = max(
+        flange_mm, back_mm + 1.0
+    )  # a tool row shorter than the jig: the jig stands on the flange itself
+
+    def cylinder(radius_mm: float, start_mm: float, length_mm: float) -> Any:
+        middle = trimesh.transformations.translation_matrix([0.0, 0.0, start_mm + 0.5 * length_mm])
+        return trimesh.creation.cylinder(radius_mm, length_mm, sections=64, transform=middle)
+
+    across = trimesh.transformations.rotation_matrix(
+        arm_turn_rad, [0, 0, 1]
+    ) @ trimesh.transformations.translation_matrix([30.0, 0.0, flange_mm + 110.0])
+    across = across @ trimesh.transformations.rotation_matrix(0.5 * np.pi, [0, 1, 0])
+    parts = [
+        cylinder(14.0, back_mm, flange_mm - back_mm),
+        cylinder(37.5, flange_mm, 12.0),
+        cylinder(42.0, flange_mm + 12.0, 140.0),
+        trimesh.creation.cylinder(46.0, 190.0, sections=64, transform=across),
+    ]
+    body = [edges[None, ::-1]] if jig.convex else []  # the cut face
+    arm = np.concatenate([*body, *(part.triangles for part in parts)])
+    room = 3000.0
+    wall = _quad([-room, -room, wall_z_mm], [2 * room, 0, 120.0], [0, 2 * room, 0])
+    table = _quad([-room, table_y_mm, 300.0], [2 * room, 0, 0], [0, 0, room])
+    triangles = np.concatenate([apply(scanner_T_jig, np.concatenate([faces, arm])), wall, table])
+    label = np.zeros(len(triangles), dtype=np.int8)
+    label[:3] = (1, 2, 3)
+    return triangles, label
+
+
+def _quad(corner: list[float], side: list[float], other_side: list[float]) -> Array:
+    """Two triangles (2, 3, 3)."""
+    p, u, v = np.array(corner), np.array(side), np.array(other_side)
+    return np.array([[p, p + u, p + u + v], [p, p + u + v, p + v]])
