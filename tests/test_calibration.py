@@ -177,7 +177,7 @@ def test_all_poses_alike_are_refused() -> None:
     same = replace(dataset, poses=replace(dataset.poses, q=np.zeros_like(dataset.poses.q)))
     assert same.points is not None
     noise = np.random.default_rng(0).normal(size=(64, 3)) * 0.05
-    stands = same.with_points(Points(same.points.pose, noise + [1.0, 2.0, 3.0], same.points.target))
+    stands = same.with_points(Points(same.points.pose, noise + np.array([1.0, 2.0, 3.0]), same.points.target))
     verdict = check(stands)
     assert not any(f.name == "fit" and f.passed for f in verdict.findings)
 

@@ -64,7 +64,7 @@ def test_no_small_motion_improves_the_best_fit(seed: int) -> None:
 
 def test_points_on_a_line_still_give_a_rotation() -> None:
     line = np.outer(np.linspace(0, 100, 5), [1.0, 2.0, 0.5])
-    moved = line + [10.0, 0.0, 0.0]
+    moved = line + np.array([10.0, 0.0, 0.0])
     found = frames.best_fit_transform(line, moved)
     assert np.linalg.det(found[:3, :3]) == pytest.approx(1.0)
     np.testing.assert_allclose(frames.apply(found, line), moved, atol=1e-9)
