@@ -16,7 +16,8 @@ GROUP_COLOURS = (
     "#882255",
     "#6699CC",
 )
-REJECTED = "#9AA0A6"  # what a filter or the choice of the three planes left out
+REJECTED = "#8A9099"  # what a filter or the choice of the three planes left out
+SCAN_ON_LIGHT, SCAN_ON_DARK = "#5F6B7A", "#C9D1DC"  # points of the selected scan that are on no face
 UNKNOWN = "#8A8F98"  # a role or pose of which nothing is known
 FAILED = "#B3261E"
 

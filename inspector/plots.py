@@ -91,7 +91,11 @@ def _why_missing(names: Sequence[str], silent: Sequence[str]) -> NDArray:
 
 
 def convergence(
-    train_rmse_mm: Sequence[float], test_rmse_mm: Sequence[float] | None = None, *, dark: bool = False
+    train_rmse_mm: Sequence[float],
+    test_rmse_mm: Sequence[float] | None = None,
+    *,
+    what: str = "3D",
+    dark: bool = False,
 ) -> go.Figure:
     """Error per iteration, logarithmic; iteration 0 is the nominal robot."""
     fig = go.Figure()
@@ -99,6 +103,8 @@ def convergence(
         if values is None or not len(values):
             continue
         y = np.asarray(values, dtype=float)
+        if np.isnan(y).all():  # no poses of this role
+            continue
         fig.add_trace(
             go.Scatter(
                 x=np.arange(len(y)),
@@ -107,13 +113,32 @@ def convergence(
                 name=ROLE_WORDS[role],
                 line={"color": ROLE_COLOURS[role], "width": 2},
                 marker={"size": 7, "symbol": "circle" if role == "train" else "diamond"},
-                hovertemplate="iteration %{x}<br>" + ROLE_WORDS[role] + " RMSE %{y:.4g} mm<extra></extra>",
+                hovertemplate="iteration %{x}<br>"
+                + ROLE_WORDS[role]
+                + f" {what} RMSE %{{y:.4g}} mm<extra></extra>",
             )
         )
     _style(fig, dark, margin={"l": 56, "r": 12, "t": 30, "b": 42})
-    fig.update_yaxes(type="log", title="RMSE, mm", exponentformat="power", nticks=8, automargin=True)
+    ticks = _log_ticks([v for trace in fig.data for v in trace.y if np.isfinite(v)])
+    fig.update_yaxes(
+        type="log",
+        title=f"{what} RMSE, mm",
+        automargin=True,
+        tickvals=ticks,
+        ticktext=[f"{t:g}" for t in ticks],
+    )
     fig.update_xaxes(title="iteration (0 = nominal)", rangemode="tozero", dtick=_whole_steps(fig))
     return fig
+
+
+def _log_ticks(values: Sequence[float]) -> list[float]:
+    """1, 2, 5, 10, ... over the values' range; only powers of ten where that is wide."""
+    if not len(values):
+        return []
+    low, high = np.floor(np.log10(min(values))), np.ceil(np.log10(max(values)))
+    steps = (1,) if high - low > 3 else (1, 2, 5)
+    every = max(1, int((high - low) // 8))
+    return [float(f"{s}e{int(e)}") for e in np.arange(low, high + 1, every) for s in steps]
 
 
 def _whole_steps(fig: go.Figure) -> int:
@@ -134,7 +159,7 @@ def pose_residuals(
     values = np.asarray(residual_mm, dtype=float)
     names = [escape(name) for name in ids]  # plotly reads a little markup in labels
     fig = go.Figure()
-    for role in dict.fromkeys(roles):
+    for role in sorted(set(roles), key=lambda r: list(ROLE_COLOURS).index(r) if r in ROLE_COLOURS else 99):
         at = [i for i, r in enumerate(roles) if r == role]
         fig.add_trace(
             go.Bar(
@@ -180,6 +205,7 @@ def _style(fig: go.Figure, dark: bool, margin: dict[str, int]) -> None:
         },
         hoverlabel={"font": {"size": 12}},
         dragmode=False,
+        showlegend=True,
     )
     fig.update_xaxes(gridcolor=grid, linecolor=grid)
     fig.update_yaxes(gridcolor=grid, linecolor=grid)

@@ -13,8 +13,8 @@ import numpy as np
 import viser
 from numpy.typing import ArrayLike, NDArray
 
-from inspector.palette import FACE_COLOURS, REJECTED, group_colour, rgb
-from inspector.shapes import disc, ellipsoids, facing, thin, unit_sphere
+from inspector.palette import FACE_COLOURS, REJECTED, SCAN_ON_DARK, SCAN_ON_LIGHT, rgb
+from inspector.shapes import disc, ellipsoids, facing, shaded, thin, unit_sphere
 
 M_PER_MM = 1e-3
 DETAIL_POINTS = 200_000  # of the selected scan; 3 MB at single precision
@@ -22,7 +22,7 @@ OVERVIEW_POINTS = 3_000  # of each other scan, at most
 OVERVIEW_TOTAL = 200_000
 DRAWN_SETS = 2_000
 DRAWN_GROUPS = 40
-CLOUD_GREY = (140, 146, 156)
+NUMBERED_GROUPS = 6  # and the chosen ones
 
 ROOT = "/scene"
 LAYERS = ("overview", "scan", "faces", "sets", "rejected", "groups", "corner", "corners", "scanner")
@@ -47,6 +47,7 @@ class SceneView:
         self._hidden_overview: int | None = None
         self._drawn: dict[str, list[viser.SceneNodeHandle]] = {name: [] for name in LAYERS}
         self._point_m = 1.2 * M_PER_MM
+        self._scan_colour = SCAN_ON_LIGHT
         self._draw_scanner()
 
     def _replace(self, layer: str, nodes: Sequence[viser.SceneNodeHandle]) -> None:
@@ -91,6 +92,13 @@ class SceneView:
                 client.camera.look_at = np.zeros(3)
                 client.camera.up_direction = np.array([0.0, -1.0, 0.0])
 
+    def dark(self, dark: bool) -> None:
+        """The selected scan stands out from a dark or a light background."""
+        self._scan_colour = SCAN_ON_DARK if dark else SCAN_ON_LIGHT
+        for node in self._drawn["scan"]:
+            if isinstance(node, viser.PointCloudHandle):
+                node.colors = np.array(rgb(self._scan_colour), dtype=np.uint8)
+
     def point_size(self, size_mm: float) -> None:
         """Diameter of the points of all clouds."""
         self._point_m = size_mm * M_PER_MM
@@ -108,10 +116,13 @@ class SceneView:
 
     # ---- scans ------------------------------------------------------------------------------------------------------
 
-    def draw_overview(self, index: int, points_mm: NDArray, colour: str, scans: int) -> None:
-        """One scan of many, in few points."""
+    def draw_overview(
+        self, index: int, points_mm: NDArray, colour: str, scans: int, normals: NDArray | None = None
+    ) -> None:
+        """One of so many scans, in few points, lit from the side where their normals are known."""
         kept = thin(points_mm, max(200, min(OVERVIEW_POINTS, OVERVIEW_TOTAL // max(scans, 1))))
-        cloud = self._cloud(f"{ROOT}/overview/{index}", points_mm[kept], rgb(colour), self._point_m)
+        colours = shaded(np.array(rgb(colour)), normals[kept]) if normals is not None else rgb(colour)
+        cloud = self._cloud(f"{ROOT}/overview/{index}", points_mm[kept], colours, self._point_m)
         cloud.visible = index != self._hidden_overview
         self._overview[index] = cloud
 
@@ -141,7 +152,7 @@ class SceneView:
         with self._server.atomic():
             self._replace(
                 "scan",
-                [self._cloud(f"{ROOT}/scan/points", points[rest], CLOUD_GREY, self._point_m)]
+                [self._cloud(f"{ROOT}/scan/points", points[rest], rgb(self._scan_colour), self._point_m)]
                 if rest.any()
                 else [],
             )
@@ -163,20 +174,17 @@ class SceneView:
     # ---- sample sets and plane groups -------------------------------------------------------------------------------
 
     def draw_sets(
-        self, points_mm: NDArray, normals: NDArray, group_of: NDArray, rejected_mm: NDArray, grey: set[int]
+        self, points_mm: NDArray, normals: NDArray, colours: Sequence[str | None], rejected_mm: NDArray
     ) -> None:
         """Passing sets as quadrilaterals with a normal, in their group's colour; rejected ones as grey points.
 
-        points_mm  # (K, 4, 3); normals (K, 3); group_of (K,) index, -1: in none; rejected_mm (R, 3) centroids.
+        points_mm  # (K, 4, 3); normals (K, 3); colours (K,), None: in no group; rejected_mm (R, 3) centroids.
         """
         step = max(1, -(-len(points_mm) // DRAWN_SETS))
-        points, normals, group_of = points_mm[::step], normals[::step], group_of[::step]
+        points, normals = points_mm[::step], normals[::step]
         nodes: list[viser.SceneNodeHandle] = []
         if len(points):
-            colours = np.array(
-                [rgb(REJECTED if g < 0 or g in grey else group_colour(int(g))) for g in group_of],
-                dtype=np.uint8,
-            )
+            rgbs = np.array([rgb(c or REJECTED) for c in colours[::step]], dtype=np.uint8)
             loop = np.stack([points, np.roll(points, -1, axis=1)], axis=2).reshape(-1, 2, 3)
             centre = points.mean(axis=1)
             tick = np.stack([centre, centre + 4.0 * normals], axis=1)
@@ -184,7 +192,7 @@ class SceneView:
                 self._scene.add_line_segments(
                     f"{ROOT}/sets/lines",
                     to_scene(np.concatenate([loop, tick])),
-                    np.repeat(np.concatenate([np.repeat(colours, 4, axis=0), colours])[:, None], 2, axis=1),
+                    np.repeat(np.concatenate([np.repeat(rgbs, 4, axis=0), rgbs])[:, None], 2, axis=1),
                     thickness=1.5,
                     thickness_units="screen",
                 )
@@ -205,9 +213,9 @@ class SceneView:
         normals: NDArray,
         radii_mm: NDArray,
         colours: Sequence[str],
-        labels: Sequence[str],
+        chosen: Sequence[bool],
     ) -> None:
-        """Each plane group as a disc with its number. (G, 3), (G, 3), (G,), G, G; the first forty."""
+        """Each plane group as a disc, the chosen ones stronger, with its number. (G, 3), (G, 3), (G,), G, G."""
         centres, normals, radii = centres_mm[:DRAWN_GROUPS], normals[:DRAWN_GROUPS], radii_mm[:DRAWN_GROUPS]
         nodes: list[viser.SceneNodeHandle] = []
         if len(centres):
@@ -218,13 +226,14 @@ class SceneView:
                     f"{ROOT}/groups/discs", vertices, faces, facing(normals), to_scene(centres),
                     batched_scales=np.stack([scale, scale, scale], axis=1),
                     batched_colors=np.array([rgb(c) for c in colours[:DRAWN_GROUPS]], dtype=np.uint8),
-                    opacity=0.45, side="double", lod="off", cast_shadow=False, receive_shadow=False,
+                    opacity=0.5, batched_opacities=np.where(chosen[:DRAWN_GROUPS], 1.0, 0.3), side="double", lod="off",
+                    cast_shadow=False, receive_shadow=False,
                 )
             )  # fmt: skip
-            for i, text in enumerate(labels[:12]):
+            for i in [i for i in range(len(centres)) if chosen[i] or i < NUMBERED_GROUPS]:
                 nodes.append(
                     self._scene.add_label(
-                        f"{ROOT}/groups/label{i}", text, position=tuple(to_scene(centres[i]).astype(float)),
+                        f"{ROOT}/groups/label{i}", str(i + 1), position=tuple(to_scene(centres[i]).astype(float)),
                         font_screen_scale=0.75, anchor="center-center",
                     )
                 )  # fmt: skip

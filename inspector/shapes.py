@@ -23,6 +23,13 @@ def thin(points_mm: NDArray, limit: int) -> NDArray:
         edge *= max(1.05, np.sqrt(len(kept) / limit))
 
 
+def shaded(colour: NDArray, normals: NDArray) -> NDArray:
+    """Colours (N, 3) uint8 of one colour (3,) on surfaces with these normals, lit from above beside the scanner."""
+    light = np.array([-0.55, -0.70, -0.45])
+    lit = np.clip(normals @ (light / np.linalg.norm(light)), 0, 1)
+    return np.asarray(np.clip(colour * (0.45 + 0.65 * lit)[:, None], 0, 255), dtype=np.uint8)
+
+
 def ellipsoids(covariance_mm2: NDArray, factor: float) -> tuple[NDArray, NDArray]:
     """Orientations wxyz (N, 4) and half axes (N, 3) in mm of the 1-sigma ellipsoids, `factor` times enlarged."""
     variance, axes = np.linalg.eigh(np.asarray(covariance_mm2, dtype=float))

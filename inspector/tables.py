@@ -31,11 +31,11 @@ def table(
     *,
     left: int = 1,
     mark: int | None = None,
-    height_px: int | None = None,
+    height: str = "",
 ) -> str:
     """A compact table: the first `left` columns to the left, numbers to the right; row `mark` is emphasised.
 
-    Cells are escaped unless they are `Html`. `height_px` makes a long table scroll inside the panel.
+    Cells are escaped unless they are `Html`. `height` (CSS) makes a longer table scroll by itself.
     """
 
     def cell(tag: str, column: int, value: object, extra: str = "") -> str:
@@ -47,7 +47,7 @@ def table(
     for number, row in enumerate(rows):
         style = ' style="background:rgba(86,180,233,0.22)"' if number == mark else ""
         body.append(f"<tr{style}>" + "".join(cell("td", i, v) for i, v in enumerate(row)) + "</tr>")
-    scroll = f"max-height:{height_px}px;overflow-y:auto;" if height_px else ""
+    scroll = f"max-height:{height};overflow-y:auto;" if height else ""
     return (
         f'<div style="overflow-x:auto;{scroll}margin:2px 10px 6px 10px">'
         '<table style="border-collapse:collapse;width:100%;font-size:12px;line-height:1.35;'

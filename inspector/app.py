@@ -1,0 +1,199 @@
+"""The web app: one page on a dataset, or on a folder of datasets.
+
+Widgets ask (`App`'s methods, on any of viser's threads), the worker's one thread does (`stage.Stage`). A request names
+what it is about, so of twenty slider messages the last one counts and a button never runs beside itself.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import viser
+
+from calib.dataset_file import find_datasets
+from calib.errors import CalibError, DatasetError
+from inspector.panels.base import LOOKS, RESIDUALS
+from inspector.panels.corner import CornerPanel
+from inspector.panels.fit import FitPanel
+from inspector.panels.planes import PlanesPanel
+from inspector.panels.redundancy import RedundancyPanel
+from inspector.panels.review import ReviewPanel
+from inspector.panels.scans import ScansPanel
+from inspector.scene import LAYERS
+from inspector.server import LOOPBACK, InspectorServer, start_server, tell, url_of
+from inspector.stage import Stage
+from inspector.worker import Worker
+
+log = logging.getLogger(__name__)
+
+
+class App:
+    """The page with its thread; `serving` makes one."""
+
+    def __init__(self, server: InspectorServer, folders: Sequence[Path]) -> None:
+        self.server = server
+        named = dict(zip(names_of(folders), folders, strict=True))
+        self._known = tuple(named)
+        self._asking = threading.Lock()
+        self._wanted = 0  # the pose asked for last
+        self.stage = self._build(named)
+        self.worker = Worker(self._failed)
+        self.open(self._known[0])
+
+    def _build(self, folders: dict[str, Path]) -> Stage:
+        gui = self.server.gui
+        left = gui.add_panel()
+        with left.add_tab("Review", icon=viser.Icon.LIST_SEARCH):
+            review = ReviewPanel(gui, self, tuple(folders))
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Scans"):
+            scans = ScansPanel(gui, self)
+        with tabs.add_tab("Planes"):
+            planes = PlanesPanel(gui, self)
+        with tabs.add_tab("Corner"):
+            corner = CornerPanel(gui, self)
+        with tabs.add_tab("Redundancy"):
+            redundancy = RedundancyPanel(gui, self)
+        with tabs.add_tab("Fit"):
+            fit = FitPanel(gui, self)
+        left.dock_left()
+        left.set_width(290)
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(440)
+        return Stage(
+            self.server, folders, review=review, scans=scans, planes=planes, corner=corner, redundancy=redundancy,
+            fit=fit, on_click=self.select,
+        )  # fmt: skip
+
+    def close(self) -> None:
+        """End the work and the server."""
+        self.worker.stop()
+        self.server.stop()
+
+    def _failed(self, key: Hashable, error: Exception) -> None:
+        """Tell the user of a job that failed: in every page now, and in the left panel for those who come later."""
+        if isinstance(error, CalibError):
+            text = str(error)
+        else:
+            log.error("%s failed", key, exc_info=error)
+            text = f"Something went wrong inside the program ({type(error).__name__}: {error}); the terminal says more."
+        self.stage.review.show_problem(text)
+        tell(self.server, "That did not work", text)
+
+    # ---- what widgets ask for ---------------------------------------------------------------------------------------
+
+    def open(self, name: str) -> None:
+        """Show another dataset."""
+        if name in self._known:
+            with self._asking:
+                self._wanted = 0
+            self.worker.submit("open", lambda: self.stage.open(name))
+
+    def select(self, pose: int) -> None:
+        """Select a pose by its index."""
+        self._want(lambda _: pose)
+
+    def step(self, by: int) -> None:
+        """Go on to the next poses or back; ten presses are ten poses."""
+        self._want(lambda current: current + by)
+
+    def _want(self, pose: Callable[[int], int]) -> None:
+        view = self.stage.view
+        if view is None:
+            return
+        with self._asking:
+            self._wanted = min(max(pose(self._wanted), 0), len(view.session.dataset.poses) - 1)
+        self.worker.submit("select", lambda: self.stage.select(self._wanted))
+
+    def look(self, what: str) -> None:
+        """Show the layers of a view and put the camera there."""
+        if what in LOOKS:
+            self.worker.submit("look", lambda: self.stage.look(what))
+
+    def layer(self, name: str, visible: bool) -> None:
+        """Show or hide one layer."""
+        if name in LAYERS:
+            self.worker.submit(("layer", name), lambda: self.stage.layer(name, visible))
+
+    def dark(self, dark: bool) -> None:
+        """Page and figures dark or light."""
+        self.worker.submit("dark", lambda: self.stage.dark(dark))
+
+    def factor(self, factor: float) -> None:
+        """How much larger the uncertainty is drawn."""
+        self.worker.submit("factor", lambda: self.stage.change(factor=factor))
+
+    def grey_rejected(self, grey: bool) -> None:
+        """Grey for the plane groups that were not chosen, or each in its own colour."""
+        self.worker.submit("grey", lambda: self.stage.change(grey_rejected=grey))
+
+    def point_size(self, size_mm: float) -> None:
+        """Diameter of the points."""
+        self.worker.submit("point size", lambda: self.stage.scene.point_size(size_mm))
+
+    def search(self, go_on: bool) -> None:
+        """Stop searching the scans, or go on."""
+        if go_on:
+            self.worker.submit("open", self.stage.process)
+        elif self.worker.cancel("open"):
+            self.worker.submit("stopped", self.stage.stopped)
+
+    def redundancy(self, residual: str) -> None:
+        """Analyse the parameters for distances or positions."""
+        if residual in RESIDUALS:
+            self.worker.submit("redundancy", lambda: self.stage.analyse(residual))
+
+    def correlation(self) -> None:
+        """Show the part of the correlation matrix that is chosen now."""
+        self.worker.submit("correlation", self.stage.show_correlation)
+
+    def calibrate(self, residual: str) -> None:
+        """Fit the robot's parameters to distances or positions."""
+        if residual in RESIDUALS:
+            self.worker.submit("calibrate", lambda: self.stage.calibrate(residual))
+
+
+def names_of(folders: Sequence[Path]) -> list[str]:
+    """A name for each dataset folder, its own where that tells them apart."""
+    names = [folder.resolve().name for folder in folders]
+    return [
+        str(folder) if names.count(name) > 1 else name for folder, name in zip(folders, names, strict=True)
+    ]
+
+
+@contextmanager
+def serving(path: Path, *, host: str = LOOPBACK, port: int = 8080) -> Iterator[App]:
+    """The app on a dataset folder or a folder of datasets, while inside.
+
+    Raises:
+        DatasetError: no dataset at `path`.
+        ServerError: the address cannot be served on.
+    """
+    folders = find_datasets(path)
+    if not folders:
+        raise DatasetError(f"{path}: no dataset here; a dataset is a folder with a dataset.toml")
+    server = start_server(host, port, label="Calibration inspector")
+    app = App(server, folders)
+    try:
+        yield app
+    finally:
+        app.close()
+
+
+def serve(path: Path, *, host: str = LOOPBACK, port: int = 8080) -> None:
+    """Serve until interrupted (Ctrl-C); says on stdout where the page is.
+
+    Raises: as `serving`.
+    """
+    with serving(path, host=host, port=port) as app:
+        sys.stdout.write(f"Open {url_of(app.server)} in a browser. Ctrl-C ends.\n")
+        sys.stdout.flush()
+        try:
+            threading.Event().wait()
+        except KeyboardInterrupt:
+            sys.stdout.write("\n")

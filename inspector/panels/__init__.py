@@ -1,0 +1,1 @@
+"""The panels of the page, one module each: widgets that ask the app for something, and an `update` that shows it."""

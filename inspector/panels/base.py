@@ -1,0 +1,90 @@
+"""What every panel knows: the view that it shows, and what it may ask the app for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from calib.corners import CornerSearch
+from calib.residuals import RESIDUAL_KINDS
+from inspector.session import Session
+
+RESIDUALS = RESIDUAL_KINDS
+LOOKS = ("All scans", "Scan", "Planes", "Corner")
+FACTORS = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000)  # enlargements of the uncertainty ellipsoids
+
+
+@dataclass(frozen=True)
+class View:
+    """What is on show: one session, one pose, everywhere the same."""
+
+    session: Session
+    pose: int = 0
+    dark: bool = False
+    factor: float = 1000.0
+    grey_rejected: bool = True
+    failures: dict[str, str] = field(default_factory=dict)  # scans that could not be read, by pose id
+
+    @property
+    def pose_id(self) -> str:
+        """The id of the selected pose."""
+        return self.session.dataset.poses.ids[self.pose]
+
+    @property
+    def search(self) -> CornerSearch | None:
+        """What was found in the selected pose's scan, as far as it has been searched."""
+        return self.session.searches.get(self.pose_id)
+
+
+class Actions(Protocol):
+    """What a widget may ask for. Each call returns at once; the work is done in order on the app's one thread."""
+
+    def open(self, name: str) -> None: ...
+    def select(self, pose: int) -> None: ...
+    def step(self, by: int) -> None: ...
+    def look(self, what: str) -> None: ...
+    def layer(self, name: str, visible: bool) -> None: ...
+    def dark(self, dark: bool) -> None: ...
+    def factor(self, factor: float) -> None: ...
+    def point_size(self, size_mm: float) -> None: ...
+    def grey_rejected(self, grey: bool) -> None: ...
+    def search(self, go_on: bool) -> None: ...
+    def redundancy(self, residual: str) -> None: ...
+    def calibrate(self, residual: str) -> None: ...
+    def correlation(self) -> None: ...
+
+
+def by_page(event: Any) -> bool:
+    """Whether a page changed the widget, and not this program itself (viser calls back for both)."""
+    return event.client_id is not None
+
+
+def put(handle: Any, value: Any) -> None:
+    """Show a value in a widget (viser's own annotation takes its `value` for read-only)."""
+    handle.value = value
+
+
+def hidden_plot(gui: viser.GuiApi, aspect: float) -> viser.GuiPlotlyHandle:
+    """A figure that is shown once there is something in it. aspect: height over width."""
+    import plotly.graph_objects as go
+
+    return gui.add_plotly(go.Figure(), aspect=aspect, visible=False, config={"displayModeBar": False})
+
+
+def corner_of(view: View, pose: int) -> tuple[NDArray, NDArray | None] | None:
+    """The measured point of a pose, (3,) mm, and its covariance (3, 3): from points.csv, else from its scan."""
+    points = view.session.dataset.points
+    if points is not None:
+        rows = np.flatnonzero((points.pose == pose) & (points.target == "jig"))
+        if not len(rows):
+            return None
+        covariance = None if points.covariance_mm2 is None else points.covariance_mm2[rows[0]]
+        return points.xyz_mm[rows].mean(axis=0), covariance
+    search = view.session.searches.get(view.session.dataset.poses.ids[pose])
+    if search is None or search.corner is None:
+        return None
+    return search.corner.xyz_mm, search.corner.covariance_mm2

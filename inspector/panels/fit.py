@@ -1,0 +1,152 @@
+"""Tab Fit: how the error fell, before and after, and what the parameters became."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import viser
+
+from calib.calibration import Calibration
+from inspector import tables
+from inspector.palette import ROLE_COLOURS
+from inspector.panels import words
+from inspector.panels.base import RESIDUALS, Actions, View, hidden_plot
+from inspector.plots import convergence, parameter_label, pose_residuals
+from inspector.server import one_of
+
+NOTE = (
+    "Training poses are fitted, test poses only predicted. A test error that stays far above the training error means "
+    "too many parameters or physics that is not in the model. Look for single poses that stand out."
+)
+FIGURES = (
+    ("rmse_mm", "3D RMSE"),
+    ("mean_mm", "3D mean"),
+    ("max_mm", "3D max"),
+    ("distance_mean_mm", "distance mean"),
+    ("distance_max_mm", "distance max"),
+)
+
+
+class FitPanel:
+    """The calibration in figures and tables."""
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
+        gui.add_html(tables.note(NOTE))
+        self.residual = gui.add_dropdown(
+            "Fit",
+            RESIDUALS,
+            hint="position: points, the scanner's frame free; distance: from the reference pose (Jang)",
+        )
+        self.calibrate = gui.add_button("Calibrate", icon=viser.Icon.TARGET_ARROW)
+        self._state = gui.add_html("")
+        self._convergence = hidden_plot(gui, 0.62)
+        self._figures = gui.add_html("")
+        self._residuals = hidden_plot(gui, 0.62)
+        self._parameters = gui.add_html("")
+        self.calibrate.on_click(
+            lambda _: actions.calibrate(one_of(self.residual.value, RESIDUALS, RESIDUALS[0]))
+        )
+
+    def busy(self, busy: bool) -> None:
+        """While the fit runs the button rests."""
+        self.calibrate.disabled = busy
+        self.calibrate.label = "Calibrating …" if busy else "Calibrate"
+
+    def update(self, view: View, *, waiting: str = "") -> None:
+        """The session's calibration; `waiting` says why there is none yet."""
+        result = view.session.calibration
+        self._convergence.visible = self._residuals.visible = result is not None
+        if result is None:
+            self._state.content = tables.note(waiting or "Not calibrated yet.")
+            self._figures.content = self._parameters.content = ""
+            return
+        self._state.content = state_html(result)
+        distances = result.residual == "distance"
+        train = [s.train_distance_rmse_mm if distances else s.train_rmse_mm for s in result.steps]
+        test = [s.test_distance_rmse_mm if distances else s.test_rmse_mm for s in result.steps]
+        self._convergence.figure = convergence(train, test, what=what_is_fitted(result), dark=view.dark)
+        self._figures.content = figures_html(result)
+        self._parameters.content = parameters_html(result)
+        self.update_residuals(view)
+
+    def update_residuals(self, view: View) -> None:
+        """The error of each pose after the fit, the selected one outlined."""
+        result = view.session.calibration
+        if result is None:
+            return
+        errors = result.after.to_frame(result.dataset)
+        column = "distance_error_mm" if result.residual == "distance" else "error_mm"
+        errors = errors.dropna(subset=[column])
+        self._residuals.figure = pose_residuals(
+            errors["pose"].tolist(),
+            errors["role"].tolist(),
+            errors[column].abs().to_numpy(),
+            selected=view.pose_id,
+            what=f"{what_is_fitted(result)} error after",
+            dark=view.dark,
+        )
+
+
+def what_is_fitted(result: Calibration) -> str:
+    """The error that the figures show."""
+    return "distance" if result.residual == "distance" else "3D"
+
+
+def state_html(result: Calibration) -> str:
+    """What kind of fit it was and how it ended."""
+    fit = result.fit
+    rows: list[tuple[str, object]] = [
+        ("residual", f"{result.residual}, {words.count(fit.rows, 'equation')}"),
+        ("parameters", f"{len(fit.parameters)}, of which {fit.rank} can be told apart"),
+        ("iterations", len(result.steps) - 1),
+        ("ended", fit.reason),
+    ]
+    if np.isfinite(result.sigma_mm):
+        rows.append(("residual sigma, one axis", words.length(result.sigma_mm)))
+    return tables.facts(rows) + "".join(tables.alert(w, colour="#E69F00") for w in result.warnings)
+
+
+def figures_html(result: Calibration) -> str:
+    """Before and after, training and test, with the reduction."""
+    rows: list[tuple[object, ...]] = []
+    for role, before, after in (
+        ("train", result.before.train, result.after.train),
+        ("test", result.before.test, result.after.test),
+    ):
+        if before is None or after is None:
+            continue
+        for key, name in FIGURES:
+            b, a = float(getattr(before, key)), float(getattr(after, key))
+            named = tables.named_swatch(ROLE_COLOURS[role], f"{words.role(role)} {name}")
+            rows.append((named, words.millimetres(b), words.millimetres(a), words.reduction(b, a)))
+    return tables.heading("Errors before and after, mm") + tables.table(
+        ("", "before", "after", "reduction"), rows
+    )
+
+
+def parameters_html(result: Calibration) -> str:
+    """Name, nominal, fitted, change, sigma, unit; what the data do not know is said."""
+    rows = []
+    for row in result.to_frame().to_dict("records"):
+        angle = row["unit"] == "rad"  # people read degrees, as the files have them
+        nominal, value, change, sigma = (
+            math.degrees(row[key]) if angle else row[key] for key in ("nominal", "value", "change", "sigma")
+        )
+        rows.append(
+            (
+                parameter_label(str(row["name"])),
+                f"{nominal:.4f}",
+                f"{value:.4f}",
+                f"{change:+.4f}",
+                f"{sigma:.2g}" + ("" if row["known"] else " *"),
+                "°" if angle else row["unit"],
+            )
+        )
+    return (
+        tables.heading("Parameters")
+        + tables.table(("name", "nominal", "fitted", "change", "sigma", "unit"), rows, height="420px")
+        + tables.note(
+            "* the data tell next to nothing of it by itself: the value is held by its tolerance, or shared."
+        )
+    )

@@ -1,0 +1,138 @@
+"""Tab Planes: sample sets, what the filters made of them, plane groups, and which three became the faces."""
+
+from __future__ import annotations
+
+import viser
+
+from calib.corners import CornerSearch
+from inspector import tables
+from inspector.palette import FACE_COLOURS, REJECTED, group_colour
+from inspector.panels import words
+from inspector.panels.base import Actions, View
+
+NOTE = (
+    "Each sample set is four points that may lie on one plane. Sets that pass all three filters join into plane "
+    "groups; three groups, mutually perpendicular, become the jig's faces. Look for a face that is cut short, two "
+    "groups on one face, or a face that sits on the flange."
+)
+WHY_NOT = (
+    "Not chosen: it makes no right angles with two other groups near each other, or its points do not fill the "
+    "outline of a face of the jig, or spill over it (a wall, the flange, the arm)."
+)
+WHY_NONE = "None was chosen: no three groups are mutually perpendicular and fill the outline of the jig."
+SHOWN_GROUPS = 15
+
+
+class PlanesPanel:
+    """Counts and groups of the selected pose."""
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
+        gui.add_html(tables.note(NOTE))
+        gui.add_button_group("In 3D", ("Show the planes",)).on_click(lambda _: actions.look("Planes"))
+        self._content = gui.add_html("")
+
+    def update(self, view: View) -> None:
+        """The selected pose's search."""
+        self._content.content = planes_html(view)
+
+
+def planes_html(view: View) -> str:
+    """The whole tab for one pose."""
+    search = view.search
+    title = tables.heading(f"Pose {view.pose_id}")
+    if search is None:
+        if view.session.dataset.scan_path(view.pose) is None:
+            return title + tables.note("This pose has no scan, so there are no planes to look at.")
+        return title + tables.note("This scan has not been searched yet.")
+    failure = tables.alert(f"No corner: {search.failure}") if search.failure else ""
+    return (
+        title + failure + filter_table(search) + face_table(search) + group_table(search, view.grey_rejected)
+    )
+
+
+def filter_table(search: CornerSearch) -> str:
+    """How many sets each filter took away."""
+    counts = search.filter_counts()
+    drawn = max(counts["drawn"], 1)
+    names = (
+        ("drawn", "drawn"),
+        ("filter1", "rejected by filter 1: too close or too far apart"),
+        ("filter2", "rejected by filter 2: point normals disagree"),
+        ("filter3", "rejected by filter 3: triangles off the normals"),
+        ("passed", "passed"),
+    )
+    rows = [(label, f"{counts[key]:,}", f"{100 * counts[key] / drawn:.1f} %") for key, label in names]
+    return tables.heading("Sample sets") + tables.table(("", "sets", "share"), rows)
+
+
+def face_table(search: CornerSearch) -> str:
+    """The three faces after refinement on all their points."""
+    if search.corner is None:
+        return ""
+    rows = []
+    for number, face in enumerate(search.corner.faces):
+        of = f"group {face.group + 1}" if face.group >= 0 else "voted for (no group)"
+        rows.append(
+            (
+                tables.named_swatch(FACE_COLOURS[number], f"face {number + 1}"),
+                of,
+                f"{face.points:,}",
+                words.length(face.rms_mm),
+                _vector(face.normal),
+            )
+        )
+    return tables.heading("Faces of the jig") + tables.table(
+        ("face", "from", "points", "rms", "normal"), rows, left=2
+    )
+
+
+def group_state(search: CornerSearch, group: int) -> str:
+    """What became of a group."""
+    if search.corner is not None:
+        for number, face in enumerate(search.corner.faces):
+            if face.group == group:
+                return f"face {number + 1}"
+    if group in search.chosen:
+        return "chosen"
+    return "not chosen"
+
+
+def group_colours(search: CornerSearch, grey: bool) -> list[str]:
+    """A colour for each group: that of its face, else its own or grey."""
+    colours = [REJECTED if grey else group_colour(i) for i in range(len(search.groups))]
+    for i in search.chosen:
+        colours[i] = group_colour(i)
+    if search.corner is not None:
+        for number, face in enumerate(search.corner.faces):
+            if face.group >= 0:
+                colours[face.group] = FACE_COLOURS[number]
+    return colours
+
+
+def group_table(search: CornerSearch, grey: bool) -> str:
+    """The plane groups, those with most sets first."""
+    colours = group_colours(search, grey)
+    rows = []
+    for i, group in enumerate(search.groups[:SHOWN_GROUPS]):
+        rows.append(
+            (
+                tables.named_swatch(colours[i], i + 1),
+                group_state(search, i),
+                f"{len(group.sets):,}",
+                _vector(group.normal),
+                f"{group.offset_mm:.1f}",
+            )
+        )
+    rest = len(search.groups) - len(rows)
+    more = tables.note(f"and {words.count(rest, 'smaller group')}") if rest > 0 else ""
+    return (
+        tables.heading(f"Plane groups ({len(search.groups)})")
+        + tables.table(("group", "became", "sets", "normal", "offset, mm"), rows, left=2)
+        + more
+        + tables.note(WHY_NOT if search.chosen else WHY_NONE)
+    )
+
+
+def _vector(v: object) -> str:
+    x, y, z = (float(c) for c in v)  # type: ignore[attr-defined]
+    return f"{x:+.2f} {y:+.2f} {z:+.2f}"

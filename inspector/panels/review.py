@@ -1,0 +1,185 @@
+"""The left panel: which dataset, which pose, how far the search has come, and what the scene shows."""
+
+from __future__ import annotations
+
+import viser
+
+from inspector import tables
+from inspector.palette import FAILED, ROLE_COLOURS, ROLE_WORDS, role_colour
+from inspector.panels import words
+from inspector.panels.base import FACTORS, LOOKS, Actions, View, by_page, corner_of, put
+from inspector.server import clamped, one_of
+
+LAYER_WORDS = {
+    "scan": "This scan",
+    "faces": "Jig's faces",
+    "sets": "Sets passed",
+    "rejected": "Sets rejected",
+    "groups": "Plane groups",
+    "corner": "This corner",
+    "overview": "All scans",
+    "corners": "All corners",
+    "scanner": "Scanner",
+}
+LOOK_LAYERS = {
+    "All scans": {"overview", "scan", "faces", "corner", "corners"},
+    "Scan": {"scan", "faces", "corner"},
+    "Planes": {"faces", "sets", "rejected", "groups"},
+    "Corner": {"faces", "corner"},
+}
+PREVIOUS, NEXT = "◀ Previous", "Next ▶"
+
+
+class ReviewPanel:
+    """One selection for the whole page."""
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions, datasets: tuple[str, ...]) -> None:
+        self._actions = actions
+        self.dataset = gui.add_dropdown("Dataset", datasets, disabled=len(datasets) < 2)
+        self._about = gui.add_html("")
+        self.progress_text = gui.add_html(tables.note("Reading the dataset …"))
+        self.progress = gui.add_progress_bar(0, animated=True)
+        self.search = gui.add_button("Stop the search", visible=False, color="gray")
+        gui.add_divider()
+        self.pose = gui.add_dropdown("Pose", ("–",))
+        self.walk = gui.add_button_group("", (PREVIOUS, NEXT), hint="keys: P and N")
+        self._status = gui.add_html("")
+        gui.add_divider()
+        self.view = gui.add_button_group("3D view", LOOKS, hint="keys: 1 2 3 4")
+        self.layers: dict[str, viser.GuiCheckboxHandle] = {}
+        with gui.add_folder("Layers", expand_by_default=True):
+            for name, label in LAYER_WORDS.items():
+                self.layers[name] = gui.add_checkbox(label, name in LOOK_LAYERS[LOOKS[0]])
+        with gui.add_folder("Display", expand_by_default=False):
+            self.dark = gui.add_checkbox("Dark mode", False)
+            self.grey = gui.add_checkbox(
+                "Grey rejected", True, hint="plane groups that were not chosen are grey"
+            )
+            self.size = gui.add_slider("Points, mm", min=0.2, max=4.0, step=0.1, initial_value=1.2)
+            self.factor = gui.add_dropdown(
+                "Ellipsoids ×", tuple(str(f) for f in FACTORS), initial_value="1000",
+                hint="how many times larger than one standard deviation the uncertainty is drawn",
+            )  # fmt: skip
+        self._problem = gui.add_html("")
+        self._connect(gui)
+
+    def _connect(self, gui: viser.GuiApi) -> None:
+        a = self._actions
+        self.dataset.on_update(lambda e: a.open(str(e.target.value)) if by_page(e) else None)
+        self.pose.on_update(lambda e: self._chosen(str(e.target.value)) if by_page(e) else None)
+        self.walk.on_click(lambda e: a.step(1 if e.target.value == NEXT else -1))
+        self.view.on_click(lambda e: a.look(one_of(e.target.value, LOOKS, LOOKS[0])))
+        self.search.on_click(lambda _: a.search(self.search.label != "Stop the search"))
+        self.dark.on_update(lambda e: a.dark(bool(e.target.value)) if by_page(e) else None)
+        self.grey.on_update(lambda e: a.grey_rejected(bool(e.target.value)) if by_page(e) else None)
+        self.size.on_update(lambda e: a.point_size(clamped(e.target.value, 0.2, 4.0, 1.2)))
+        self.factor.on_update(
+            lambda e: (
+                a.factor(float(one_of(e.target.value, [str(f) for f in FACTORS], "1000")))
+                if by_page(e)
+                else None
+            )
+        )
+        for name, box in self.layers.items():
+            box.on_update(lambda e, name=name: a.layer(name, bool(e.target.value)) if by_page(e) else None)  # type: ignore[misc]
+        gui.add_command("Next pose", hotkey="N", icon=viser.Icon.ARROW_RIGHT).on_trigger(lambda _: a.step(1))
+        gui.add_command("Previous pose", hotkey="P", icon=viser.Icon.ARROW_LEFT).on_trigger(
+            lambda _: a.step(-1)
+        )
+        for key, look in zip("1234", LOOKS, strict=True):
+            gui.add_command(f"Look at: {look}", hotkey=key, icon=viser.Icon.EYE).on_trigger(  # type: ignore[arg-type]
+                lambda _, look=look: a.look(look)  # type: ignore[misc]
+            )
+        gui.add_command("Dark or light", hotkey="D", icon=viser.Icon.MOON).on_trigger(
+            lambda _: a.dark(not self.dark.value)
+        )
+
+    def _chosen(self, label: str) -> None:
+        options = list(self.pose.options)
+        if label in options:
+            self._actions.select(options.index(label))
+
+    # ---- showing ----------------------------------------------------------------------------------------------------
+
+    def set_poses(self, view: View) -> None:
+        """The list of poses of a dataset that was just opened."""
+        poses = view.session.dataset.poses
+        self.pose.options = tuple(
+            f"{i} · {words.role(str(r))}" for i, r in zip(poses.ids, poses.role, strict=True)
+        )
+
+    def update(self, view: View) -> None:
+        """Everything that depends on the selected pose or on what has been found."""
+        dataset = view.session.dataset
+        poses = dataset.poses
+        roles = [str(r) for r in poses.role]
+        self._about.content = tables.facts(
+            [
+                ("robot", dataset.robot.name),
+                ("poses", " · ".join(f"{roles.count(r)} {w}" for r, w in ROLE_WORDS.items() if r in roles)),
+                *([("scanner placements", len(set(poses.setup)))] if len(set(poses.setup)) > 1 else []),
+            ]
+        ) + "".join(tables.alert(w, colour="#E69F00") for w in dataset.warnings)  # fmt: skip
+        label = self.pose.options[view.pose]
+        if self.pose.value != label:
+            put(self.pose, label)
+        self._status.content = self._pose_status(view)
+
+    def _pose_status(self, view: View) -> str:
+        role = str(view.session.dataset.poses.role[view.pose])
+        place = f"{view.pose + 1} of {len(view.session.dataset.poses)}, {words.role(role)}"
+        rows: list[tuple[str, object]] = [("pose", tables.named_swatch(role_colour(role), place))]
+        setup = str(view.session.dataset.poses.setup[view.pose])
+        if setup:
+            rows.append(("scanner placement", setup))
+        found, search = corner_of(view, view.pose), view.search
+        alert = ""
+        if search is not None and search.failure:
+            alert = tables.alert(f"No corner: {search.failure}")
+        elif found is None:
+            waiting = view.session.dataset.scan_path(view.pose) is not None
+            rows.append(("corner", "waiting for the search" if waiting else "not measured"))
+        else:
+            rows.append(("corner", "found" if search is not None else "measured (points.csv)"))
+        return tables.facts(rows) + alert
+
+    def show_progress(
+        self, done: int, total: int, failed: int, *, running: bool, seconds: float | None = None
+    ) -> None:
+        """How far the search through the scans has come."""
+        if total == 0:
+            self.progress_text.content = tables.note(
+                "No scans to search: the points were measured (points.csv)."
+            )
+            self.progress.visible = self.search.visible = False
+            return
+        failures = f", {failed} failed" if failed else ""
+        if running:
+            text = f"Searching corners: {done} of {total} scans{failures}"
+        elif done < total:
+            text = f"Stopped: {done} of {total} scans searched{failures}"
+        else:
+            took = f" in {seconds:.0f} s" if seconds is not None else ""
+            text = f"{done - failed} of {total} corners found{took}{failures}"
+        self.progress_text.content = (
+            tables.alert(text, colour=FAILED) if failed and not running else tables.note(text)
+        )
+        put(self.progress, 100.0 * done / total)
+        self.progress.animated = running
+        self.progress.visible = done < total
+        self.search.label = "Stop the search" if running else "Go on searching"
+        self.search.visible = done < total
+
+    def show_layers(self, visible: set[str]) -> None:
+        """Tick the layers that are on show."""
+        for name, box in self.layers.items():
+            put(box, name in visible)
+
+    def show_problem(self, text: str) -> None:
+        """The last thing that went wrong, so that it outlives its notification."""
+        self._problem.content = tables.alert(text) if text else ""
+
+
+def roles_legend() -> str:
+    """Which colour is which role."""
+    return tables.legend((ROLE_COLOURS[r], w) for r, w in ROLE_WORDS.items())

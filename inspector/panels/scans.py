@@ -1,0 +1,104 @@
+"""Tab Scans: the scan of the selected pose, and the state of all of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+
+from calib.scan import Scan
+from inspector import tables
+from inspector.palette import FAILED, role_colour
+from inspector.panels import words
+from inspector.panels.base import Actions, View, corner_of
+from inspector.panels.review import roles_legend
+
+NOTE = (
+    "The selected scan in full, all others in few points, in the colour of their role. Look for scans that miss the "
+    "jig, are noisy, or stand apart from the rest."
+)
+
+
+class ScansPanel:
+    """What the selected scan is made of, and a table of all poses."""
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
+        gui.add_html(tables.note(NOTE))
+        gui.add_button_group("In 3D", ("Show all scans",)).on_click(lambda _: actions.look("All scans"))
+        self._scan = gui.add_html("")
+        self._all = gui.add_html("")
+
+    def update(self, view: View, scan: Scan | None, drawn: int) -> None:
+        """The selected scan's facts; `drawn` of its points are in the scene."""
+        self._scan.content = tables.heading(f"Pose {view.pose_id}") + scan_facts(view, scan, drawn)
+        self.update_list(view)
+
+    def update_list(self, view: View) -> None:
+        """The table of all poses."""
+        self._all.content = tables.heading("All poses") + roles_legend() + pose_table(view)
+
+
+def scan_facts(view: View, scan: Scan | None, drawn: int) -> str:
+    """File, size, extent and conditions of the selected pose."""
+    dataset, i = view.session.dataset, view.pose
+    poses = dataset.poses
+    rows: list[tuple[str, object]] = []
+    alert = ""
+    if view.pose_id in view.failures:
+        alert = tables.alert(view.failures[view.pose_id])
+    elif scan is not None:
+        extent = np.ptp(scan.points_mm, axis=0) if len(scan.points_mm) else np.zeros(3)
+        rows += [
+            ("file", poses.scan_names[i]),
+            ("points", f"{len(scan.points_mm):,} ({drawn:,} drawn)"),
+            ("extent x · y · z", " · ".join(f"{e:.0f}" for e in extent) + " mm"),
+        ]
+        if scan.dropped:
+            rows.append(("points without a value, left out", f"{scan.dropped:,}"))
+    else:
+        rows.append(("scan", "none: the point was measured (points.csv)"))
+    joints = zip(dataset.robot.joints, poses.q[i], strict=True)
+    rows.append(
+        (
+            "joints",
+            " · ".join(f"{np.degrees(q):.1f}°" if j.type == "revolute" else f"{q:.1f} mm" for j, q in joints),
+        )
+    )
+    for name, values, unit in (
+        ("payload", poses.payload_kg, "kg"),
+        ("temperature", poses.temperature_c, "°C"),
+        ("time", poses.time_s, "s"),
+    ):
+        if values is not None:
+            rows.append((name, f"{values[i]:g} {unit}"))
+    rows += [(str(column), poses.extra[column].iloc[i]) for column in poses.extra.columns]
+    return alert + tables.facts(rows)
+
+
+def pose_table(view: View) -> str:
+    """Each pose with its state; the selected one is marked."""
+    poses = view.session.dataset.poses
+    rows = []
+    for i, (pose_id, role) in enumerate(zip(poses.ids, poses.role, strict=True)):
+        search, found = view.session.searches.get(pose_id), corner_of(view, i)
+        sigma, rms, seconds = "–", "–", "–"
+        state: object = "waiting"
+        if search is not None:
+            seconds = f"{search.seconds:.2f}"
+        if search is not None and search.failure:
+            state = tables.named_swatch(FAILED, "failed")
+        elif found is not None:
+            state = "found" if search is not None else "measured"
+            if found[1] is not None:
+                sigma = words.length(float(np.sqrt(np.trace(found[1]))))
+            if search is not None and search.corner is not None:
+                rms = words.length(max(face.rms_mm for face in search.corner.faces))
+        elif view.session.dataset.scan_path(i) is None:
+            state = "none"
+        rows.append((tables.named_swatch(role_colour(str(role)), pose_id), state, sigma, rms, seconds))
+    return tables.table(
+        ("pose", "corner", "sigma", "worst face rms", "search, s"),
+        rows,
+        left=2,
+        mark=view.pose,
+        height="max(240px, calc(100vh - 400px))",
+    )

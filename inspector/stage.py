@@ -1,0 +1,342 @@
+"""What is on show, and every change of it. Runs on the worker's thread only.
+
+Each method reads the session, calls one function, and redraws what depends on it. Scans are searched one by one
+(`open`, `process` are long work), so that what is ready can be looked at meanwhile.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from calib.errors import CalibError, DatasetError, ScanError
+from calib.scan import Scan, load_scan
+from inspector import session as sessions
+from inspector.drawing import PLANE_LAYERS, draw_corners, draw_overview, draw_planes, draw_pose
+from inspector.palette import role_colour
+from inspector.panels.base import FACTORS, LOOKS, View, corner_of, put
+from inspector.panels.corner import CornerPanel
+from inspector.panels.fit import FitPanel
+from inspector.panels.planes import PlanesPanel
+from inspector.panels.redundancy import RedundancyPanel
+from inspector.panels.review import LOOK_LAYERS, ReviewPanel
+from inspector.panels.scans import ScansPanel
+from inspector.scene import LAYERS, SceneView
+from inspector.session import Session
+from inspector.shapes import spread
+from inspector.worker import LongWork
+
+LOOK_DISTANCE_MM = {"Scan": 330.0, "Planes": 240.0, "Corner": 170.0}
+ELLIPSOID_MM = 12.0
+BRAND = (0, 114, 178)
+
+
+class Stage:
+    """Panels, scene and the view that they show."""
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        folders: Mapping[str, Path],
+        *,
+        review: ReviewPanel,
+        scans: ScansPanel,
+        planes: PlanesPanel,
+        corner: CornerPanel,
+        redundancy: RedundancyPanel,
+        fit: FitPanel,
+        on_click: Callable[[int], None],
+    ) -> None:
+        self._server = server
+        self._folders = folders
+        self.review, self.scans, self.planes, self.corner = review, scans, planes, corner
+        self.redundancy, self.fit = redundancy, fit
+        self._on_click = on_click
+        self.scene = SceneView(server)
+        self.view: View | None = None
+        self._name = ""
+        self._sessions: dict[str, Session] = {}  # those opened before, so that returning to one is immediate
+        self._scan: tuple[int, Scan] | None = None  # the selected pose's; no other is kept
+        self._medians: dict[int, NDArray] = {}  # (3,) middle of each scan that was loaded, mm
+        self._drawn = 0
+        self._look = LOOKS[0]
+        self._visible = set(LOOK_LAYERS[self._look])
+        self._search_s = 0.0
+        self.theme(dark=False)
+        self._show_layers()
+
+    def theme(self, *, dark: bool) -> None:
+        """The page itself, light or dark."""
+        self._server.gui.configure_theme(
+            dark_mode=dark, show_logo=False, show_share_button=False, brand_color=BRAND
+        )
+
+    @property
+    def now(self) -> View:
+        """The view, where there is one."""
+        if self.view is None:
+            raise DatasetError("no dataset is open; choose one in the list at the top left")
+        return self.view
+
+    # ---- datasets ---------------------------------------------------------------------------------------------------
+
+    def open(self, name: str) -> LongWork:
+        """Show a dataset and work through it."""
+        self.review.show_problem("")
+        try:
+            session = self._sessions.get(name) or sessions.open_session(self._folders[name])
+        except CalibError:
+            if self.view is None:
+                self.review.show_progress(0, 0, 0, running=False)
+            elif self._name:
+                put(self.review.dataset, self._name)
+            raise
+        old = self.view
+        self._name, self._scan, self._search_s = name, None, 0.0
+        self._medians = {}
+        self.view = View(session) if old is None else replace(old, session=session, pose=0, failures={})
+        put(self.review.dataset, name)
+        self.scene.clear_overview()
+        self.review.set_poses(self.now)
+        self._choose_factor()
+        self.redraw()
+        self.look(self._look)
+        yield
+        yield from self.process()
+
+    def process(self) -> LongWork:
+        """What this dataset still lacks: redundancy, all scans' overview and corners, the fit."""
+        if self.now.session.redundancy is None:
+            self.analyse(str(self.redundancy.residual.value))
+            yield
+        tried: set[int] = set()
+        while (pose := self._next_scan(tried)) is not None:
+            tried.add(pose)
+            started = time.perf_counter()
+            self._work_on(pose)
+            self._search_s += time.perf_counter() - started
+            self._show_progress(running=True)
+            yield
+        self._show_progress(running=False)
+        self.look(self._look)
+        if self.now.session.calibration is None:
+            self.fit.update(self.now, waiting="Calibrating …")
+            yield
+            self.calibrate(str(self.fit.residual.value))
+
+    def stopped(self) -> None:
+        """The user has stopped the search."""
+        self._show_progress(running=False)
+
+    def _keep(self, session: Session) -> None:
+        self.view = replace(self.now, session=session)
+        self._sessions[self._name] = session
+
+    # ---- scans ------------------------------------------------------------------------------------------------------
+
+    def _total(self) -> int:
+        dataset = self.now.session.dataset
+        return sum(dataset.scan_path(i) is not None for i in range(len(dataset.poses)))
+
+    def _next_scan(self, tried: set[int]) -> int | None:
+        """The next scan to work on: the selected pose's first, then on from there."""
+        dataset = self.now.session.dataset
+        for k in range(len(dataset.poses)):
+            i = (self.now.pose + k) % len(dataset.poses)
+            if i not in tried and i not in self._medians and dataset.scan_path(i) is not None:
+                return i
+        return None
+
+    def _work_on(self, pose: int) -> None:
+        """Load one scan, search it where its corner is not measured, and draw it in the overview."""
+        scan = self._load(pose)
+        if self._to_search(pose):
+            self._keep(sessions.with_search(self.now.session, pose))
+        first = not self._medians
+        self._medians[pose] = np.full(3, np.nan)
+        if scan is not None and len(scan.points_mm):
+            self._medians[pose] = np.median(scan.points_mm, axis=0)
+            colour = role_colour(str(self.now.session.dataset.poses.role[pose]))
+            draw_overview(self.scene, self.now, pose, scan, colour, self._total())
+        if first:
+            self._choose_factor()
+            self.look(self._look)
+        self.scans.update_list(self.now)
+        if pose == self.now.pose:
+            self.draw_pose()
+        else:
+            draw_corners(self.scene, self.now, self._on_click)
+
+    def _load(self, pose: int) -> Scan | None:
+        """A pose's scan; None where there is none, or none that can be read (`View.failures` says why)."""
+        if self._scan is not None and self._scan[0] == pose:
+            return self._scan[1]
+        path = self.now.session.dataset.scan_path(pose)
+        if path is None:
+            return None
+        try:
+            scan = load_scan(path)
+        except ScanError as error:
+            pose_id = self.now.session.dataset.poses.ids[pose]
+            self.view = replace(self.now, failures={**self.now.failures, pose_id: str(error)})
+            return None
+        if pose == self.now.pose:
+            self._scan = (pose, scan)
+        return scan
+
+    def _choose_factor(self) -> None:
+        """Enlarge the ellipsoids so that the first corner's is about a centimetre large."""
+        known = [
+            c for i in range(len(self.now.session.dataset.poses)) if (c := corner_of(self.now, i)) is not None
+        ]
+        if known and known[0][1] is not None:
+            sigma_mm = float(np.sqrt(np.trace(known[0][1])))
+            factor = max((f for f in FACTORS if f * sigma_mm <= ELLIPSOID_MM), default=FACTORS[0])
+            put(self.review.factor, str(factor))
+            self.view = replace(self.now, factor=float(factor))
+
+    def _show_progress(self, *, running: bool) -> None:
+        searches = self.now.session.searches
+        failed = sum(bool(search.failure) for search in searches.values())
+        measured = self.now.session.dataset.points is not None
+        self.review.show_progress(
+            len(searches),
+            0 if measured else self._total(),
+            failed,
+            running=running,
+            seconds=self._search_s or None,
+        )
+
+    def _to_search(self, pose: int) -> bool:
+        """Whether the pose's corner has to come from its scan; where points.csv has it the scan is for looking at."""
+        session = self.now.session
+        return session.dataset.points is None and pose in session.waiting
+
+    # ---- poses ------------------------------------------------------------------------------------------------------
+
+    def select(self, pose: int) -> None:
+        """Show another pose, everywhere."""
+        if not 0 <= pose < len(self.now.session.dataset.poses):
+            return
+        self.view = replace(self.now, pose=pose)
+        session = self.now.session
+        if session.dataset.points is not None and pose in session.waiting:
+            self._keep(sessions.with_search(session, pose))  # not needed for the fit, only to be looked at
+        self.draw_pose()
+        self.fit.update_residuals(self.now)
+
+    def draw_pose(self) -> None:
+        """Everything that belongs to the selected pose."""
+        scan = self._load(self.now.pose)
+        view = self.now
+        with self._server.atomic():
+            self._drawn = draw_pose(self.scene, view, scan, self._visible)
+            self._focus()
+            setups = view.session.dataset.poses.setup
+            self.scene.hide_in_overview(view.pose, lambda i: bool(setups[i] != setups[view.pose]))
+            draw_corners(self.scene, view, self._on_click)
+        self.review.update(view)
+        self.scans.update(view, scan, self._drawn)
+        self.planes.update(view)
+        self.corner.update(view)
+
+    def redraw(self) -> None:
+        """Everything."""
+        self._show_progress(running=True)
+        self.draw_pose()
+        self.redundancy.update(self.now)
+        self.fit.update(self.now, waiting="The fit starts when all corners are found.")
+
+    # ---- the view ---------------------------------------------------------------------------------------------------
+
+    def change(self, **what: float | bool) -> None:
+        """Change how the selected pose is drawn (`View.factor`, `View.grey_rejected`)."""
+        self.view = replace(self.now, **what)  # type: ignore[arg-type]
+        self.draw_pose()
+
+    def dark(self, dark: bool) -> None:
+        """Dark or light, with new figures: they do not follow the page by themselves."""
+        self.theme(dark=dark)
+        self.scene.dark(dark)
+        put(self.review.dark, dark)
+        if self.view is not None:
+            self.view = replace(self.view, dark=dark)
+            self.redundancy.update(self.view)
+            self.fit.update(self.view)
+
+    def layer(self, name: str, visible: bool) -> None:
+        """Show or hide one layer."""
+        self._visible = self._visible | {name} if visible else self._visible - {name}
+        self.scene.show(name, visible)
+        if name in PLANE_LAYERS and visible and self.view is not None:
+            draw_planes(self.scene, self.view, self._visible)
+
+    def look(self, what: str) -> None:
+        """Show the layers of a view and put the camera where they are seen well."""
+        if what != self._look:
+            self._look = what
+            self._visible = set(LOOK_LAYERS[what])
+            self._show_layers()
+        if self.view is None:
+            return
+        draw_planes(self.scene, self.view, self._visible)
+        middle, radius = self._middle()
+        self._focus()
+        self.scene.look(LOOK_DISTANCE_MM.get(what, max(450.0, 2.2 * radius + 250.0)), middle)
+
+    def _show_layers(self) -> None:
+        self.review.show_layers(self._visible)
+        for name in LAYERS:
+            self.scene.show(name, name in self._visible)
+
+    def _middle(self) -> tuple[NDArray, float]:
+        """Middle (3,) of all scans or points from here, and the radius around it that holds nearly all, mm."""
+        view = self.now
+        setups = view.session.dataset.poses.setup
+        here = [i for i in range(len(setups)) if setups[i] == setups[view.pose]]
+        corners = [corner[0] for i in here if (corner := corner_of(view, i)) is not None]
+        points = [m for i, m in self._medians.items() if i in here and np.isfinite(m).all()]
+        known = np.array(corners if len(corners) >= len(points) else points).reshape(-1, 3)
+        if not len(known):
+            return np.array([0.0, 0.0, 700.0]), 100.0
+        middle = (known.min(axis=0) + known.max(axis=0)) / 2
+        return middle, spread(known, middle)
+
+    def _focus(self) -> None:
+        """The middle of everything for the overview, else the corner of the selected pose."""
+        found = corner_of(self.now, self.now.pose)
+        if self._look == LOOKS[0]:
+            self.scene.focus(self._middle()[0])
+        elif found is not None:
+            self.scene.focus(found[0])
+        elif self.now.pose in self._medians and np.isfinite(self._medians[self.now.pose]).all():
+            self.scene.focus(self._medians[self.now.pose])
+
+    # ---- calibration ------------------------------------------------------------------------------------------------
+
+    def analyse(self, residual: str) -> None:
+        """Redundancy of the parameters for this kind of residual."""
+        self._keep(sessions.with_redundancy(self.now.session, residual))
+        self.redundancy.update(self.now)
+
+    def show_correlation(self) -> None:
+        """The part of the matrix that is chosen now."""
+        self.redundancy.update(self.now)
+
+    def calibrate(self, residual: str) -> None:
+        """Fit the parameters to this kind of residual."""
+        self.fit.busy(True)
+        try:
+            self._keep(sessions.with_calibration(self.now.session, residual))
+        except CalibError as error:
+            self.fit.update(self.now, waiting=str(error))
+            raise
+        finally:
+            self.fit.busy(False)
+        self.fit.update(self.now)

@@ -1,0 +1,78 @@
+"""A real headless Chromium for tests. Without one: CI fails, elsewhere the test is skipped and says why."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+FLAGS = (  # software rendering in a container without GPU, sandbox or much shared memory
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--no-sandbox",
+    "--disable-quic",
+    "--disable-background-networking",
+    "--disable-dev-shm-usage",
+)
+
+
+def chromium_path() -> str | None:
+    """The system's Chromium or Chrome; CHROMIUM overrides."""
+    named = os.environ.get("CHROMIUM")
+    return named or next((path for name in NAMES if (path := shutil.which(name))), None)
+
+
+def need_chromium() -> str:
+    """The browser's path; fails in CI and skips elsewhere if there is none."""
+    path = chromium_path()
+    if path is not None:
+        return path
+    why = f"no browser: none of {', '.join(NAMES)} is installed (apt-get install chromium, or set CHROMIUM=path)"
+    if os.environ.get("CI", "").lower() in ("1", "true"):
+        pytest.fail(why)
+    pytest.skip(why)
+
+
+@contextmanager
+def browser() -> Iterator[Any]:
+    """A running Chromium."""
+    path = need_chromium()
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
+        yield running
+        running.close()
+
+
+def open_page(running: Any, url: str, width: int = 1280, height: int = 720) -> Any:
+    """A page on the app, once its panel is there; `page.problems` collects errors of the page's own scripts."""
+    page = running.new_page(viewport={"width": width, "height": height})
+    page.problems = []
+    page.on("pageerror", lambda error: page.problems.append(str(error)))
+    page.goto(f"{url}/?fixedDpr=1&hideViserLogo")
+    page.get_by_role("tab", name="Scans").wait_for(timeout=60_000)
+    return page
+
+
+def node_drawn(page: Any, name: str, timeout_ms: float = 30_000) -> None:
+    """Wait until the page's 3D view has this node."""
+    page.wait_for_function(
+        "name => window.__viserMutable?.nodeRefFromName?.[name] != null", arg=name, timeout=timeout_ms
+    )
+
+
+def colours_in(png: bytes) -> int:
+    """How many colours a screenshot has (a blank one has one or two)."""
+    import io
+
+    from PIL import Image
+
+    image = Image.open(io.BytesIO(png)).convert("RGB")
+    return len(set(image.resize((image.width // 4, image.height // 4)).get_flattened_data()))
