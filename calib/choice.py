@@ -21,7 +21,7 @@ from calib.clustering import PlaneGroup
 from calib.jig import Jig
 from calib.normals import Neighbourhoods
 
-_CELLS = 10  # cells along an edge when a face's area is counted
+_CELLS = 12  # cells along an edge when a face's area is counted
 _TRIANGLE_CELLS = _CELLS * (_CELLS - 1) // 2  # whole cells in the triangle
 _MOST_GROUPS = 60
 _MOST_PEAKS = 4
@@ -35,8 +35,9 @@ class ChoiceTolerances:
     perpendicular_rad: float
     member_normal_rad: float  # a point belongs to a plane if its own normal agrees to this
     height_mm: float  # ... and its height over the plane is below this
-    strong_worth: float = 0.45  # two of the faces have to reach this worth
-    weak_worth: float = 0.06  # and the third this
+    # What the best, the second and the weakest face have to be worth. A cube's square face, whatever its size, is worth
+    # no more than 0.75 as a triangle, so no box passes the first; the others allow for shade and for hidden parts.
+    least_worth: tuple[float, float, float] = (0.8, 0.45, 0.06)
     min_votes: int = 12
 
 
@@ -123,7 +124,7 @@ def outline_worth(along_mm: NDArray, edge_mm: float) -> float:
     """Share of a face's triangle that has points, less the area (in triangles) of the points that spill over it.
 
     along_mm  # (K, 2) coordinates of the plane's points along the face's two edges, from the apex. Both areas are
-    counted in cells of a tenth of the edge, so that the density of the points does not matter.
+    counted in cells of a twelfth of the edge, so that the density of the points does not matter.
     """
     a, b = along_mm.T / edge_mm
     near = (a > -0.5) & (b > -0.5) & (a < 1.5) & (b < 1.5)
@@ -138,11 +139,10 @@ def outline_worth(along_mm: NDArray, edge_mm: float) -> float:
 
 
 def _best(candidates: Sequence[FaceChoice], tolerances: ChoiceTolerances) -> FaceChoice | None:
-    """The candidate with the most worth in its weakest face, of those with two well filled faces and a third there."""
+    """The candidate with the most worth in its weakest face, of those whose faces all reach what they have to."""
 
     def is_jig(candidate: FaceChoice) -> bool:
-        weakest, middle, _ = np.sort(candidate.worth)
-        return bool(weakest >= tolerances.weak_worth and middle >= tolerances.strong_worth)
+        return bool(np.all(np.sort(candidate.worth)[::-1] >= tolerances.least_worth))
 
     return max(filter(is_jig, candidates), key=lambda c: float(c.worth.min()), default=None)
 

@@ -7,6 +7,7 @@ needs some hundreds of normals, not a hundred thousand.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,25 +64,55 @@ def estimate_normals(points_mm: NDArray) -> Neighbourhoods:
     tree = cKDTree(points_mm)
     k = min(NEIGHBOURS, len(points_mm))
     _, near = tree.query(points_mm, k=k)
-    local = points_mm[near] - points_mm[:, None]  # (V, k, 3)
+    local = np.ascontiguousarray(np.moveaxis(points_mm[near] - points_mm[:, None], 2, 0))  # (3, V, k)
     kept = max(4, round(TRIM_KEPT * k))
-    values, vectors, middle = _principal_axes(local)
+    plane = _fit_planes(local, np.ones((len(points_mm), k)))
     for _ in range(2):
-        height = np.abs(np.einsum("vki,vi->vk", local - middle[:, None], vectors[:, :, 0]))
-        best = np.argpartition(height, kept - 1, axis=1)[:, :kept]
-        values, vectors, middle = _principal_axes(np.take_along_axis(local, best[:, :, None], axis=1))
-    normals = vectors[:, :, 0]
-    normals = np.where(np.sum(normals * points_mm, axis=1, keepdims=True) > 0, -normals, normals)
-    thickness = np.sqrt(np.maximum(values[:, 0], 0) / _TRIMMED_VARIANCE)
-    spread = np.sqrt(np.maximum(values[:, 1], 1e-300))
-    sigma_rad = thickness / (spread * np.sqrt(kept))
-    return Neighbourhoods(points_mm, normals, thickness, sigma_rad, tree)
+        height = np.abs(np.einsum("cvk,vc->vk", local, plane.normals) - plane.offsets[:, None])
+        cut = np.partition(height, kept - 1, axis=1)[:, kept - 1, None]
+        plane = _fit_planes(local, (height <= cut).astype(float))
+    away = np.sum(plane.normals * points_mm, axis=1, keepdims=True) > 0
+    thickness = np.sqrt(plane.variances[:, 0] / _TRIMMED_VARIANCE)
+    sigma_rad = thickness / np.sqrt(np.maximum(plane.variances[:, 1], 1e-12) * kept)
+    return Neighbourhoods(
+        points_mm, np.where(away, -plane.normals, plane.normals), thickness, sigma_rad, tree
+    )
 
 
-def _principal_axes(local: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """Eigenvalues (V, 3) ascending, eigenvectors (V, 3, 3) in columns, and means (V, 3) of (V, k, 3) points."""
-    middle = local.mean(axis=1)
-    centred = local - middle[:, None]
-    scatter = np.matmul(centred.transpose(0, 2, 1), centred) / local.shape[1]
-    values, vectors = np.linalg.eigh(scatter)
-    return values, vectors, middle
+class _Planes(NamedTuple):
+    """Planes n . p = d through V neighbourhoods."""
+
+    normals: NDArray  # (V, 3)
+    offsets: NDArray  # (V,)
+    variances: NDArray  # (V, 2) along the normal, and the smaller one within the plane
+
+
+def _fit_planes(local: NDArray, weights: NDArray) -> _Planes:
+    """Weighted PCA of V neighbourhoods at once. local  # (3, V, k), weights  # (V, k)
+
+    The eigenvalues of each 3 x 3 scatter matrix come in closed form (Smith 1961), the normal as the longest cross
+    product of two rows of S - l I. It takes a tenth of the time of LAPACK's loop over matrices, and is exact enough:
+    the error is that of rounding relative to the largest eigenvalue.
+    """
+    total = weights.sum(axis=1)
+    weighted = local * weights
+    mean = weighted.sum(axis=2) / total  # (3, V)
+    scatter = np.empty((len(total), 3, 3))
+    for a, b in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+        moment = np.einsum("vk,vk->v", weighted[a], local[b]) / total - mean[a] * mean[b]
+        scatter[:, a, b] = scatter[:, b, a] = moment
+    middle = np.trace(scatter, axis1=1, axis2=2) / 3
+    deviator = scatter - middle[:, None, None] * np.eye(3)
+    size = np.sqrt(np.maximum(np.einsum("vab,vab->v", deviator, deviator), 1e-300) / 6)
+    angle = np.arccos(np.clip(np.linalg.det(deviator / size[:, None, None]) / 2, -1, 1)) / 3
+    least = middle + 2 * size * np.cos(angle + 2 * np.pi / 3)
+    largest = middle + 2 * size * np.cos(angle)
+    rows = scatter - least[:, None, None] * np.eye(3)
+    crosses = np.cross(rows[:, [0, 1, 2]], rows[:, [1, 2, 0]])  # (V, 3, 3)
+    lengths = np.linalg.norm(crosses, axis=2)
+    best = np.argmax(lengths, axis=1)[:, None]
+    length = np.take_along_axis(lengths, best, axis=1)
+    normals = np.take_along_axis(crosses, best[:, :, None], axis=1)[:, 0] / np.maximum(length, 1e-300)
+    normals = np.where(length > 0, normals, [0.0, 0.0, 1.0])  # all points in one place: any direction will do
+    variances = np.maximum(np.stack([least, 3 * middle - least - largest], axis=1), 0)
+    return _Planes(normals, np.einsum("cv,vc->v", mean, normals), variances)

@@ -46,7 +46,7 @@ def _read_ply(path: Path) -> tuple[NDArray, NDArray | None]:
 
 
 def _check_ply_header(path: Path) -> int:
-    """The number of vertices that the header promises, once a binary file is seen to be long enough for them."""
+    """The number of vertices that the header promises, once the file is seen to be long enough for them."""
     with path.open("rb") as file:
         head = file.read(_MOST_HEADER_BYTES)
     if not head.startswith(b"ply"):
@@ -70,10 +70,14 @@ def _check_ply_header(path: Path) -> int:
         raise ScanError(
             f"{path}: the .ply vertices have no x, y, z (found: {', '.join(sorted(names)) or 'nothing'})"
         )
-    binary = any(w[:1] == ["format"] and w[1:2] != ["ascii"] for w in words)
-    if binary and vertex == elements[0] and all(len(w) == 3 and w[1] in _PLY_BYTES for w in properties):
-        row = sum(_PLY_BYTES[w[1]] for w in properties)
-        held = (path.stat().st_size - body_start) // row
+    if vertex == elements[0]:  # else what lies before the vertices may be of any length
+        held = promised
+        if ["format", "ascii"] in (w[:2] for w in words):
+            with path.open("rb") as file:
+                file.seek(body_start)
+                held = sum(bool(line.strip()) for line in file)
+        elif all(len(w) == 3 and w[1] in _PLY_BYTES for w in properties):
+            held = (path.stat().st_size - body_start) // sum(_PLY_BYTES[w[1]] for w in properties)
         if held < promised:
             raise _truncated(path, promised, held)
     return promised
@@ -135,10 +139,15 @@ def _read_stl(path: Path) -> tuple[NDArray, None]:
     import trimesh
 
     try:
-        vertices = np.unique(np.asarray(trimesh.load(path, process=False).vertices, dtype=np.float64), axis=0)
+        mesh = trimesh.load(path, process=False)
+        vertices = np.asarray(getattr(mesh, "vertices", np.zeros((0, 3))), dtype=np.float64)
     except Exception as error:  # whatever the reader trips over, it is the file's content
         raise ScanError(f"{path}: not a readable .stl ({_one_line(error)}); export the scan again") from None
-    return vertices, None
+    if not len(vertices):
+        raise ScanError(
+            f"{path}: not a readable .stl (no triangles in it, or cut short); export the scan again"
+        )
+    return np.unique(vertices, axis=0), None  # each vertex once, not once a triangle
 
 
 def _truncated(path: Path, promised: int, held: int) -> ScanError:
