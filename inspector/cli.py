@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from calib.calibration import calibrate, redundancy, structural_rank
 from calib.checking import check
@@ -48,8 +48,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
 
 
+class _Parser(argparse.ArgumentParser):
+    """Wrong usage in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"inspector: {message}; see {self.prog} --help\n")
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="inspector",
         description="Calibrate a robot arm from scans of a three-faced jig, and see every step.",
     )

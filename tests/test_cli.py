@@ -1,0 +1,298 @@
+"""The command: its JSON's keys, its exit codes, and that bad input is one line and nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from arms import dataset_of, jang_arm, perturbed
+from calib.dataset_file import load_dataset, write_dataset
+from calib.robot_file import load_robot
+from inspector.cli import main
+
+
+@pytest.fixture(scope="module")
+def points_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    rng = np.random.default_rng(0)
+    robot = jang_arm()
+    folder = tmp_path_factory.mktemp("points") / "cell"
+    write_dataset(dataset_of(robot, perturbed(robot, rng), rng, test=13, noise_mm=0.03), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def scans_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("scans") / "cell"
+    assert main(["simulate", str(folder), "--robot", "rb5", "--poses", "4", "--scans", "--seed", "5"]) == 0
+    return folder
+
+
+def run_json(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 0) -> dict:
+    assert main([*map(str, arguments), "--json"]) == code
+    out = capsys.readouterr().out
+    assert out.count("\n") == 1  # exactly one object, nothing else
+    return json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """The one line that a refusal prints; exit code 2, nothing on stdout."""
+    for extra in ([], ["--json"]):
+        assert main([*map(str, arguments), *extra]) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        lines = [line for line in captured.err.splitlines() if "warning" not in line]
+        assert len(lines) == 1, captured.err
+    return lines[0]
+
+
+def test_calibrate_has_the_promised_keys(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
+    for residual in ("position", "distance"):
+        document = run_json(capsys, "calibrate", points_folder, "--residual", residual)
+        assert document["residual"] == residual
+        assert document["effects"] == []
+        assert document["converged"] is True
+        assert document["rank"] == 19
+        figures = {"rmse_mm", "max_mm", "mean_mm", "distance_max_mm", "distance_mean_mm"}
+        for part in (document, document["before"]):
+            assert figures <= set(part["train"])
+            assert figures <= set(part["test"])
+        assert document["test"]["rmse_mm"] < 0.1 < document["before"]["test"]["rmse_mm"]
+        assert document["iterations"][0]["rmse_mm"] == pytest.approx(document["before"]["train"]["rmse_mm"])
+        assert document["iterations"][-1]["rmse_mm"] == pytest.approx(document["train"]["rmse_mm"])
+        assert document["sigma_mm"] == pytest.approx(0.03, rel=0.3)
+        names = [p["name"] for p in document["parameters"]]
+        assert names[:5] == ["a1", "alpha1", "d1", "theta1", "beta1"]
+        assert names[-1] == "betaTCP"
+        assert {"name", "value", "sigma", "unit", "nominal"} <= set(document["parameters"][0])
+        assert {p["unit"] for p in document["parameters"]} == {"mm", "rad"}
+
+
+def test_calibrate_writes_the_robot_that_it_found(
+    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "new" / "robot.toml"
+    document = run_json(capsys, "calibrate", points_folder, "--out", out)
+    table = load_robot(out).table.ravel()
+    np.testing.assert_allclose(table, [p["value"] for p in document["parameters"]], rtol=1e-12, atol=1e-15)
+
+
+def test_without_a_prior_unknowable_sigmas_are_null(
+    capsys: pytest.CaptureFixture[str], points_folder: Path
+) -> None:
+    document = run_json(capsys, "calibrate", points_folder, "--no-prior")
+    sigma = {p["name"]: p["sigma"] for p in document["parameters"]}
+    assert sigma["d1"] is None
+    assert sigma["a2"] is not None
+
+
+def test_redundancy_has_the_promised_keys(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
+    document = run_json(capsys, "redundancy", points_folder)
+    names = document["parameters"]
+    assert len(names) == 35
+    assert np.shape(document["pearson"]) == (35, 35)
+    assert ["d2", "d3", "d4"] in document["groups"]
+    assert document["rank"] == 21
+    assert document["rank_unknown_frame"] == 19
+    zero = names.index(document["no_influence"][0])
+    assert all(value is None for value in document["pearson"][zero])
+    assert set(document["kept"]) == set(names) - {name for group in document["groups"] for name in group[1:]}
+    assert all("parameters" in relation for relation in document["combinations"])
+    assert run_json(capsys, "redundancy", points_folder, "--residual", "distance")["rank"] == 19
+
+
+def test_corners_has_the_promised_keys_and_finds_the_truth(
+    capsys: pytest.CaptureFixture[str], scans_folder: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "points.csv"
+    document = run_json(capsys, "corners", scans_folder, "--out", out)
+    truth = json.loads((scans_folder / "truth.json").read_text())["apex_mm"]
+    assert document["failed"] == []
+    assert [c["pose"] for c in document["corners"]] == list(truth)
+    for corner in document["corners"]:
+        assert np.linalg.norm(np.array(corner["xyz_mm"]) - truth[corner["pose"]]) < 0.1
+        assert np.all(np.linalg.eigvalsh(corner["covariance_mm2"]) > 0)
+        assert len(corner["planes"]) == 3
+        for plane in corner["planes"]:
+            assert np.linalg.norm(plane["normal"]) == pytest.approx(1.0)
+            assert plane["rms_mm"] < 0.1
+            # The corner lies on its planes (eq 2).
+            assert np.dot(plane["normal"], corner["xyz_mm"]) == pytest.approx(plane["offset_mm"], abs=1e-6)
+        assert corner["seconds"] > 0
+    # What was written is a points.csv that a dataset reads.
+    folder = tmp_path / "with points"
+    shutil.copytree(scans_folder, folder)
+    shutil.copy(out, folder / "points.csv")
+    text = (folder / "dataset.toml").read_text()
+    (folder / "dataset.toml").write_text(
+        text.replace('scans = "scans"', 'scans = "scans"\npoints = "points.csv"')
+    )
+    points = load_dataset(folder).points
+    assert points is not None
+    np.testing.assert_allclose(points.xyz_mm, [c["xyz_mm"] for c in document["corners"]])
+    assert points.covariance_mm2 is not None
+
+
+def test_a_scan_without_three_planes_is_told_and_the_others_are_used(
+    capsys: pytest.CaptureFixture[str], scans_folder: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "cell"
+    shutil.copytree(scans_folder, folder)
+    scans = sorted((folder / "scans").iterdir())
+    flat = np.c_[np.random.default_rng(0).uniform(-50, 50, (4000, 2)), np.full(4000, 700.0)]
+    columns = "".join(f"property float {axis}\n" for axis in "xyz")
+    header = f"ply\nformat ascii 1.0\nelement vertex 4000\n{columns}end_header\n"
+    body = "\n".join(" ".join(f"{v:.4f}" for v in row) for row in flat)
+    scans[1].write_text(header + body + "\n")
+    document = run_json(capsys, "corners", folder)
+    assert [f["pose"] for f in document["failed"]] == [scans[1].stem]
+    assert "3" in document["failed"][0]["reason"]
+    assert len(document["corners"]) == 3
+    for scan in scans:
+        scan.write_text(header + body + "\n")
+    assert "no corner in any of 4 scans" in refused(capsys, "corners", folder)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(b"", "empty"), (b"\x00\xff junk that is no scan at all", "PLY"), (None, "promises")],
+)
+def test_a_scan_file_that_cannot_be_read_is_bad_input(
+    capsys: pytest.CaptureFixture[str], scans_folder: Path, tmp_path: Path, content: bytes | None, says: str
+) -> None:
+    folder = tmp_path / "cell"
+    shutil.copytree(scans_folder, folder)
+    scan = sorted((folder / "scans").iterdir())[2]
+    scan.write_bytes(scan.read_bytes()[:5000] if content is None else content)
+    out = tmp_path / "points.csv"
+    line = refused(capsys, "corners", folder, "--out", out)
+    assert scan.name in line
+    assert says.lower() in line.lower()
+    assert not out.exists()
+
+
+def test_simulate_is_reproducible_and_says_where_the_truth_is(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    for name in ("a", "b"):
+        arguments = ["--robot", "panda", "--poses", "30", "--seed", "9", "--effect", "joint_compliance"]
+        document = run_json(capsys, "simulate", tmp_path / name / "cell", *arguments)
+        assert Path(document["truth"]).is_file()
+    for file in ("poses.csv", "points.csv", "robot.toml", "truth.json"):
+        assert (tmp_path / "a/cell" / file).read_bytes() == (tmp_path / "b/cell" / file).read_bytes()
+    assert len(load_dataset(tmp_path / "a/cell").poses) == 30
+    assert "is not empty" in refused(capsys, "simulate", tmp_path / "a/cell", "--robot", "rb5")
+    line = refused(capsys, "simulate", tmp_path / "c", "--robot", "rb5", "--effect", "magic")
+    assert "magic" in line
+    assert "joint_compliance" in line
+    assert not (tmp_path / "c").exists()
+    assert "robot.toml" in refused(capsys, "simulate", tmp_path / "c", "--robot", tmp_path / "robot.toml")
+
+
+def test_check_passes_or_says_why_not(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
+    good = run_json(capsys, "check", points_folder)
+    assert good["passed"] is True
+    assert good["reasons"] == []
+    bad = run_json(capsys, "check", points_folder, "--max-test-rmse-mm", "0.0001", code=1)
+    assert bad["passed"] is False
+    assert "was asked for" in bad["reasons"][0]
+    several = run_json(capsys, "check", points_folder.parent)
+    assert several["passed"] is True
+    assert main(["check", str(points_folder), "--max-test-rmse-mm", "0.0001"]) == 1
+    assert "NOT GOOD ENOUGH" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["corners", "redundancy", "calibrate", "check", "serve"])
+def test_a_folder_that_is_none_is_one_line(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str
+) -> None:
+    missing = tmp_path / "nowhere"
+    assert main([command, str(missing)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert str(missing) in captured.err
+
+
+def test_too_few_poses_and_an_unwritable_place(
+    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "cell"
+    shutil.copytree(points_folder, folder)
+    for name in ("poses.csv", "points.csv"):
+        pd.read_csv(folder / name, dtype=str).head(6).to_csv(folder / name, index=False)
+    assert "measure at least" in refused(capsys, "calibrate", folder)
+    (tmp_path / "file").write_text("x")
+    line = refused(capsys, "calibrate", points_folder, "--out", tmp_path / "file" / "robot.toml")
+    assert str(tmp_path / "file") in line
+
+
+def test_warnings_go_to_stderr_and_leave_json_alone(
+    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "cell"
+    shutil.copytree(points_folder, folder)
+    frame = pd.read_csv(folder / "poses.csv")
+    for k in range(6):
+        frame[f"q{k + 1}_deg"] = np.radians(frame[f"q{k + 1}_deg"])
+    frame.to_csv(folder / "poses.csv", index=False)
+    main(["redundancy", str(folder), "--json"])
+    captured = capsys.readouterr()
+    json.loads(captured.out)
+    assert "look like radians" in captured.err
+
+
+def test_a_reversed_joint_does_not_crash(
+    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
+) -> None:
+    """A wrong sign in the table is a common mistake: the answer is a bad error or a refusal, never a traceback."""
+    folder = tmp_path / "cell"
+    shutil.copytree(points_folder, folder)
+    frame = pd.read_csv(folder / "poses.csv")
+    frame["q2_deg"] = -frame["q2_deg"]
+    frame.to_csv(folder / "poses.csv", index=False)
+    out = tmp_path / "robot.toml"
+    assert main(["check", str(folder), "--max-test-rmse-mm", "1.0"]) == 1
+    capsys.readouterr()
+    code = main(["calibrate", str(folder), "--out", str(out)])
+    assert code in (0, 2)
+    assert out.exists() == (code == 0)
+
+
+def test_as_a_program_and_as_a_module(points_folder: Path, tmp_path: Path) -> None:
+    """From a folder that is not the project's, as a user calls it."""
+    for program in ([sys.executable, "-m", "inspector"], [str(Path(sys.executable).parent / "inspector")]):
+        done = subprocess.run(
+            [*program, "check", str(points_folder)], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        assert "passed" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["fly"], "fly"),
+        ([], "COMMAND"),
+        (["calibrate"], "PATH"),
+        (["calibrate", "x", "--residual", "angles"], "angles"),
+        (["serve", "x", "--port", "99999"], "99999"),
+        (["simulate", "x", "--robot", "rb5", "--poses", "many"], "many"),
+    ],
+)
+def test_wrong_usage_is_one_line_too(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
+) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(arguments)
+    assert stopped.value.code == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert says in captured.err
