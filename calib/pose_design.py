@@ -101,11 +101,11 @@ def scan_poses(
         CalibError: too few such poses exist.
     """
     found: list[Array] = []
-    tried = 0
-    while sum(map(len, found)) < count:
-        if tried >= 400 * count + 20_000:
+    tried = total = 0
+    while total < count:
+        if tried >= 40 * count + 20_000 or (tried >= 4096 and total == 0):
             raise CalibError(
-                f"robot {robot.name}: found {sum(map(len, found))} of {count} poses that turn the jig at the scanner "
+                f"robot {robot.name}: found {total} of {count} poses that turn the jig at the scanner "
                 f"in {tried} tries; check its limits and tool row, or simulate points instead of scans"
             )
         batch = 512
@@ -119,6 +119,7 @@ def scan_poses(
                 q.shape
             )
         found.append(_usable(robot, np.asarray(base_T_scanner, float), apex_mm, axis, q, jig, field))
+        total += len(found[-1])
     return np.concatenate(found)[:count]
 
 

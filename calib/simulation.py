@@ -129,7 +129,7 @@ def simulate_dataset(
     base_T_scanner = place_scanner(robot, rng=rng, field=field)
     if scans:
         candidates = scan_poses(robot, base_T_scanner, 4 * poses, rng=rng, jig=jig, field=field)
-        q = candidates[spread_poses(candidates, poses)]
+        q = candidates[spread_poses(np.where(robot.is_revolute, candidates, candidates / 300.0), poses)]
     else:
         q = random_poses(robot, poses, rng=rng)
     q = rounded(robot, q)

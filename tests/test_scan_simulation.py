@@ -177,14 +177,13 @@ def test_outliers_replace_their_share() -> None:
     assert np.all(np.isfinite(simulated.scan.points_mm))
 
 
-def test_waviness_does_not_average_out() -> None:
-    plain, wavy = scan(points=50_000), scan(points=50_000, waviness_mm=0.02)
-    pooled = {}
-    for name, simulated in (("plain", plain), ("wavy", wavy)):
-        errors = [range_errors(simulated, face)[0] for face in (1, 2, 3)]
-        pooled[name] = max(abs(e.mean()) for e in errors), np.std(np.concatenate(errors))
-    assert pooled["plain"][0] < 0.003 < pooled["wavy"][0]
-    assert pooled["wavy"][1] == pytest.approx(np.hypot(pooled["plain"][1], 0.02), rel=0.35)
+def test_waviness_has_its_size_and_does_not_average_out() -> None:
+    waves = {"scan_sigma_mm": 0.0, "waviness_mm": 0.1, "points": 50_000}
+    short = [range_errors(scan(seed=s, waviness_length_mm=3.0, **waves), 1)[0] for s in range(6)]
+    assert np.std(np.concatenate(short)) == pytest.approx(0.1, rel=0.12)
+    long = [range_errors(scan(seed=s, waviness_length_mm=40.0, **waves), 1)[0] for s in range(6)]
+    assert np.mean([np.std(e) for e in long]) < 0.04  # one face sees little of the wave's shape,
+    assert np.max(np.abs([np.mean(e) for e in long])) > 0.05  # and moves with it as a whole
 
 
 def test_seed_makes_the_scan() -> None:

@@ -184,6 +184,13 @@ def test_jig_needs_a_tool_row_that_reaches_it() -> None:
     assert rb5.tool.d_mm == -88.0
 
 
+def test_arm_that_cannot_show_the_jig_says_so() -> None:
+    rb5 = builtin_robot("rb5")
+    stiff = replace(rb5, joints=tuple(replace(joint, min=-0.05, max=0.05) for joint in rb5.joints))
+    with pytest.raises(CalibError, match=r"found 0 of 8 poses that turn the jig at the scanner"):
+        simulate_dataset(stiff, rng=np.random.default_rng(0), poses=2, scans=True)
+
+
 def test_bad_wishes_are_one_clear_line() -> None:
     rng, robot = np.random.default_rng(0), builtin_robot("rb5")
     with pytest.raises(CalibError, match=r"'warp'; there are joint_compliance, transmission_error"):
