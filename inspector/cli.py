@@ -20,9 +20,10 @@ from calib.calibration import calibrate, redundancy, structural_rank
 from calib.checking import check
 from calib.corners import CornerSearch, find_corners
 from calib.dataset import Dataset
-from calib.dataset_file import find_datasets, load_dataset, points_frame
+from calib.dataset_file import find_datasets, load_dataset
 from calib.errors import CalibError, DatasetError
 from calib.measurement import failed_searches, require_corners, with_corners
+from calib.points_file import points_frame
 from calib.residuals import RESIDUAL_KINDS
 from calib.robot_file import BUILTIN_ROBOTS, builtin_robot, load_robot, robot_to_toml
 from calib.toml_file import write_text_atomically

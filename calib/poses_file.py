@@ -1,0 +1,135 @@
+"""poses.csv, read, checked and written: one row a pose, angles in degrees."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from calib.dataset import ROLES, Poses
+from calib.errors import DatasetError
+from calib.robot import Robot
+from calib.robot_file import degrees
+from calib.table_file import TableFile
+
+CONDITIONS = ("payload_kg", "temperature_c", "time_s")
+
+
+def _joint_columns(robot: Robot) -> list[str]:
+    return [f"q{i + 1}_{'deg' if joint.is_revolute else 'mm'}" for i, joint in enumerate(robot.joints)]
+
+
+def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
+    """The poses, and what is odd about them yet possible. Raises DatasetError."""
+    file = TableFile.load(path)
+    joint_columns = _joint_columns(robot)
+    file.require(["pose", "role", *joint_columns])
+    if len(file) == 0:
+        raise DatasetError(f"{path}: no row below the header; one row a pose is needed")
+    ids = file.text("pose")
+    first: dict[str, int] = {}
+    for row, pose_id in enumerate(ids):
+        if first.setdefault(pose_id, row) != row:
+            line = first[pose_id] + 2
+            raise file.error(
+                row, "pose", f"{pose_id!r} stands in line {line} too", "each pose needs its own id"
+            )
+    role = file.choices("role", ROLES)
+    references = [row for row, value in enumerate(role) if value == "reference"]
+    if len(references) != 1:
+        where = ", ".join(f"line {row + 2}" for row in references) or "none"
+        raise DatasetError(
+            f"{path}: column role: found {len(references)} reference poses ({where}); set exactly one"
+        )
+    q_file = file.numbers(joint_columns)
+    warnings = [*_angle_warnings(path, q_file, robot)]
+    approach_columns = [f"approach{i + 1}" for i in range(robot.n_joints)]
+    approach = None
+    if any(column in file for column in approach_columns):
+        file.require(approach_columns)
+        approach = file.numbers(approach_columns)
+        wrong = np.argwhere(~np.isin(approach, (-1.0, 1.0)))
+        if len(wrong):
+            row, k = map(int, wrong[0])
+            raise file.error(row, approach_columns[k], f"found {approach[row, k]:g}", "expected -1 or 1")
+    conditions = {name: file.numbers([name])[:, 0] for name in CONDITIONS if name in file}
+    known = [
+        "pose",
+        "role",
+        *joint_columns,
+        *CONDITIONS,
+        "setup",
+        "scan",
+        *(approach_columns if approach is not None else []),
+    ]
+    poses = Poses(
+        ids=tuple(ids),
+        role=np.array(role),
+        q=np.where(robot.is_revolute, np.radians(q_file), q_file),
+        setup=np.array(file.text("setup", allow_empty=True) if "setup" in file else [""] * len(ids)),
+        scan_names=tuple(file.text("scan") if "scan" in file else [f"{pose_id}.ply" for pose_id in ids]),
+        payload_kg=conditions.get("payload_kg"),
+        temperature_c=conditions.get("temperature_c"),
+        time_s=conditions.get("time_s"),
+        approach=approach,
+        extra=file.rest(known),
+    )
+    return poses, warnings
+
+
+def _angle_warnings(path: Path, q_file: NDArray[np.float64], robot: Robot) -> list[str]:
+    """Angles that look like radians, and angles beyond the limits: odd, yet not impossible."""
+    turning = robot.is_revolute
+    warnings = []
+    if turning.any():
+        largest = float(np.abs(q_file[:, turning]).max())
+        spans = [
+            j.max - j.min for j in robot.joints if j.is_revolute and j.min is not None and j.max is not None
+        ]
+        wide = not spans or max(spans) > math.radians(30.0)
+        if wide and 0.0 < largest < 6.4:
+            warnings.append(
+                f"{path}: every joint angle is below 6.4 (largest {largest:.3g}); these look like radians, not degrees"
+            )
+    for i, joint in enumerate(robot.joints):
+        low, high = (
+            (math.degrees(v) if joint.is_revolute else v) if v is not None else None
+            for v in (joint.min, joint.max)
+        )
+        beyond = np.zeros(len(q_file), dtype=bool)
+        if low is not None:
+            beyond |= q_file[:, i] < low - 1e-9
+        if high is not None:
+            beyond |= q_file[:, i] > high + 1e-9
+        if beyond.any():
+            row = int(np.flatnonzero(beyond)[0])
+            warnings.append(
+                f"{path}: {int(beyond.sum())} poses lie beyond the limits of {joint.name}, the first in line {row + 2} "
+                f"({q_file[row, i]:g})"
+            )
+    return warnings
+
+
+def poses_frame(poses: Poses, robot: Robot) -> pd.DataFrame:
+    """poses.csv as a table: degrees for angles."""
+    columns: dict[str, Any] = {"pose": poses.ids, "role": poses.role}
+    if any(poses.setup):
+        columns["setup"] = poses.setup
+    for k, (name, joint) in enumerate(zip(_joint_columns(robot), robot.joints, strict=True)):
+        columns[name] = [degrees(v) for v in poses.q[:, k]] if joint.is_revolute else poses.q[:, k]
+    for name in CONDITIONS:
+        values = getattr(poses, name)
+        if values is not None:
+            columns[name] = values
+    if poses.approach is not None:
+        columns |= {f"approach{k + 1}": poses.approach[:, k].astype(int) for k in range(robot.n_joints)}
+    if poses.scan_names != tuple(f"{pose_id}.ply" for pose_id in poses.ids):
+        columns["scan"] = poses.scan_names
+    frame = pd.DataFrame(columns)
+    return (
+        pd.concat([frame, poses.extra.reset_index(drop=True)], axis=1) if len(poses.extra.columns) else frame
+    )
