@@ -140,7 +140,6 @@ def readme_commands() -> list[list[str]]:
     return [shlex.split(line, comments=True) for line in lines if line.startswith("./run")]
 
 
-@pytest.mark.skipif(not (ROOT / "README.md").exists(), reason="README.md is not written yet")
 def test_readme_names_only_commands_that_exist():
     commands = readme_commands()
     names = {words[1] for words in commands if len(words) > 1}
