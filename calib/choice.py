@@ -35,9 +35,9 @@ class ChoiceTolerances:
     perpendicular_rad: float
     member_normal_rad: float  # a point belongs to a plane if its own normal agrees to this
     height_mm: float  # ... and its height over the plane is below this
-    # What the best, the second and the weakest face have to be worth. A cube's square face, whatever its size, is worth
-    # no more than 0.75 as a triangle, so no box passes the first; the others allow for shade and for hidden parts.
-    least_worth: tuple[float, float, float] = (0.8, 0.45, 0.06)
+    # What the best, the second and the weakest face have to be worth. A cube's square face, of whatever size, is worth
+    # 0.75 at most as a triangle, so no box passes the first two. A jig in plain view reaches 1.0 and 0.92.
+    least_worth: tuple[float, float, float] = (0.9, 0.8, 0.06)
     min_votes: int = 12
 
 
@@ -87,15 +87,19 @@ class _Planes:
         self.normals = np.array([g.normal for g in large]).reshape(-1, 3)
         self.offsets = np.array([g.offset_mm for g in large])
         self.heights = around.points_mm @ self.normals.T - self.offsets  # (V, G)
-        on = np.abs(self.heights) <= tolerances.height_mm
-        on &= around.normals @ self.normals.T >= np.cos(tolerances.member_normal_rad)
-        self.members = [np.flatnonzero(column) for column in on.T]
+        self.around = around
+        self.tolerances = tolerances
+        self.members = [self.on_plane(n, d) for n, d in zip(self.normals, self.offsets, strict=True)]
         self.perpendicular = np.abs(self.normals @ self.normals.T) <= np.sin(tolerances.perpendicular_rad)
-        self.points_mm = around.points_mm
         self.edge_mm = jig.edge_mm
         # Along an edge, away from the apex, the height over the plane that the edge leaves falls on a convex corner.
         self.sign = -1.0 if jig.convex else 1.0
-        self.tolerances = tolerances
+
+    def on_plane(self, normal: NDArray, offset_mm: float) -> NDArray:
+        """Indices of the thinned points at a plane whose own normals agree with it."""
+        near = np.abs(self.around.points_mm @ normal - offset_mm) <= self.tolerances.height_mm
+        agree = self.around.normals @ normal >= np.cos(self.tolerances.member_normal_rad)
+        return np.flatnonzero(near & agree)
 
     def triples(self) -> list[FaceChoice]:
         """All triples of perpendicular planes with what each is worth."""
@@ -162,7 +166,8 @@ def _vote(points_mm: NDArray, planes: _Planes, pair: tuple[int, int]) -> list[Fa
     vote with their height along it, and the fullest bands are tried as its offset.
     """
     edge_mm, height_mm = planes.edge_mm, planes.tolerances.height_mm
-    strips = [planes.points_mm[m] for m in (planes.strip(pair), planes.strip(pair[::-1]))]
+    thinned_mm = planes.around.points_mm
+    strips = [thinned_mm[m] for m in (planes.strip(pair), planes.strip(pair[::-1]))]
     if min(map(len, strips)) < planes.tolerances.min_votes:
         return []
     normals, offsets = planes.normals[list(pair)], planes.offsets[list(pair)]
@@ -178,12 +183,11 @@ def _vote(points_mm: NDArray, planes: _Planes, pair: tuple[int, int]) -> list[Fa
         worth = []
         for face, other in (pair, pair[::-1]):
             members = planes.members[face]
-            to_third = planes.sign * (planes.points_mm[members] @ third - offset)
-            worth.append(
-                outline_worth(np.c_[planes.sign * planes.heights[members, other], to_third], edge_mm)
-            )
+            heights = np.column_stack([planes.heights[members, other], thinned_mm[members] @ third - offset])
+            worth.append(outline_worth(planes.sign * heights, edge_mm))
         on = np.abs(height - offset) <= height_mm / 2
-        worth.append(outline_worth(along[on], edge_mm))
+        # The voters all lie inside the outline, so they cannot spill: a voted face is never one of the two best.
+        worth.append(min(outline_worth(along[on], edge_mm), *worth))
         centre = points_mm[over][on].mean(axis=0)
         voted = PlaneGroup(np.zeros(0, dtype=np.int64), centre, third, offset)
         found.append(FaceChoice((*planes.groups, voted), (*pair, len(planes.groups)), np.array(worth)))

@@ -137,8 +137,8 @@ def test_stray_points_on_one_side_do_not_drag_the_corner() -> None:
 
 
 def test_smooth_scanner_errors_widen_the_covariance() -> None:
-    """Waves of 0.02 mm make the apex ten times worse than white noise of that size; most of it has to be seen."""
-    assert np.median(mahalanobis_squared(0.005, 0.02, 0.0)) < 25
+    """Waves four times the white noise: most of what they do to the apex has to show in its covariance."""
+    assert np.median(mahalanobis_squared(0.005, 0.02, 0.0)) < 12  # 38 where neighbours count as independent
 
 
 @pytest.mark.parametrize(
