@@ -16,9 +16,6 @@ import viser
 import zstandard
 from websockets.sync.client import connect
 
-_DECOMPRESSOR = zstandard.ZstdDecompressor()
-
-
 def _resolve(value: Any, buffers: list[memoryview]) -> Any:
     """Put the arrays back in the places that the message names by number."""
     if isinstance(value, dict):
@@ -30,10 +27,10 @@ def _resolve(value: Any, buffers: list[memoryview]) -> Any:
     return value
 
 
-def decode(raw: bytes) -> list[dict[str, Any]]:
+def decode(raw: bytes, zstd: zstandard.ZstdDecompressor) -> list[dict[str, Any]]:
     """The messages of one frame: two lengths, compressed msgpack, then the arrays, each 8-byte aligned."""
     plain, packed = struct.unpack_from("<QQ", raw)
-    frame = msgspec.msgpack.decode(_DECOMPRESSOR.decompress(raw[16 : 16 + packed], max_output_size=plain))
+    frame = msgspec.msgpack.decode(zstd.decompress(raw[16 : 16 + packed], max_output_size=plain))
     offset, buffers = 16 + packed, []
     for length in frame["binaryBufferLengths"]:
         offset += -offset % 8
@@ -67,7 +64,7 @@ class WireClient:
             type="ViewerCameraMessage", wxyz=[1, 0, 0, 0], position=[1, 1, 1], fov=0.9, near=0.01, far=1000.0,
             image_height=600, image_width=800, look_at=[0, 0, 0], up_direction=[0, 0, 1],
         )  # fmt: skip
-        assert self._replayed.wait(60), "the server did not replay its state"
+        assert self._replayed.wait(60), f"the server did not replay its state: {self.log[-1:]}"
 
     def __enter__(self) -> WireClient:
         return self
@@ -82,10 +79,11 @@ class WireClient:
         self._socket.send(msgspec.msgpack.encode(message))
 
     def _receive(self) -> None:
+        zstd = zstandard.ZstdDecompressor()  # one a thread: it is not to be shared
         try:
             for raw in self._socket:
                 assert isinstance(raw, bytes)
-                messages = decode(raw)
+                messages = decode(raw, zstd)
                 with self._changed:
                     self.bytes_received += len(raw)
                     for message in messages:

@@ -1,0 +1,196 @@
+"""The real page in a real headless Chromium: it opens, shows every tab with its numbers, and draws."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import viser
+
+from browser_support import browser, colours_in, node_drawn, open_page
+from inspector.app import App, serving
+from inspector.panels import words
+from inspector.panels.review import NEXT, PREVIOUS
+from inspector.scene import ROOT
+from inspector.server import url_of
+from tiny_dataset import BROKEN, HOSTILE, POSES, write_tiny
+
+pytestmark = pytest.mark.browser
+IDLE_S = 90.0
+MS = 30_000
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    with browser() as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def app(chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
+    del chromium  # first: without a browser there is nothing to prepare
+    with serving(write_tiny(tmp_path_factory.mktemp("datasets")), port=0) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def page(chromium: Any, app: App) -> Iterator[Any]:
+    opened = open_page(chromium, url_of(app.server))
+    yield opened
+    assert opened.problems == []
+    opened.close()
+
+
+def tab(page: Any, name: str) -> None:
+    page.get_by_role("tab", name=name, exact=True).click()
+
+
+def says(page: Any, text: str) -> None:
+    page.get_by_text(text).locator("visible=true").first.wait_for(timeout=MS)
+
+
+def test_the_page_opens_and_says_how_far_the_search_has_come(page: Any, app: App) -> None:
+    names = [t.inner_text().strip() for t in page.get_by_role("tab").all()]
+    assert {"Scans", "Planes", "Corner", "Redundancy", "Fit"} <= set(names)
+    assert app.worker.wait_idle(IDLE_S)
+    says(page, f"{POSES - 1} of {POSES} corners found")
+
+
+def test_scans_tab_and_the_scene_show_the_scan(page: Any, app: App) -> None:
+    assert app.worker.wait_idle(IDLE_S)
+    tab(page, "Scans")
+    says(page, "p01.ply")
+    node_drawn(page, f"{ROOT}/faces/points")
+    node_drawn(page, f"{ROOT}/overview/7")
+    page.wait_for_timeout(1000)
+    canvas = page.locator("canvas").first.bounding_box()
+    middle = {"x": 420.0, "y": 200.0, "width": 380.0, "height": 320.0}  # between the two panels
+    assert canvas["width"] >= middle["width"]
+    assert colours_in(page.screenshot(clip=middle)) > 30
+
+
+def test_next_and_previous_by_button_and_by_key(page: Any) -> None:
+    tab(page, "Scans")
+    page.get_by_role("button", name=NEXT).click()
+    says(page, f"2 of {POSES}")
+    says(page, "p02.ply")
+    page.get_by_role("button", name=PREVIOUS).click()
+    says(page, f"1 of {POSES}")
+    page.mouse.click(600, 600)  # keys are not for the page while a widget has them
+    page.keyboard.press("n")
+    says(page, f"2 of {POSES}")
+    page.keyboard.press("p")
+    says(page, f"1 of {POSES}")
+
+
+def test_planes_tab_shows_the_filters_counts(page: Any, app: App) -> None:
+    tab(page, "Planes")
+    assert app.stage.view is not None
+    search = app.stage.view.search
+    assert search is not None
+    says(page, "rejected by filter 1")
+    cells = [c.inner_text() for c in page.get_by_role("cell").all() if c.is_visible()]
+    for count in search.filter_counts().values():
+        assert f"{count:,}" in cells
+    page.get_by_role("button", name="Show the planes").click()
+    node_drawn(page, f"{ROOT}/sets/lines")
+    node_drawn(page, f"{ROOT}/groups/discs")
+
+
+def test_corner_tab_shows_the_corner(page: Any, app: App) -> None:
+    tab(page, "Corner")
+    assert app.stage.view is not None
+    search = app.stage.view.search
+    assert search is not None
+    assert search.corner is not None
+    for value in search.corner.xyz_mm:
+        says(page, f"{value:.4f}")
+    page.get_by_role("button", name="Show the corner").click()
+    node_drawn(page, f"{ROOT}/corner/ellipsoid")
+    says(page, "times larger than one standard deviation")
+
+
+def test_a_failed_scan_is_explained(page: Any, app: App) -> None:
+    assert app.stage.view is not None
+    pose_id = app.stage.view.session.dataset.poses.ids[BROKEN]
+    page.get_by_label("Pose", exact=True).first.click()
+    page.get_by_role("option", name=f"{pose_id} ·").click()
+    says(page, f"No corner: {app.stage.view.session.searches[pose_id].failure[:60]}")
+    page.mouse.click(600, 650)
+
+
+def test_redundancy_tab_has_the_heatmap_and_the_groups(page: Any) -> None:
+    tab(page, "Redundancy")
+    says(page, "a6 and aTCP always act together (r = 1): keep a6")
+    page.locator(".js-plotly-plot .heatmaplayer image").first.wait_for(timeout=MS)
+    labels = page.locator(".js-plotly-plot .ytick text").all_text_contents()
+    assert "aTCP" in labels
+    assert "d1" in labels
+
+
+def test_fit_tab_has_curves_table_and_bars(page: Any, app: App) -> None:
+    tab(page, "Fit")
+    assert app.stage.view is not None
+    result = app.stage.view.session.calibration
+    assert result is not None
+    assert result.before.train is not None
+    assert result.after.train is not None
+    says(page, words.millimetres(result.before.train.rmse_mm))
+    says(page, words.reduction(result.before.train.rmse_mm, result.after.train.rmse_mm))
+    page.locator(".js-plotly-plot .scatterlayer .trace").first.wait_for(state="attached", timeout=MS)
+    page.locator(".js-plotly-plot .barlayer .point").first.wait_for(state="attached", timeout=MS)
+    assert page.locator(".js-plotly-plot .barlayer .point").count() == POSES - 1  # one scan has no corner
+
+
+def test_nothing_is_cut_off_sideways(page: Any) -> None:
+    for name in ("Scans", "Planes", "Corner", "Redundancy", "Fit"):
+        tab(page, name)
+        page.wait_for_timeout(200)
+        wide = page.evaluate(
+            """() => [...document.querySelectorAll('table')].filter(t => t.offsetParent)
+                     .filter(t => t.scrollWidth > t.parentElement.clientWidth + 1).map(t => t.innerText.slice(0, 60))"""
+        )
+        assert wide == [], name
+
+
+def test_dark_mode_turns_the_figures_too(page: Any, app: App) -> None:
+    tab(page, "Fit")
+
+    def ink() -> str:
+        return str(
+            page.locator(".js-plotly-plot .xtick text").first.evaluate("e => getComputedStyle(e).fill")
+        )
+
+    light = ink()
+    page.mouse.click(600, 650)
+    page.keyboard.press("d")
+    page.wait_for_function(
+        """light => getComputedStyle(document.querySelector('.js-plotly-plot .xtick text')).fill != light""",
+        arg=light, timeout=MS,
+    )  # fmt: skip
+    assert app.worker.wait_idle(IDLE_S)
+    app.dark(False)
+
+
+def test_names_from_files_run_nothing(page: Any, app: App) -> None:
+    app.open("points")
+    assert app.worker.wait_idle(IDLE_S)
+    app.select(1)
+    tab(page, "Corner")
+    says(page, f"Pose {HOSTILE}")
+    assert page.evaluate("() => window.pwned === undefined")
+    assert page.locator("b", has_text="p2").count() == 0
+
+
+def test_another_web_page_cannot_drive_it_and_its_own_can(page: Any, chromium: Any, app: App) -> None:
+    connect = """([address, version]) => new Promise(done => {
+        const socket = new WebSocket(address, [version]);
+        socket.onopen = () => { socket.close(); done("open"); };
+        socket.onerror = () => done("refused"); })"""
+    address = url_of(app.server).replace("http", "ws")
+    stranger = chromium.new_page()
+    stranger.goto("about:blank")
+    assert stranger.evaluate(connect, [address, f"viser-v{viser.__version__}"]) == "refused"
+    stranger.close()
+    assert page.evaluate(connect, [address, f"viser-v{viser.__version__}"]) == "open"
