@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ from calib.observations import Observations
 from calib.redundancy import Redundancy, analyse
 from calib.residuals import make_residuals
 from calib.robot import Robot
+from calib.robust import solve_robustly
 from calib.solver import Fit, solve
 
 Array = NDArray[np.float64]
@@ -46,6 +47,7 @@ class Calibration:
     before: Evaluation
     after: Evaluation
     steps: tuple[Step, ...]  # one an iteration, the first is the nominal robot
+    weights: Array | None = None  # of the training points, where the fit was robust
 
     @property
     def robot(self) -> Robot:
@@ -62,6 +64,13 @@ class Calibration:
         out = [*self.dataset.warnings, *self.after.notes]
         if not self.fit.converged:
             out.append(f"the fit did not converge: {self.fit.reason}")
+        if self.weights is not None:
+            rows = np.flatnonzero(self.weights < 0.5)
+            poses = Observations.of(self.dataset).points.pose[rows]
+            names = ", ".join(self.dataset.poses.ids[i] for i in np.unique(poses)[:8]) or "none"
+            out.append(
+                f"{len(rows)} points count less than half: {names}; outliers are often physics, look at them"
+            )
         return tuple(out)
 
     def require_improvement(self, *, force: bool = False) -> None:
@@ -137,6 +146,8 @@ def calibrate(
     effects: Sequence[Effect] = (),
     fixed: Sequence[str] = (),
     prior: bool = True,
+    tolerances: Mapping[str, float] | None = None,
+    robust: bool = False,
 ) -> Calibration:
     """Fit the link errors, and further effects, to the training poses of a dataset.
 
@@ -146,18 +157,29 @@ def calibrate(
         effects: beyond the link errors.
         fixed: names of parameters to hold at their nominal value.
         prior: hold parameters within about their tolerance.
+        tolerances: of single link parameters, by name, in mm or rad, where the default of 1 mm and 0.5 deg is wrong.
+        robust: let points far from the model count less (`calib.robust`); positions only.
 
     Raises:
-        FitError: no points, or fewer equations than the data would have to settle.
+        FitError: no points, an unknown name, or fewer equations than the data would have to settle.
     """
-    model = Model(dataset.robot, (LinkErrors(dataset.robot), *effects)).hold(fixed)
+    links = LinkErrors(dataset.robot, checked_tolerances(dataset.robot, tolerances or {}))
+    model = Model(dataset.robot, (links, *effects)).hold(fixed)
     observed = Observations.of(dataset)
     if len(observed.points) < 3:
         raise FitError(
             f"dataset {dataset.name}: {len(observed.points)} training points; a fit needs many more"
         )
     residuals = make_residuals(residual, model, observed)
-    fit = solve(residuals, prior=prior)
+    weights = None
+    if robust:
+        if residual == "distance":
+            raise FitError("robust weights need a residual of each point; take position or pairs")
+        fit, weights = solve_robustly(
+            lambda seen: make_residuals(residual, model, seen), observed, prior=prior
+        )
+    else:
+        fit = solve(residuals, prior=prior)
     spent = residuals.degrees_spent
     if fit.rows - spent <= fit.rank:
         rows_a_pose = 1 if residual == "distance" else 3
@@ -176,7 +198,20 @@ def calibrate(
         before=evaluations[0],
         after=evaluations[-1],
         steps=tuple(_step(evaluation) for evaluation in evaluations),
+        weights=weights,
     )
+
+
+def checked_tolerances(robot: Robot, tolerances: Mapping[str, float]) -> Mapping[str, float]:
+    """The tolerances, all of known parameters and above 0; FitError otherwise."""
+    for name, value in tolerances.items():
+        if name not in robot.parameter_names:
+            raise FitError(
+                f"no parameter named {name!r}; there are {', '.join(robot.parameter_names[:6])} ..."
+            )
+        if not (np.isfinite(value) and value > 0.0):
+            raise FitError(f"tolerance of {name}: found {value!r}; a size above 0 is needed, in mm or rad")
+    return tolerances
 
 
 def _step(evaluation: Evaluation) -> Step:

@@ -35,6 +35,12 @@ class Observations:
             )
         chosen = ~dataset.poses.is_test if keep is None else np.asarray(keep, dtype=bool)
         points = dataset.points.select(chosen[dataset.points.pose])
+        bad = np.flatnonzero(~np.all(np.isfinite(points.xyz_mm), axis=1))
+        if len(bad):
+            pose = dataset.poses.ids[points.pose[bad[0]]]
+            raise FitError(
+                f"dataset {dataset.name}: the point of pose {pose!r} is not finite; leave it out or measure it again"
+            )
         covariance = points.covariance_mm2
         if covariance is None:
             sigma_mm = dataset.scanner.point_sigma_mm or 1.0

@@ -47,7 +47,22 @@ class Redundancy:
         rows = [i for i, u in enumerate(self.units) if u == unit]
         return tuple(self.parameters[i] for i in rows), self.pearson[np.ix_(rows, rows)]
 
+    @property
+    def dropped(self) -> dict[str, str]:
+        """Every parameter outside `independent`, with what makes it superfluous."""
+        why = dict.fromkeys(self.no_influence, "no influence on what is measured")
+        for group in (*self.groups, *self.mixed_groups):
+            why |= {name: f"acts like {group[0]}" for name in group[1:] if name not in why}
+        for relation in self.combinations:
+            *others, last = relation
+            why.setdefault(last, f"acts like {', '.join(others)} together")
+        for name in self.parameters:
+            if name not in self.independent:
+                why.setdefault(name, "a combination of parameters before it")
+        return {name: reason for name, reason in why.items() if name not in self.independent}
+
     def to_frame(self) -> pd.DataFrame:
+        """The matrix with the parameters' names."""
         return pd.DataFrame(self.pearson, index=self.parameters, columns=self.parameters)
 
     def summary(self) -> str:
@@ -61,8 +76,8 @@ class Redundancy:
         if self.no_influence:
             lines.append(f"No influence on the measured point: {', '.join(self.no_influence)}.")
         for relation in self.combinations:
-            terms = " ".join(f"{value:+.4g} {name}" for name, value in relation.items())
-            lines.append(f"Invisible together, although no two are alike: {terms}.")
+            terms = " ".join(f"{value:+.6g} {name}" for name, value in relation.items())
+            lines.append(f"Cancel each other, although no two are alike: corrections in the ratio {terms}.")
         return "\n".join(lines)
 
     def _group_words(self, group: tuple[str, ...]) -> str:
@@ -160,7 +175,10 @@ def _dependencies(
         weights, *_ = np.linalg.lstsq(unit[:, chosen], unit[:, j], rcond=None)
         used = [(k, w) for k, w in zip(chosen, weights, strict=True) if abs(w) > 1e-6]
         if len(used) >= 2:
-            # Corrections x with J x = 0, scaled so that the dependent parameter moves by 1.
-            relation = {names[k]: -float(w * norm[j] / norm[k]) for k, w in used}
-            relations[names[j]] = relation | {names[j]: 1.0}
+            # Corrections x with J x = 0, in lowest form: the smallest coefficient is 1, the first is positive.
+            relation = {names[k]: -float(w * norm[j] / norm[k]) for k, w in used} | {names[j]: 1.0}
+            unit_size = min(map(abs, relation.values())) * np.sign(next(iter(relation.values())))
+            relations[names[j]] = {
+                name: float(f"{value / unit_size:.9g}") for name, value in relation.items()
+            }
     return tuple(names[k] for k in chosen), relations

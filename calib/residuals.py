@@ -1,9 +1,10 @@
-"""Residuals: what the solver makes small. Two kinds with one interface; the solver knows neither.
+"""Residuals: what the solver makes small. Three kinds with one interface; the solver knows none of them.
 
 * `PositionResiduals`: measured points against predicted ones, the scanner's frame of each setup unknown.
 * `DistanceResiduals`: distances from a reference pose, which need no frame at all (Jang 2025 eq 9-16).
+* `PairResiduals`: the distances between all points of a setup, with the covariance that they really have.
 
-Both are whitened: with the declared sigmas right and the model complete, each row has variance 1.
+All are whitened: with the declared sigmas right and the model complete, each row has variance 1.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from calib.observations import (
     setup_references,
 )
 
-RESIDUAL_KINDS = ("position", "distance")
+RESIDUAL_KINDS = ("position", "distance", "pairs")
 
 
 @dataclass(frozen=True)
@@ -67,25 +68,32 @@ def fit_scanner_frame(base_mm: Array, scanner_mm: Array, covariance_mm2: Array) 
     whiten = _whitener(covariance_mm2)
     for _ in range(20):
         at = frames.apply(scanner_T_base, base_mm)
+        centre = at.mean(axis=0)
         residual = np.einsum("mij,mj->mi", whiten, at - scanner_mm)
         motion = -np.linalg.pinv(_frame_columns(at, whiten), rcond=1e-9) @ residual.ravel()
         turn = frames.rotation_from_rotvec(motion[3:])
-        scanner_T_base = frames.make_transform(turn, motion[:3]) @ scanner_T_base
+        about_centre = frames.make_transform(turn, centre - turn @ centre + motion[:3])
+        scanner_T_base = about_centre @ scanner_T_base
         if np.linalg.norm(motion[3:]) < 1e-14 and np.linalg.norm(motion[:3]) < 1e-11:
             break
     return scanner_T_base
 
 
 def _whitener(covariance_mm2: Array) -> Array:
-    """(M, 3, 3) W with W C W^T = 1."""
-    return np.linalg.inv(np.linalg.cholesky(covariance_mm2))
+    """(M, 3, 3) W with W C W^T = 1. Raises FitError where a covariance is not positive definite."""
+    try:
+        return np.linalg.inv(np.linalg.cholesky(covariance_mm2))
+    except np.linalg.LinAlgError:
+        row = int(np.argmin(np.linalg.eigvalsh(covariance_mm2)[:, 0]))
+        raise FitError(
+            f"the covariance of measured point {row} is not positive definite; give each in mm^2, or leave them out"
+        ) from None
 
 
 def _frame_columns(scanner_mm: Array, whiten: Array) -> Array:
-    """Derivative of whitened points (3 M, 6) by a small motion of their frame: translation, then turn."""
-    motion = np.concatenate(
-        [np.broadcast_to(np.eye(3), (len(scanner_mm), 3, 3)), -frames.skew(scanner_mm)], axis=-1
-    )
+    """Derivative of whitened points (3 M, 6) by a small motion of all: translation, then a turn about their centre."""
+    arms = scanner_mm - scanner_mm.mean(axis=0)  # about the centre, so that a frame far away costs no digits
+    motion = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -frames.skew(arms)], axis=-1)
     return (whiten @ motion).reshape(-1, 6)
 
 
@@ -255,8 +263,25 @@ def _distance_rows(observed: Observations) -> list[_DistanceRows]:
     return out
 
 
+@dataclass(frozen=True)
+class PairResiduals(PositionResiduals):
+    """The distances between all points of a setup, weighted by the inverse of their joint covariance.
+
+    N points have N (N - 1) / 2 distances, of which 3 N - 6 are independent: moving the points rigidly changes none. To
+    first order the distances are D dp, D the (singular) matrix of unit vectors, their covariance is D C D^T, and
+
+        (D e)^T (D C D^T)^+ (D e) = min over rigid motions m of (e - F m)^T C^-1 (e - F m)
+
+    for point errors e and the columns F of a rigid motion: generalised least squares on all distances *is* least
+    squares on the points with a free frame. So it is computed as such, at linear cost in time and memory. Taken as
+    independent, all distances count each point's error N - 1 times and promise far too much.
+    """
+
+
 def make_residuals(kind: str, model: Model, observed: Observations) -> PositionResiduals | DistanceResiduals:
-    """Residuals by their name on the command line."""
+    """Residuals by their name on the command line. Raises FitError on another name."""
+    if kind == "pairs":
+        return PairResiduals(model, observed)
     if kind == "position":
         return PositionResiduals(model, observed)
     if kind == "distance":

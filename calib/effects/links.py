@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,9 +19,13 @@ TOLERANCE_RAD = math.radians(0.5)
 
 @dataclass(frozen=True)
 class LinkErrors:
-    """Errors of every a, alpha, d, theta and beta of a robot's table (Jang 2025 eq 3), constant over the poses."""
+    """Errors of every a, alpha, d, theta and beta of a robot's table (Jang 2025 eq 3), constant over the poses.
+
+    `tolerances` gives single parameters, by name, another tolerance than the two defaults; mm or rad.
+    """
 
     robot: Robot
+    tolerances: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -34,7 +39,7 @@ class LinkErrors:
             Parameter(
                 name,
                 unit="mm" if kind in LENGTH_KINDS else "rad",
-                scale=TOLERANCE_MM if kind in LENGTH_KINDS else TOLERANCE_RAD,
+                scale=self.tolerances.get(name, TOLERANCE_MM if kind in LENGTH_KINDS else TOLERANCE_RAD),
                 doc=f"{kind} of frame {name.removeprefix(kind)}",
                 nominal=float(value),
             )
