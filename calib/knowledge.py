@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calib import frames
-from calib.calibration import Calibration
+from calib.calibration import Calibration, redundancy
 from calib.dataset import Poses
 from calib.errors import FitError
 from calib.observations import Observations, linearise_points
@@ -74,15 +74,21 @@ def combination(calibration: Calibration, coefficients: Mapping[str, float]) -> 
     )
 
 
-def known_sums(calibration: Calibration, redundancy: Redundancy) -> tuple[Combination, ...]:
-    """For each group of parameters that act alike: the one sum that the data can know (a6 + aTCP, theta4 - beta4)."""
+def known_sums(calibration: Calibration, groups_of: Redundancy | None = None) -> tuple[Combination, ...]:
+    """For each group of parameters that act alike: the one sum that the data can know (a6 + aTCP, theta4 - beta4).
+
+    `groups_of` is the dataset's redundancy, found here where None. Groups without influence on distances or positions
+    from an unknown place (d1, theta1 - beta1) are left out.
+    """
+    found = groups_of or redundancy(calibration.dataset)
+    blind = set(redundancy(calibration.dataset, residual="distance").no_influence)
     names = {p.name for p in calibration.fit.parameters}
-    row = {name: i for i, name in enumerate(redundancy.parameters)}
+    row = {name: i for i, name in enumerate(found.parameters)}
     out = []
-    for group in redundancy.groups:
-        present = [name for name in group if name in names]
+    for group in found.groups:
+        present = [name for name in group if name in names and name not in blind]
         if len(present) > 1:
-            sign = {n: float(np.sign(redundancy.pearson[row[group[0]], row[n]])) for n in present}
+            sign = {n: float(np.sign(found.pearson[row[group[0]], row[n]])) for n in present}
             out.append(combination(calibration, sign))
     return tuple(out)
 

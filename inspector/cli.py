@@ -22,6 +22,7 @@ from calib.corners import CornerSearch, find_corners
 from calib.dataset import Dataset
 from calib.dataset_file import find_datasets, load_dataset
 from calib.errors import CalibError, DatasetError
+from calib.knowledge import known_sums
 from calib.measurement import failed_searches, require_corners, with_corners
 from calib.points_file import points_frame
 from calib.residuals import RESIDUAL_KINDS
@@ -88,6 +89,18 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--out", type=Path, metavar="FILE", help="write the calibrated robot.toml")
     sub.add_argument("--force", action="store_true", help="write --out although the fit is no improvement")
     sub.add_argument("--no-prior", action="store_true", help="do not hold parameters within their tolerance")
+    sub.add_argument(
+        "--tolerance",
+        action="append",
+        default=[],
+        type=_named_number,
+        metavar="NAME=VALUE",
+        help="tolerance of one parameter, mm or rad (default 1 mm, 0.0087 rad); may be given several times",
+    )
+    sub.add_argument(
+        "--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal"
+    )
+    sub.add_argument("--robust", action="store_true", help="let points far from the model count less")
     _add_json(sub)
 
     sub = command("simulate", _simulate, "make a dataset with known truth", "folder to make")
@@ -118,6 +131,14 @@ def _add_json(sub: argparse.ArgumentParser) -> None:
 
 def _add_residual(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--residual", choices=RESIDUAL_KINDS, default="position", help="default position")
+
+
+def _named_number(text: str) -> tuple[str, float]:
+    name, _, value = text.partition("=")
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE, such as a1=0.5") from None
 
 
 def _port(text: str) -> int:
@@ -164,12 +185,20 @@ def _redundancy(options: Any) -> int:
 
 def _calibrate(options: Any) -> int:
     dataset = _measured(_dataset(options.path))
-    result = calibrate(dataset, residual=options.residual, prior=not options.no_prior)
+    result = calibrate(
+        dataset,
+        residual=options.residual,
+        fixed=options.hold,
+        prior=not options.no_prior,
+        tolerances=dict(options.tolerance),
+        robust=options.robust,
+    )
     if options.out is not None:
         result.require_improvement(force=options.force)
         write_text_atomically(options.out, robot_to_toml(result.robot))
     table = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.6g}")
-    _print(options, documents.calibration_document(result), f"{table}\n{result.summary()}")
+    sums = "\n".join(f"known: {c.words} = {c.value:.6g} +- {c.sigma:.2g}" for c in known_sums(result))
+    _print(options, documents.calibration_document(result), f"{table}\n{sums}\n{result.summary()}")
     return 0
 
 

@@ -14,6 +14,7 @@ from calib.calibration import Calibration
 from calib.checking import Check
 from calib.corners import CornerSearch
 from calib.evaluation import Evaluation, Figures
+from calib.knowledge import correlated_pairs, known_sums
 from calib.measurement import failed_searches
 from calib.redundancy import Redundancy
 from calib.repeatability import repeats_frame
@@ -78,6 +79,7 @@ def redundancy_document(redundancy: Redundancy, residual: str, rank_unknown_fram
         "rank_unknown_frame": rank_unknown_frame,
         "kept": redundancy.kept,
         "independent": redundancy.independent,
+        "dropped": redundancy.dropped,
     }
 
 
@@ -106,6 +108,16 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "sigma_mm": calibration.sigma_mm,
         "degrees_of_freedom": fit.degrees_of_freedom,
         "parameters": frame.to_dict(orient="records"),
+        "known_sums": [
+            {
+                "parameters": c.coefficients,
+                "value": c.value,
+                "sigma": c.sigma,
+                "worst_part_sigma": c.worst_part_sigma,
+            }
+            for c in known_sums(calibration)
+        ],
+        "correlated": [asdict(pair) for pair in correlated_pairs(calibration)],
         "warnings": calibration.warnings,
     }
 

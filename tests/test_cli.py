@@ -92,6 +92,42 @@ def test_without_a_prior_unknowable_sigmas_are_null(
     assert sigma["a2"] is not None
 
 
+def test_tolerances_holds_and_robust_weights_by_command(
+    capsys: pytest.CaptureFixture[str], points_folder: Path
+) -> None:
+    document = run_json(
+        capsys,
+        "calibrate",
+        points_folder,
+        "--tolerance",
+        "a2=1e-9",
+        "--hold",
+        "d5",
+        "--robust",
+        "--residual",
+        "pairs",
+    )
+    parameters = {p["name"]: p for p in document["parameters"]}
+    assert "d5" not in parameters
+    assert abs(parameters["a2"]["change"]) < 1e-6
+    assert any("count less than half" in warning for warning in document["warnings"])
+    assert "no parameter named 'b7'" in refused(capsys, "calibrate", points_folder, "--tolerance", "b7=1")
+    assert "above 0" in refused(capsys, "calibrate", points_folder, "--tolerance", "a2=-1")
+    assert "no parameter named 'b7'" in refused(capsys, "calibrate", points_folder, "--hold", "b7")
+    assert "position or pairs" in refused(
+        capsys, "calibrate", points_folder, "--robust", "--residual", "distance"
+    )
+
+
+def test_known_sums_are_told(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
+    document = run_json(capsys, "calibrate", points_folder)
+    sums = {tuple(s["parameters"]): s for s in document["known_sums"]}
+    assert sums[("d6", "dTCP")]["sigma"] < 0.1 * sums[("d6", "dTCP")]["worst_part_sigma"]
+    assert not any("d1" in names for names in sums)
+    assert main(["calibrate", str(points_folder)]) == 0
+    assert "known: d6 + dTCP = " in capsys.readouterr().out
+
+
 def test_redundancy_has_the_promised_keys(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
     document = run_json(capsys, "redundancy", points_folder)
     names = document["parameters"]

@@ -99,6 +99,25 @@ def test_a_named_combination_is_invisible() -> None:
         assert np.abs(moved).max() < 1e-6 * largest
 
 
+def test_every_parameter_is_either_independent_or_dropped_for_a_reason() -> None:
+    for arm in ("rb5", "panda"):
+        found = analysed(park_arm(arm))
+        assert set(found.independent) | set(found.dropped) == set(found.parameters)
+        assert not set(found.independent) & set(found.dropped)
+        assert all(found.dropped.values())
+    assert found.dropped["beta1"] == "acts like theta1"
+    assert found.dropped["d4"] == "acts like theta3, beta3 together"
+
+
+def test_combinations_come_in_lowest_form() -> None:
+    relations = {frozenset(c): c for c in analysed(park_arm("panda")).combinations}
+    # 82.5 mm between the axes of joints 3 and 4 (Park, Table 2): turning by x and lifting by 82.5 x cancel.
+    assert relations[frozenset(("theta3", "beta3", "d4"))] == pytest.approx(
+        {"theta3": 1, "beta3": -1, "d4": 82.5}
+    )
+    assert relations[frozenset(("a6", "theta6", "d7"))] == pytest.approx({"a6": 107, "theta6": -1, "d7": -88})
+
+
 def test_what_is_kept_carries_all_the_information() -> None:
     for arm in ("rb5", "panda"):
         robot = park_arm(arm)
