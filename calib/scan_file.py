@@ -126,8 +126,9 @@ def _check_pcd_header(path: Path) -> None:
 
 def _read_xyz(path: Path) -> tuple[NDArray, None]:
     try:
-        text = path.read_text("utf-8")
-        rows = np.loadtxt(text.replace(",", " ").replace(";", " ").splitlines(), ndmin=2, usecols=(0, 1, 2))
+        text = path.read_text("utf-8").replace(",", " ").replace(";", " ")
+        lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+        rows = np.loadtxt(lines, ndmin=2, usecols=(0, 1, 2)) if lines else np.zeros((0, 3))
     except ValueError as error:  # also what is not text at all
         raise ScanError(
             f"{path}: not three numbers a line ({_one_line(error)}); write x y z in each line"

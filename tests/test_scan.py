@@ -114,6 +114,7 @@ def test_rows_without_depth_are_dropped_and_counted(tmp_path: Path) -> None:
         ("a.ply", b"\x00\x01\x02 not a scan", "not a .ply"),
         ("a.pcd", b"not a cloud\n" * 9, "not a .pcd"),
         ("a.xyz", b"1 2 3\n4 5\n", "row 2"),
+        ("a.xyz", b"# x y z\n \t\n", "no usable point"),
         ("a.xyz", b"\xff\xfe\x00\x80" * 9, "three numbers"),
         ("a.stl", b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n", "not a readable .stl"),
         ("a.txt", b"1 2 3\n", "not a kind of scan"),
