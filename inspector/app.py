@@ -67,7 +67,7 @@ class App:
         gui.main_panel.set_width(440)
         return Stage(
             self.server, folders, review=review, scans=scans, planes=planes, corner=corner, redundancy=redundancy,
-            fit=fit, on_click=self.select,
+            fit=fit, on_click=self.select, on_open=self._opened,
         )  # fmt: skip
 
     def close(self) -> None:
@@ -90,9 +90,11 @@ class App:
     def open(self, name: str) -> None:
         """Show another dataset."""
         if name in self._known:
-            with self._asking:
-                self._wanted = 0
             self.worker.submit("open", lambda: self.stage.open(name))
+
+    def _opened(self) -> None:
+        with self._asking:
+            self._wanted = 0  # another dataset starts at its first pose
 
     def select(self, pose: int) -> None:
         """Select a pose by its index."""

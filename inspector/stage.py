@@ -20,7 +20,7 @@ from calib.scan import Scan, load_scan
 from inspector import session as sessions
 from inspector.drawing import PLANE_LAYERS, draw_corners, draw_overview, draw_planes, draw_pose
 from inspector.palette import role_colour
-from inspector.panels.base import FACTORS, LOOKS, View, corner_of, put
+from inspector.panels.base import FACTORS, LOOKS, WIDE_LOOKS, View, corner_of, put
 from inspector.panels.corner import CornerPanel
 from inspector.panels.fit import FitPanel
 from inspector.panels.planes import PlanesPanel
@@ -52,12 +52,13 @@ class Stage:
         redundancy: RedundancyPanel,
         fit: FitPanel,
         on_click: Callable[[int], None],
+        on_open: Callable[[], None],
     ) -> None:
         self._server = server
         self._folders = folders
         self.review, self.scans, self.planes, self.corner = review, scans, planes, corner
         self.redundancy, self.fit = redundancy, fit
-        self._on_click = on_click
+        self._on_click, self._on_open = on_click, on_open
         self.scene = SceneView(server)
         self.view: View | None = None
         self._name = ""
@@ -101,6 +102,7 @@ class Stage:
         self._name, self._scan, self._search_s = name, None, 0.0
         self._medians = {}
         self.view = View(session) if old is None else replace(old, session=session, pose=0, failures={})
+        self._on_open()
         put(self.review.dataset, name)
         self.scene.clear_overview()
         self.review.set_poses(self.now)
@@ -311,7 +313,7 @@ class Stage:
     def _focus(self) -> None:
         """The middle of everything for the overview, else the corner of the selected pose."""
         found = corner_of(self.now, self.now.pose)
-        if self._look == LOOKS[0]:
+        if self._look in WIDE_LOOKS:
             self.scene.focus(self._middle()[0])
         elif found is not None:
             self.scene.focus(found[0])

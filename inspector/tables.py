@@ -42,7 +42,10 @@ def table(
         align = "left" if column < left else "right"
         return f'<{tag} style="{_CELL}{_LINE}text-align:{align};{extra}">{_markup(value)}</{tag}>'
 
-    head = "".join(cell("th", i, h, "font-weight:600;opacity:0.75;") for i, h in enumerate(headers))
+    stay = (
+        "position:sticky;top:0;backdrop-filter:blur(12px);" if height else ""
+    )  # the page's own colour stays behind
+    head = "".join(cell("th", i, h, f"font-weight:600;{stay}") for i, h in enumerate(headers))
     body = []
     for number, row in enumerate(rows):
         style = ' style="background:rgba(86,180,233,0.22)"' if number == mark else ""

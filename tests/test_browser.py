@@ -123,7 +123,11 @@ def test_a_failed_scan_is_explained(page: Any, app: App) -> None:
 def test_redundancy_tab_has_the_heatmap_and_the_groups(page: Any) -> None:
     tab(page, "Redundancy")
     says(page, "a6 and aTCP always act together (r = 1): keep a6")
-    page.locator(".js-plotly-plot .heatmaplayer image").first.wait_for(timeout=MS)
+    image = page.locator(".js-plotly-plot .heatmaplayer image").last
+    image.wait_for(timeout=MS)
+    box = image.bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.locator(".hoverlayer .hovertext").filter(has_text="r =").first.wait_for(state="attached", timeout=MS)
     labels = page.locator(".js-plotly-plot .ytick text").all_text_contents()
     assert "aTCP" in labels
     assert "d1" in labels

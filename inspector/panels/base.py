@@ -14,7 +14,8 @@ from calib.residuals import RESIDUAL_KINDS
 from inspector.session import Session
 
 RESIDUALS = RESIDUAL_KINDS
-LOOKS = ("All scans", "Scan", "Planes", "Corner")
+LOOKS = ("All scans", "Scan", "Planes", "Corner", "All corners")
+WIDE_LOOKS = ("All scans", "All corners")  # of the whole dataset, not of one pose
 FACTORS = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000)  # enlargements of the uncertainty ellipsoids
 
 
@@ -76,13 +77,19 @@ def hidden_plot(gui: viser.GuiApi, aspect: float) -> viser.GuiPlotlyHandle:
 
 
 def corner_of(view: View, pose: int) -> tuple[NDArray, NDArray | None] | None:
-    """The measured point of a pose, (3,) mm, and its covariance (3, 3): from points.csv, else from its scan."""
+    """The measured point of a pose, (3,) mm, and its covariance (3, 3): from points.csv, else from its scan.
+
+    Where points.csv has no covariance, the scanner's declared sigma stands for it.
+    """
     points = view.session.dataset.points
     if points is not None:
         rows = np.flatnonzero((points.pose == pose) & (points.target == "jig"))
         if not len(rows):
             return None
-        covariance = None if points.covariance_mm2 is None else points.covariance_mm2[rows[0]]
+        sigma_mm = view.session.dataset.scanner.point_sigma_mm
+        covariance = None if sigma_mm is None else sigma_mm**2 * np.eye(3)
+        if points.covariance_mm2 is not None:
+            covariance = points.covariance_mm2[rows[0]]
         return points.xyz_mm[rows].mean(axis=0), covariance
     search = view.session.searches.get(view.session.dataset.poses.ids[pose])
     if search is None or search.corner is None:

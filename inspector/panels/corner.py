@@ -22,7 +22,10 @@ class CornerPanel:
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(tables.note(NOTE))
-        gui.add_button_group("In 3D", ("Show the corner",)).on_click(lambda _: actions.look("Corner"))
+        both = gui.add_button_group("In 3D", ("Show the corner", "Show all"))
+        both.on_click(
+            lambda e: actions.look("Corner" if e.target.value == "Show the corner" else "All corners")
+        )
         self._content = gui.add_html("")
 
     def update(self, view: View) -> None:
@@ -59,7 +62,7 @@ def corner_html(view: View) -> str:
         tables.note(
             f"Drawn {view.factor:g} times larger than one standard deviation (Display → Ellipsoids ×)."
             if covariance is not None
-            else "No uncertainty was given for this point (points.csv has no covariance columns)."
+            else "Its uncertainty is not known: no covariance in points.csv, no point_sigma_mm in dataset.toml."
         ),
     ]
     if search is not None and search.corner is not None:

@@ -16,7 +16,8 @@ from inspector.server import one_of
 
 NOTE = (
     "Pearson's r of each pair of parameters: dark red or dark blue (|r| = 1) off the diagonal means that the two "
-    "always act together, so only one can be fitted. Grey means no influence at all."
+    "always act together, so only one can be fitted. Grey means no influence at all. Hover for values; the sign at the "
+    "figure's lower right enlarges it."
 )
 LENGTHS, ANGLES, ALL = "lengths (a, d)", "angles (α, θ, β)", "all, unsplit"
 CHOICES = (LENGTHS, ANGLES, ALL)

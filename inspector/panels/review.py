@@ -26,6 +26,7 @@ LOOK_LAYERS = {
     "Scan": {"scan", "faces", "corner"},
     "Planes": {"faces", "sets", "rejected", "groups"},
     "Corner": {"faces", "corner"},
+    "All corners": {"corner", "corners", "scanner"},
 }
 PREVIOUS, NEXT = "◀ Previous", "Next ▶"
 
@@ -45,7 +46,7 @@ class ReviewPanel:
         self.walk = gui.add_button_group("", (PREVIOUS, NEXT), hint="keys: P and N")
         self._status = gui.add_html("")
         gui.add_divider()
-        self.view = gui.add_button_group("3D view", LOOKS, hint="keys: 1 2 3 4")
+        self.view = gui.add_button_group("3D view", LOOKS, hint="keys: 1 2 3 4 5")
         self.layers: dict[str, viser.GuiCheckboxHandle] = {}
         with gui.add_folder("Layers", expand_by_default=True):
             for name, label in LAYER_WORDS.items():
@@ -60,6 +61,7 @@ class ReviewPanel:
                 "Ellipsoids ×", tuple(str(f) for f in FACTORS), initial_value="1000",
                 hint="how many times larger than one standard deviation the uncertainty is drawn",
             )  # fmt: skip
+        gui.add_html(tables.note("Keys: N next, P previous, 1–5 views, D dark"))
         self._problem = gui.add_html("")
         self._connect(gui)
 
@@ -86,7 +88,7 @@ class ReviewPanel:
         gui.add_command("Previous pose", hotkey="P", icon=viser.Icon.ARROW_LEFT).on_trigger(
             lambda _: a.step(-1)
         )
-        for key, look in zip("1234", LOOKS, strict=True):
+        for key, look in zip("12345", LOOKS, strict=True):
             gui.add_command(f"Look at: {look}", hotkey=key, icon=viser.Icon.EYE).on_trigger(  # type: ignore[arg-type]
                 lambda _, look=look: a.look(look)  # type: ignore[misc]
             )

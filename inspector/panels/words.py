@@ -37,7 +37,7 @@ def role(name: str) -> str:
 
 def count(number: int, one: str, many: str | None = None) -> str:
     """ "1 scan", "2 scans"."""
-    return f"{number:,} {one if number == 1 else many or one + 's'}".replace(",", "\u202f")
+    return f"{number:,} {one if number == 1 else many or one + 's'}"
 
 
 def listing(names: tuple[str, ...] | list[str]) -> str:
