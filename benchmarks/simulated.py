@@ -60,7 +60,7 @@ def mixed_arm(index: int, rng: np.random.Generator) -> tuple[str, Robot]:
 
 
 def heavy_arm(index: int, rng: np.random.Generator) -> tuple[str, Robot]:
-    """As `mixed_arm`, with masses: the builtin RB5 and Panda, and random arms of 12 kg at the root to 1 kg at the tip."""
+    """As `mixed_arm`, with masses: the builtin RB5 and Panda, random arms of 12 kg at the root to 1 kg at the tip."""
     kinds = ("rb5", "panda", "random 5", "random 6", "random 7")
     kind = kinds[index % len(kinds)]
     if not kind.startswith("random"):
@@ -88,6 +88,7 @@ def anywhere(rng: np.random.Generator) -> Array:
 
 
 def unit(vector: Array) -> Array:
+    """The vector's direction."""
     return np.asarray(vector / np.linalg.norm(vector))
 
 
