@@ -1,7 +1,7 @@
 """The model: a robot, a list of effects, and the one bridge between parameter names and the solver's vector.
 
 The vector x holds corrections, zero for the nominal robot. Parameters named in `fixed` stay at zero and are invisible
-to the solver. Jacobians follow by the chain rule: d point / d table (analytic) x d table / d parameter (the effect's).
+to the solver. Jacobians follow by the chain rule: d point / d state (analytic) x d state / d parameter (the effect's).
 """
 
 from __future__ import annotations
@@ -12,10 +12,19 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calib import kinematics
+from calib import frames, kinematics
 from calib.dataset import Poses
-from calib.effects.base import Array, Effect, Parameter, RobotState, table_derivative
+from calib.effects.base import (
+    Array,
+    Effect,
+    Parameter,
+    apply_values,
+    family_name,
+    full_name,
+    state_derivative,
+)
 from calib.effects.links import LinkErrors
+from calib.effects.state import RobotState, Seen
 from calib.errors import FitError
 from calib.robot import Robot
 
@@ -30,7 +39,11 @@ class Model:
 
     @cached_property
     def _all_parameters(self) -> tuple[Parameter, ...]:
-        return tuple(p for effect in self.effects for p in effect.parameters)
+        return tuple(
+            p if isinstance(effect, LinkErrors) else replace(p, name=full_name(effect, p))
+            for effect in self.effects
+            for p in effect.parameters
+        )
 
     @cached_property
     def _is_free(self) -> NDArray[np.bool_]:
@@ -40,6 +53,12 @@ class Model:
     def parameters(self) -> tuple[Parameter, ...]:
         """What the solver may move, in the order of x."""
         return tuple(p for p in self._all_parameters if p.name not in self.fixed)
+
+    @property
+    def family_names(self) -> tuple[str, ...]:
+        """The effects beyond the link errors, in the order they were added; a family of several joints once."""
+        names = [family_name(effect) for effect in self.effects if not isinstance(effect, LinkErrors)]
+        return tuple(dict.fromkeys(names))
 
     @property
     def scales(self) -> Array:
@@ -63,48 +82,44 @@ class Model:
         ends = np.cumsum([len(effect.parameters) for effect in self.effects])
         return np.split(full, ends[:-1])
 
-    def state(self, x: ArrayLike, poses: Poses) -> RobotState:
+    def state(self, x: ArrayLike, poses: Poses, seen: Seen | None = None) -> RobotState:
         """The chain's parameters at every pose, all effects applied in order."""
-        state = RobotState.nominal(self.robot, poses)
+        state = RobotState.nominal(self.robot, poses, seen)
         for effect, values in zip(self.effects, self._values_by_effect(x), strict=True):
-            state = effect.apply(state, values)
+            state = apply_values(effect, state, values)
         return state
 
-    def predict(self, x: ArrayLike, poses: Poses, target: str = "jig") -> Array:
-        """A target's place at every pose (N, 3), mm in the base frame."""
-        state = self.state(x, poses)
-        chain = kinematics.forward(state.table, poses.q, self.robot.is_revolute)
-        return _target_mm(chain, state, target)
+    def predict(self, x: ArrayLike, poses: Poses, target: str = "jig", seen: Seen | None = None) -> Array:
+        """A target's place at every pose (N, 3), mm in the base frame.
 
-    def linearise(self, x: ArrayLike, poses: Poses, target: str = "jig") -> tuple[Array, Array]:
+        With `seen`, as the scanner reports it: effects of the scanner need to know where it looks. Without, as it is.
+        """
+        state = self.state(x, poses, seen)
+        return state.place(_target_mm(state, target))
+
+    def linearise(
+        self, x: ArrayLike, poses: Poses, target: str = "jig", seen: Seen | None = None
+    ) -> tuple[Array, Array]:
         """A target's place (N, 3) and its derivative by the free parameters (N, 3, P)."""
-        state = self.state(x, poses)
-        chain = kinematics.forward(state.table, poses.q, self.robot.is_revolute)
-        points_mm = _target_mm(chain, state, target)
-        by_table = kinematics.jacobian(chain, points_mm)  # (N, 3, n + 1, 5)
-        if target != "jig":
-            by_table[:, :, -1] = 0.0  # further targets do not ride on the tool row
-        by_table = by_table.reshape(*by_table.shape[:2], -1)
-        columns = [_columns(by_table, d) for d in self._table_derivatives(x, poses)]
+        points_mm, by_state = point_by_state(self.state(x, poses, seen), target)
+        columns = [columns_of(by_state, d) for d in self._state_derivatives(x, poses, seen)]
         return points_mm, np.concatenate(columns, axis=-1)[..., self._is_free]
 
-    def _table_derivatives(self, x: ArrayLike, poses: Poses) -> list[Array]:
-        """For each effect d table / d its parameters (K, 1 or N, (n + 1) * 5).
+    def _state_derivatives(self, x: ArrayLike, poses: Poses, seen: Seen | None) -> list[Array]:
+        """For each effect d state / d its parameters (K, 1 or N, S).
 
         How a later effect changes with an earlier one's parameters is of second order and left out: the solver's
         residual is exact, so this costs it a little speed and no accuracy.
         """
-        state = RobotState.nominal(self.robot, poses)
+        state = RobotState.nominal(self.robot, poses, seen)
         out = []
         for effect, values in zip(self.effects, self._values_by_effect(x), strict=True):
             if isinstance(effect, LinkErrors):  # the identity: no need to difference it
-                derivative = np.eye(state.table[0].size)[:, None]
+                derivative = np.eye(state.table[0].size, state.vector.shape[1])[:, None]
             else:
-                derivative = np.stack(
-                    [d.reshape(len(d), -1) for d in table_derivative(effect, state, values)]
-                )
+                derivative = stack_derivatives(state_derivative(effect, state, values))
             out.append(derivative)
-            state = effect.apply(state, values)
+            state = apply_values(effect, state, values)
         return out
 
     def calibrated_robot(self, x: ArrayLike) -> Robot:
@@ -121,15 +136,37 @@ def geometric_model(robot: Robot) -> Model:
     return Model(robot, (LinkErrors(robot),))
 
 
-def _target_mm(chain: kinematics.Chain, state: RobotState, target: str) -> Array:
+def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array]:
+    """A target's place (N, 3) and its derivative by `state.vector` (N, 3, S): the chain's analytic Jacobian."""
+    chain_mm = _target_mm(state, target)
+    by_table = kinematics.jacobian(state.chain, chain_mm)  # (N, 3, n + 1, 5)
+    if target != "jig":
+        by_table[:, :, -1] = 0.0  # further targets do not ride on the tool row
+    by_table = by_table.reshape(*by_table.shape[:2], -1)
+    turned_mm = state.place(chain_mm) - state.displacement_mm
+    if np.any(state.base_rotvec_rad):
+        by_table = frames.rotation_from_rotvec(state.base_rotvec_rad) @ by_table
+    eye = np.broadcast_to(np.eye(3), (len(chain_mm), 3, 3))
+    return turned_mm + state.displacement_mm, np.concatenate(
+        [by_table, -frames.skew(turned_mm), eye], axis=-1
+    )
+
+
+def _target_mm(state: RobotState, target: str) -> Array:
     if target == "jig":
-        return chain.target_mm
-    flange = chain.base_T_flange
+        return state.chain.target_mm
+    flange = state.chain.base_T_flange
     return flange[:, :3, :3] @ state.target_offsets_mm[target] + flange[:, :3, 3]
 
 
-def _columns(by_table: Array, derivative: Array) -> Array:
-    """(N, 3, T) x (K, 1 or N, T) -> (N, 3, K)."""
+def stack_derivatives(derivatives: list[Array]) -> Array:
+    """A list of K arrays (1 or N, S) as one (K, 1 or N, S)."""
+    rows = max(map(len, derivatives))
+    return np.stack([np.broadcast_to(d, (rows, d.shape[1])) for d in derivatives])
+
+
+def columns_of(by_state: Array, derivative: Array) -> Array:
+    """(N, 3, S) x (K, 1 or N, S) -> (N, 3, K): the chain rule."""
     if derivative.shape[1] == 1:
-        return by_table @ derivative[:, 0].T
-    return np.einsum("nit,knt->nik", by_table, derivative)
+        return by_state @ derivative[:, 0].T
+    return np.einsum("nis,kns->nik", by_state, derivative, optimize=True)

@@ -2,19 +2,35 @@
 
 Calibration is a list of effects with unknown parameters, simulation the same list with known ones. Every effect obeys
 one law: **zero means absent**. At zero parameters `apply` returns the state bit for bit.
+
+A user's own effect needs no more than this::
+
+    @dataclass(frozen=True)
+    class EncoderEccentricity:
+        \"\"\"Once-per-turn encoder error of one joint: dq = c cos(q) + s sin(q).\"\"\"
+
+        joint: int
+        parameters = (
+            Parameter("cos_rad", unit="rad", scale=1e-4, doc="cosine amplitude"),
+            Parameter("sin_rad", unit="rad", scale=1e-4, doc="sine amplitude"),
+        )
+
+        def apply(self, state, *, cos_rad, sin_rad):
+            q_rad = state.q_rad[:, self.joint]
+            return state.add_joint_error(self.joint, cos_rad * np.cos(q_rad) + sin_rad * np.sin(q_rad))
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Protocol, runtime_checkable
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from calib.dataset import Poses
-from calib.robot import PARAMETER_KINDS, Robot
+from calib.effects.state import RobotState
 
 Array = NDArray[np.float64]
 
@@ -30,68 +46,51 @@ class Parameter:
     nominal: float = 0.0  # what is reported is nominal + the fitted value
 
 
-@dataclass(frozen=True)
-class RobotState:
-    """Where each parameter of the chain stands at each of N poses, before the forward pass.
-
-    `table` (1 or N, n + 1, 5) rows a, alpha, d, theta, beta; its leading axis stays 1 until something depends on the
-    pose. `target_offsets_mm`: places of the further targets in the last joint's frame, each (3,).
-    """
-
-    robot: Robot
-    poses: Poses
-    table: Array
-    target_offsets_mm: Mapping[str, Array] = field(default_factory=dict)
-
-    @classmethod
-    def nominal(cls, robot: Robot, poses: Poses) -> RobotState:
-        offsets = {target.name: np.array(target.xyz_mm) for target in robot.targets}
-        return cls(robot, poses, robot.table[None], offsets)
-
-    @property
-    def q_rad(self) -> Array:
-        """(N, n) joint positions as commanded; mm for prismatic joints."""
-        return self.poses.q
-
-    def add_link_error(self, frame: int, kind: str, error: ArrayLike) -> RobotState:
-        """Add to one entry of the table: a scalar for all poses, or (N,) one a pose."""
-        error = np.atleast_1d(np.asarray(error, dtype=float))  # (1 or N,)
-        rows = max(len(self.table), len(error))
-        table = np.repeat(self.table, rows, axis=0) if len(self.table) < rows else self.table.copy()
-        table[:, frame, PARAMETER_KINDS.index(kind)] += error
-        return replace(self, table=table)
-
-    def add_joint_error(self, joint: int, error: ArrayLike) -> RobotState:
-        """Add to where a joint stands: rad, or mm for a prismatic joint; a scalar or (N,)."""
-        kind = "theta" if self.robot.joints[joint].is_revolute else "d"
-        return self.add_link_error(joint, kind, error)
-
-
 @runtime_checkable
 class Effect(Protocol):
-    """The contract. `apply` takes one value for each of `parameters`, by position in `values`."""
+    """The contract. `apply` takes a value for each parameter, by its name."""
 
     @property
-    def name(self) -> str:
-        """The family's name, as the command line takes it."""
+    def parameters(self) -> Sequence[Parameter]:
+        """What is unknown about it; names are Python identifiers."""
         ...
 
     @property
-    def parameters(self) -> Sequence[Parameter]: ...
+    def apply(self) -> Callable[..., RobotState]:
+        """`apply(state, **values)`: the state with the effect in it."""
+        ...
 
-    def apply(self, state: RobotState, values: Array) -> RobotState: ...
+
+def family_name(effect: Effect) -> str:
+    """The name that the command line takes: the effect's own, else its class's in lower case with underscores."""
+    name = getattr(effect, "name", None)
+    return str(name) if name else re.sub(r"(?<!^)(?=[A-Z])", "_", type(effect).__name__).lower()
 
 
-def table_derivative(effect: Effect, state: RobotState, values: Array) -> list[Array]:
-    """d table / d value for each parameter of an effect, applied to `state`: a list of (1 or N, n + 1, 5).
+def full_name(effect: Effect, parameter: Parameter) -> str:
+    """A parameter's name among all: `family.parameter`, with the joint, counted from 1, where the effect has one."""
+    joint = getattr(effect, "joint", None)
+    middle = "" if joint is None else f".J{int(joint) + 1}"
+    return f"{family_name(effect)}{middle}.{parameter.name}"
 
-    Central differences of the effect's own map, which is cheap; the chain's part of the derivative is analytic.
-    Steps are 1e-3 of a parameter's scale: exact to rounding for maps that are linear in their parameters.
+
+def apply_values(effect: Effect, state: RobotState, values: Array) -> RobotState:
+    """`apply` with the values in the order of the effect's parameters."""
+    named: dict[str, Any] = {p.name: float(v) for p, v in zip(effect.parameters, values, strict=True)}
+    return effect.apply(state, **named)
+
+
+def state_derivative(effect: Effect, state: RobotState, values: Array) -> list[Array]:
+    """d state.vector / d value for each parameter of an effect that acts on `state`: a list of (1 or N, S).
+
+    Central differences of the effect's own map, which is cheap; the chain's part of the derivative is analytic. Steps
+    are 1e-3 of a parameter's scale: exact to rounding for maps that are linear in their parameters.
     """
     out = []
     for k, parameter in enumerate(effect.parameters):
         step = np.zeros(len(values))
         step[k] = 1e-3 * parameter.scale
-        high, low = effect.apply(state, values + step).table, effect.apply(state, values - step).table
+        high = apply_values(effect, state, values + step).vector
+        low = apply_values(effect, state, values - step).vector
         out.append((high - low) / (2.0 * step[k]))
     return out

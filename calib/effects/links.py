@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from calib.effects.base import Array, Parameter, RobotState
+from calib.effects.base import Parameter
+from calib.effects.state import RobotState
 from calib.robot import LENGTH_KINDS, PARAMETER_KINDS, Robot
 
 TOLERANCE_MM = 1.0
@@ -26,13 +28,11 @@ class LinkErrors:
 
     robot: Robot
     tolerances: Mapping[str, float] = field(default_factory=dict)
+    name = "link_errors"
 
-    @property
-    def name(self) -> str:
-        return "link_errors"
-
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
+        """a1 alpha1 d1 theta1 beta1 ... betaTCP."""
         names = self.robot.parameter_names
         kinds = [kind for _ in self.robot.frame_names for kind in PARAMETER_KINDS]
         return tuple(
@@ -46,5 +46,7 @@ class LinkErrors:
             for name, kind, value in zip(names, kinds, self.robot.table.ravel(), strict=True)
         )
 
-    def apply(self, state: RobotState, values: Array) -> RobotState:
-        return replace(state, table=state.table + np.reshape(values, state.table.shape[1:]))
+    def apply(self, state: RobotState, **values: float) -> RobotState:
+        """The table with the errors added."""
+        errors = np.array([values[p.name] for p in self.parameters])
+        return replace(state, table=state.table + errors.reshape(state.table.shape[1:]))

@@ -1,0 +1,88 @@
+"""Gravity on the arm: torques about the joints and moments on the links, from where the masses hang.
+
+    tau_j = z_j . sum_k (c_k - o_j) x m_k g        (N m; for a prismatic joint the force z_j . sum m_k g, N)
+
+with z_j, o_j axis and origin of joint j, c_k the centres of mass of everything beyond it. Where masses are not known,
+the torque that one kilogram at each frame's origin would cause stands in: masses along a link between two origins are
+a sum of masses at them, so these columns span what the true masses do.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.robot import Robot
+
+if TYPE_CHECKING:
+    from calib.effects.state import RobotState  # which calls this module
+
+Array = NDArray[np.float64]
+
+
+def has_masses(robot: Robot) -> bool:
+    """Whether the robot's table tells mass and centre of mass of every link."""
+    return all(joint.mass_kg is not None and joint.com_mm is not None for joint in robot.joints)
+
+
+def hanging_masses(state: RobotState) -> list[tuple[int, Array, Array]]:
+    """What hangs on the arm, payload included: (frame that carries it, mass (1 or N,) kg, place (N, 3) mm)."""
+    robot, frames = state.robot, state.chain.base_T_frame
+    out = []
+    for k, joint in enumerate(robot.joints):
+        if joint.mass_kg:
+            out.append(
+                (k + 1, np.array([joint.mass_kg]), _at(frames[:, k + 1], joint.com_mm or (0.0, 0.0, 0.0)))
+            )
+    tool, flange = robot.tool, state.chain.base_T_flange
+    if tool.mass_kg:
+        out.append((robot.n_joints, np.array([tool.mass_kg]), _at(flange, tool.com_mm or (0.0, 0.0, 0.0))))
+    if state.poses.payload_kg is not None and np.any(state.poses.payload_kg):
+        out.append((robot.n_joints, state.poses.payload_kg, payload_place(state)))
+    return out
+
+
+def payload_place(state: RobotState) -> Array:
+    """Centre of mass of the payload (N, 3): where robot.toml says, else the tool point."""
+    com = state.robot.tool.payload_com_mm
+    return _at(state.chain.base_T_flange, com) if com is not None else state.chain.target_mm
+
+
+def _at(base_T_frame: Array, point_mm: tuple[float, float, float]) -> Array:
+    return base_T_frame[:, :3, :3] @ np.array(point_mm) + base_T_frame[:, :3, 3]
+
+
+def moment_about(state: RobotState, origin_mm: Array, beyond: int) -> Array:
+    """Gravity's moment (N, 3) in N m about a point (N, 3), of what frames after `beyond` carry; base frame."""
+    gravity = np.array(state.robot.gravity_m_s2)
+    total = np.zeros((len(state.poses), 3))
+    for frame, mass_kg, place_mm in hanging_masses(state):
+        if frame > beyond:
+            total += np.cross((place_mm - origin_mm) * 1e-3, gravity) * mass_kg[:, None]
+    return total
+
+
+def joint_torques(state: RobotState) -> Array:
+    """(N, n) gravity's torque about each revolute axis, N m, and force along each prismatic one, N."""
+    frames, gravity = state.chain.base_T_frame, np.array(state.robot.gravity_m_s2)
+    out = np.zeros((len(state.poses), state.robot.n_joints))
+    for j, joint in enumerate(state.robot.joints):
+        axis, origin = frames[:, j, :3, 2], frames[:, j, :3, 3]
+        if joint.is_revolute:
+            out[:, j] = np.einsum("ni,ni->n", axis, moment_about(state, origin, j))
+        else:
+            mass = sum((m for frame, m, _ in hanging_masses(state) if frame > j), np.zeros(1))
+            out[:, j] = (axis @ gravity) * mass
+    return out
+
+
+def unit_torques(state: RobotState, joint: int) -> Array:
+    """(N, K) torque about a joint of 1 kg at the origin of each frame beyond it, and at the tool point: N m per kg."""
+    frames, gravity = state.chain.base_T_frame, np.array(state.robot.gravity_m_s2)
+    axis, origin = frames[:, joint, :3, 2], frames[:, joint, :3, 3]
+    if not state.robot.joints[joint].is_revolute:
+        return (axis @ gravity)[:, None]
+    places = frames[:, joint + 1 :, :3, 3] - origin[:, None]  # (N, K, 3)
+    return np.asarray(np.einsum("ni,nki->nk", axis, np.cross(places * 1e-3, gravity)))

@@ -1,0 +1,104 @@
+"""Effects of the instrument. They change what the scanner reports, so they need to know where it looks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.effects.base import Parameter
+from calib.effects.state import RobotState
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class ScannerDistortion:
+    """Depth and radial errors about the middle of the measured field.
+
+    With u = (p - centre) / half: depth z += k1 u_z + k2 u_z^2, radial (x, y) += k (u_x^2 + u_y^2) (u_x, u_y). Never
+    divided by z: another instrument's z may cross zero.
+    """
+
+    centre_mm: Vector
+    half_mm: float
+    name = "scanner_distortion"
+    parameters = (
+        Parameter("depth1_mm", "mm", 0.1, "depth error at the edge of the field, linear"),
+        Parameter("depth2_mm", "mm", 0.1, "depth error at the edge of the field, quadratic"),
+        Parameter("radial_mm", "mm", 0.1, "radial error at the edge of the field"),
+    )
+
+    def apply(self, state: RobotState, *, depth1_mm: float, depth2_mm: float, radial_mm: float) -> RobotState:
+        """What is reported, moved."""
+        if state.seen is None:
+            return state
+        u = (state.seen.scanner_mm - np.array(self.centre_mm)) / self.half_mm
+        out = np.zeros_like(u)
+        out[:, 2] = depth1_mm * u[:, 2] + depth2_mm * u[:, 2] ** 2
+        out[:, :2] = radial_mm * np.sum(u[:, :2] ** 2, axis=1)[:, None] * u[:, :2]
+        return state.displace_in_scanner(out)
+
+
+@dataclass(frozen=True)
+class ScannerDrift:
+    """A scanner that moves during the session: p += (v + w x (p - centre)) t, t from the first pose on."""
+
+    centre_mm: Vector
+    half_mm: float
+    start_s: float
+    duration_s: float
+    name = "scanner_drift"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Velocity and turning rate; sizes that make 0.1 mm over the session."""
+        move, turn = 0.1 / self.duration_s, 0.1 / self.half_mm / self.duration_s
+        return (
+            *(Parameter(f"v{a}_mm_per_s", "mm/s", move, f"drift along {a}") for a in "xyz"),
+            *(Parameter(f"w{a}_rad_per_s", "rad/s", turn, f"turning about {a}") for a in "xyz"),
+        )
+
+    def apply(self, state: RobotState, **values: float) -> RobotState:
+        """What is reported, moved; nothing where no time was written down."""
+        if state.seen is None or state.poses.time_s is None:
+            return state
+        v = np.array([values[f"v{a}_mm_per_s"] for a in "xyz"])
+        w = np.array([values[f"w{a}_rad_per_s"] for a in "xyz"])
+        arm = state.seen.scanner_mm - np.array(self.centre_mm)
+        return state.displace_in_scanner(
+            (v + np.cross(w, arm)) * (state.poses.time_s - self.start_s)[:, None]
+        )
+
+
+@dataclass(frozen=True)
+class IncidenceBias:
+    """A range error that grows as the jig turns away: b (1 - cos phi) along the ray, phi between ray and jig axis."""
+
+    name = "incidence_bias"
+    parameters = (Parameter("b_mm", "mm", 0.1, "range error at grazing incidence"),)
+
+    def apply(self, state: RobotState, *, b_mm: float) -> RobotState:
+        """What is reported, moved along the ray."""
+        if state.seen is None:
+            return state
+        ray = state.seen.scanner_mm / np.maximum(np.linalg.norm(state.seen.scanner_mm, axis=1), 1e-9)[:, None]
+        axis = np.einsum(
+            "nij,nj->ni", state.seen.scanner_T_base[:, :3, :3], state.chain.base_T_flange[:, :3, 2]
+        )
+        cosine = np.abs(np.einsum("ni,ni->n", ray, axis))
+        return state.displace_in_scanner(b_mm * (1.0 - cosine)[:, None] * ray)
+
+
+@dataclass(frozen=True)
+class ScannerScale:
+    """An isotropic scale error: p times 1 + s. It equals a scaling of every length of the arm."""
+
+    name = "scanner_scale"
+    parameters = (Parameter("s", "1", 1e-4, "scale error"),)
+
+    def apply(self, state: RobotState, *, s: float) -> RobotState:
+        """What is reported, scaled."""
+        return state if state.seen is None else state.displace_in_scanner(s * state.seen.scanner_mm)

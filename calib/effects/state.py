@@ -1,0 +1,110 @@
+"""The robot's state at every pose, which effects change before the forward pass, and what they may look at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calib import frames, kinematics
+from calib.dataset import Poses
+from calib.effects import gravity
+from calib.robot import PARAMETER_KINDS, Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Where the scanner sees the target at each of N poses; known where something was measured."""
+
+    scanner_mm: Array  # (N, 3) measured, in the scanner's frame
+    scanner_T_base: Array  # (N, 4, 4) as an earlier fit placed the scanner
+
+
+@dataclass(frozen=True)
+class RobotState:
+    """Everything that decides where the target is, at each of N poses.
+
+    Arrays have a leading axis of 1 until something depends on the pose.
+    """
+
+    robot: Robot
+    poses: Poses
+    table: Array  # (1 or N, n + 1, 5) rows a, alpha, d, theta, beta
+    base_rotvec_rad: Array  # (1 or N, 3) turn of the whole arm about the base's origin
+    displacement_mm: Array  # (1 or N, 3) of the target, base frame, after everything else
+    target_offsets_mm: Mapping[str, Array] = field(
+        default_factory=dict
+    )  # further targets, last joint's frame, (3,)
+    seen: Seen | None = None
+
+    @classmethod
+    def nominal(cls, robot: Robot, poses: Poses, seen: Seen | None = None) -> RobotState:
+        """The robot as its table says, at poses (N)."""
+        offsets = {target.name: np.array(target.xyz_mm) for target in robot.targets}
+        return cls(robot, poses, robot.table[None], np.zeros((1, 3)), np.zeros((1, 3)), offsets, seen)
+
+    @property
+    def q_rad(self) -> Array:
+        """(N, n) joint positions as commanded; mm for prismatic joints."""
+        return self.poses.q
+
+    @property
+    def vector(self) -> Array:
+        """(1 or N, S) all of it in one row a pose: table, base turn, displacement; S = 5 (n + 1) + 6."""
+        parts = [self.table.reshape(len(self.table), -1), self.base_rotvec_rad, self.displacement_mm]
+        rows = max(map(len, parts))
+        return np.concatenate([np.broadcast_to(p, (rows, p.shape[1])) for p in parts], axis=1)
+
+    def add_link_error(self, frame: int, kind: str, error: ArrayLike) -> RobotState:
+        """Add to one entry of the table: a scalar for all poses, or (N,) one a pose. Frame n is the tool row."""
+        error = np.atleast_1d(np.asarray(error, dtype=float))  # (1 or N,)
+        rows = max(len(self.table), len(error))
+        table = np.repeat(self.table, rows, axis=0) if len(self.table) < rows else self.table.copy()
+        table[:, frame, PARAMETER_KINDS.index(kind)] += error
+        return replace(self, table=table)
+
+    def add_joint_error(self, joint: int, error: ArrayLike) -> RobotState:
+        """Add to where a joint stands: rad, or mm for a prismatic joint; a scalar or (N,)."""
+        kind = "theta" if self.robot.joints[joint].is_revolute else "d"
+        return self.add_link_error(joint, kind, error)
+
+    def turn_base(self, rotvec_rad: ArrayLike) -> RobotState:
+        """Turn the whole arm about the base's origin: (3,) or (N, 3)."""
+        return replace(
+            self, base_rotvec_rad=self.base_rotvec_rad + np.atleast_2d(np.asarray(rotvec_rad, float))
+        )
+
+    def displace(self, displacement_mm: ArrayLike) -> RobotState:
+        """Move the target in the base frame: (3,) or (N, 3)."""
+        return replace(
+            self, displacement_mm=self.displacement_mm + np.atleast_2d(np.asarray(displacement_mm, float))
+        )
+
+    def displace_in_scanner(self, displacement_mm: ArrayLike) -> RobotState:
+        """Move what the scanner reports, in its own frame: (N, 3). Nothing moves where nothing was measured."""
+        if self.seen is None:
+            return self
+        base_R_scanner = np.swapaxes(self.seen.scanner_T_base[:, :3, :3], 1, 2)
+        return self.displace(np.einsum("nij,nj->ni", base_R_scanner, np.asarray(displacement_mm, float)))
+
+    @cached_property
+    def chain(self) -> kinematics.Chain:
+        """The forward pass at this state, the base's turn left out: effects read where axes and links are."""
+        return kinematics.forward(self.table, self.poses.q, self.robot.is_revolute)
+
+    @cached_property
+    def gravity_torques_nm(self) -> Array:
+        """(N, n) gravity's torque about each joint (N for a prismatic one), by the masses of robot.toml."""
+        return gravity.joint_torques(self)
+
+    def place(self, points_mm: Array) -> Array:
+        """From where the chain puts points (N, 3) to where they are: the base's turn, then the displacement."""
+        if np.any(self.base_rotvec_rad):
+            turn = frames.rotation_from_rotvec(self.base_rotvec_rad)
+            points_mm = np.einsum("nij,nj->ni", np.broadcast_to(turn, (len(points_mm), 3, 3)), points_mm)
+        return points_mm + self.displacement_mm
