@@ -15,8 +15,8 @@ from calib.effects.base import Effect
 from calib.effects.links import LinkErrors
 from calib.errors import FitError
 from calib.evaluation import Evaluation, Figures, evaluate
-from calib.model import Model
-from calib.observations import Observations
+from calib.model import Model, geometric_model
+from calib.observations import Observations, place_scanner
 from calib.redundancy import Redundancy, analyse
 from calib.residuals import make_residuals
 from calib.robot import Robot
@@ -170,6 +170,8 @@ def calibrate(
         raise FitError(
             f"dataset {dataset.name}: {len(observed.points)} training points; a fit needs many more"
         )
+    nominal = geometric_model(dataset.robot)
+    observed = place_scanner(observed, nominal, np.zeros(len(nominal.parameters)))
     residuals = make_residuals(residual, model, observed)
     weights = None
     if robust:

@@ -14,9 +14,15 @@ from numpy.typing import NDArray
 
 from calib import frames
 from calib.dataset import Dataset
-from calib.model import Model
-from calib.observations import Observations, mean_jig_points, predict_points, setup_references
-from calib.residuals import fit_scanner_frame
+from calib.model import Model, geometric_model
+from calib.observations import (
+    Observations,
+    mean_jig_points,
+    place_scanner,
+    predict_points,
+    setup_references,
+)
+from calib.placement import fit_scanner_frame
 
 Array = NDArray[np.float64]
 
@@ -90,15 +96,17 @@ def evaluate(model: Model, x: Array, dataset: Dataset) -> Evaluation:
     scatter about its own best frame, not a prediction.
     """
     observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
+    nominal = geometric_model(dataset.robot)
+    trained = ~dataset.poses.is_test[observed.points.pose]
+    observed = place_scanner(observed, nominal, np.zeros(len(nominal.parameters)), trained)
     base_mm = predict_points(model, x, observed)
     points, setup = observed.points, observed.setup
-    for_training = ~dataset.poses.is_test[points.pose]
     error_mm = np.empty_like(base_mm)
     placements: dict[str, Array] = {}
     notes = []
     for name in map(str, np.unique(setup)):
         rows = setup == name
-        fitted = rows & for_training
+        fitted = rows & trained
         if not fitted.any():
             fitted = rows
             notes.append(f"setup {name!r} has no training pose: its frame comes from its own test poses")
@@ -125,7 +133,7 @@ def _distance_errors(model: Model, x: Array, observed: Observations) -> tuple[ND
     # A training pose is the reference where there is one, so that a test pose is measured against the fit.
     trained = usable & ~poses.is_test
     references = setup_references(poses, usable) | setup_references(poses, trained)
-    base_mm = model.predict(x, poses)
+    base_mm = model.predict(x, poses, seen=observed.seen())
     far, error = [], []
     for setup, reference in references.items():
         others = np.flatnonzero(usable & (poses.setup == setup) & (np.arange(len(poses)) != reference))

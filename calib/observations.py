@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calib.dataset import Dataset, Points, Poses
+from calib.effects.state import Seen
 from calib.errors import FitError
 from calib.model import Model
+from calib.placement import fit_scanner_frame
 
 Array = NDArray[np.float64]
 
@@ -22,6 +25,7 @@ class Observations:
     poses: Poses
     points: Points
     covariance_mm2: Array  # (M, 3, 3)
+    scanner_T_base: Mapping[str, Array] | None = None  # by setup, where an earlier fit placed the scanner
 
     @classmethod
     def of(cls, dataset: Dataset, keep: ArrayLike | None = None) -> Observations:
@@ -58,6 +62,36 @@ class Observations:
         used, row = np.unique(self.points.pose, return_inverse=True)
         return self.poses.select(used), row
 
+    def seen(self, target: str = "jig") -> Seen | None:
+        """Where the scanner sees a target at each used pose, which effects may depend on; None before it is placed."""
+        if self.scanner_T_base is None:
+            return None
+        poses, row = self.used_poses
+        of_target = self.points.target == target
+        total = np.zeros((len(poses), 3))
+        np.add.at(total, row[of_target], self.points.xyz_mm[of_target])
+        count = np.bincount(row[of_target], minlength=len(poses))
+        placed = np.stack([self.scanner_T_base[str(name)] for name in poses.setup])
+        return Seen(total / np.maximum(count, 1)[:, None], placed)
+
+
+def place_scanner(
+    observed: Observations, model: Model, x: Array, chosen: NDArray[np.bool_] | None = None
+) -> Observations:
+    """The observations with the scanner's frame of each setup, as the model at x places it.
+
+    Frames are fitted to the points in `chosen` (M,), all where None; a setup without chosen points uses its own.
+    """
+    base_mm = predict_points(model, x, observed)
+    placed = {}
+    for name in map(str, np.unique(observed.setup)):
+        rows = observed.setup == name
+        fitted = rows if chosen is None or not np.any(rows & chosen) else rows & chosen
+        placed[name] = fit_scanner_frame(
+            base_mm[fitted], observed.points.xyz_mm[fitted], observed.covariance_mm2[fitted]
+        )
+    return replace(observed, scanner_T_base=placed)
+
 
 def predict_points(model: Model, x: Array, observed: Observations) -> Array:
     """Where the model sees each observed point (M, 3), mm in the base frame."""
@@ -65,7 +99,7 @@ def predict_points(model: Model, x: Array, observed: Observations) -> Array:
     out = np.empty((len(observed.points), 3))
     for target in np.unique(observed.points.target):
         of_target = observed.points.target == target
-        out[of_target] = model.predict(x, poses, str(target))[row[of_target]]
+        out[of_target] = model.predict(x, poses, str(target), observed.seen(str(target)))[row[of_target]]
     return out
 
 
@@ -76,7 +110,7 @@ def linearise_points(model: Model, x: Array, observed: Observations) -> tuple[Ar
     jacobian = np.empty((len(observed.points), 3, len(model.parameters)))
     for target in np.unique(observed.points.target):
         of_target = observed.points.target == target
-        at, by = model.linearise(x, poses, str(target))
+        at, by = model.linearise(x, poses, str(target), observed.seen(str(target)))
         points_mm[of_target], jacobian[of_target] = at[row[of_target]], by[row[of_target]]
     return points_mm, jacobian
 

@@ -27,6 +27,7 @@ from calib.observations import (
     predict_points,
     setup_references,
 )
+from calib.placement import fit_scanner_frame, frame_columns, orthonormal, whitener
 
 RESIDUAL_KINDS = ("position", "distance", "pairs")
 
@@ -55,48 +56,6 @@ class Residuals(Protocol):
     def linearise(self, x: Array) -> Linearised: ...
 
 
-def fit_scanner_frame(base_mm: Array, scanner_mm: Array, covariance_mm2: Array) -> Array:
-    """scanner_T_base (4, 4) that brings predicted points (M, 3) onto measured ones, weighted by their covariances.
-
-    Closed form for equal, isotropic covariances; from there Gauss-Newton for others. Collinear points leave one
-    turn free; then it is one of the equally good frames.
-    """
-    sigma2 = np.trace(covariance_mm2, axis1=-2, axis2=-1) / 3.0
-    scanner_T_base = frames.best_fit_transform(base_mm, scanner_mm, 1.0 / sigma2)
-    if np.allclose(covariance_mm2, sigma2[:, None, None] * np.eye(3), rtol=1e-9, atol=0.0):
-        return scanner_T_base
-    whiten = _whitener(covariance_mm2)
-    for _ in range(20):
-        at = frames.apply(scanner_T_base, base_mm)
-        centre = at.mean(axis=0)
-        residual = np.einsum("mij,mj->mi", whiten, at - scanner_mm)
-        motion = -np.linalg.pinv(_frame_columns(at, whiten), rcond=1e-9) @ residual.ravel()
-        turn = frames.rotation_from_rotvec(motion[3:])
-        about_centre = frames.make_transform(turn, centre - turn @ centre + motion[:3])
-        scanner_T_base = about_centre @ scanner_T_base
-        if np.linalg.norm(motion[3:]) < 1e-14 and np.linalg.norm(motion[:3]) < 1e-11:
-            break
-    return scanner_T_base
-
-
-def _whitener(covariance_mm2: Array) -> Array:
-    """(M, 3, 3) W with W C W^T = 1. Raises FitError where a covariance is not positive definite."""
-    try:
-        return np.linalg.inv(np.linalg.cholesky(covariance_mm2))
-    except np.linalg.LinAlgError:
-        row = int(np.argmin(np.linalg.eigvalsh(covariance_mm2)[:, 0]))
-        raise FitError(
-            f"the covariance of measured point {row} is not positive definite; give each in mm^2, or leave them out"
-        ) from None
-
-
-def _frame_columns(scanner_mm: Array, whiten: Array) -> Array:
-    """Derivative of whitened points (3 M, 6) by a small motion of all: translation, then a turn about their centre."""
-    arms = scanner_mm - scanner_mm.mean(axis=0)  # about the centre, so that a frame far away costs no digits
-    motion = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -frames.skew(arms)], axis=-1)
-    return (whiten @ motion).reshape(-1, 6)
-
-
 @dataclass(frozen=True)
 class PositionResiduals:
     """Predicted minus measured points in the scanner's frame; each setup's frame is solved for at every x.
@@ -120,7 +79,7 @@ class PositionResiduals:
 
     @cached_property
     def _whiten(self) -> Array:
-        return _whitener(self.observed.covariance_mm2)
+        return whitener(self.observed.covariance_mm2)
 
     @cached_property
     def degrees_spent(self) -> int:
@@ -142,7 +101,7 @@ class PositionResiduals:
         """What a motion of the setup's frame can do to its whitened residual: orthonormal (3 M, rank)."""
         if self.frame_known:
             return np.empty((3 * len(rows), 0))
-        return _orthonormal(_frame_columns(scanner_mm, self._whiten[rows]))
+        return orthonormal(frame_columns(scanner_mm, self._whiten[rows]))
 
     def residual(self, x: Array) -> Array:
         base_mm = predict_points(self.model, x, self.observed)
@@ -167,13 +126,6 @@ class PositionResiduals:
             basis = self._frame_basis(at_mm, rows)
             jacobian[rows] = (columns - basis @ (basis.T @ columns)).reshape(len(rows), 3, -1)
         return Linearised(residual.ravel(), jacobian.reshape(-1, by_x.shape[-1]))
-
-
-def _orthonormal(columns: Array) -> Array:
-    """An orthonormal basis (R, rank) of the columns' span; a setup of collinear points has rank 5."""
-    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    u, s, _ = np.linalg.svd(scaled, full_matrices=False)
-    return u[:, s > 1e-7 * s[0]]
 
 
 @dataclass(frozen=True)
@@ -207,10 +159,10 @@ class DistanceResiduals:
         )
 
     def _predict(self, x: Array) -> Array:
-        return self.model.predict(x, self.observed.used_poses[0])
+        return self.model.predict(x, self.observed.used_poses[0], seen=self.observed.seen())
 
     def linearise(self, x: Array) -> Linearised:
-        base_mm, by_x = self.model.linearise(x, self.observed.used_poses[0])
+        base_mm, by_x = self.model.linearise(x, self.observed.used_poses[0], seen=self.observed.seen())
         residual, jacobian = [], []
         for rows in self._setups:
             along = base_mm[rows.others] - base_mm[rows.reference]

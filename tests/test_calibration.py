@@ -18,8 +18,8 @@ from calib.dataset_file import load_dataset
 from calib.errors import FitError
 from calib.model import geometric_model
 from calib.observations import Observations
+from calib.placement import fit_scanner_frame
 from calib.repeatability import find_repeats, pooled_sigma_mm, repeats_of
-from calib.residuals import fit_scanner_frame
 from calib.robot import Target
 from test_frames import random_transform
 

@@ -1,0 +1,60 @@
+"""Where the scanner stands: the frame that brings predicted points onto measured ones, and what a motion of it does."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib import frames
+from calib.errors import FitError
+
+Array = NDArray[np.float64]
+
+
+def fit_scanner_frame(base_mm: Array, scanner_mm: Array, covariance_mm2: Array) -> Array:
+    """scanner_T_base (4, 4) that brings predicted points (M, 3) onto measured ones, weighted by their covariances.
+
+    Closed form for equal, isotropic covariances; from there Gauss-Newton for others. Collinear points leave one
+    turn free; then it is one of the equally good frames.
+    """
+    sigma2 = np.trace(covariance_mm2, axis1=-2, axis2=-1) / 3.0
+    scanner_T_base = frames.best_fit_transform(base_mm, scanner_mm, 1.0 / sigma2)
+    if np.allclose(covariance_mm2, sigma2[:, None, None] * np.eye(3), rtol=1e-9, atol=0.0):
+        return scanner_T_base
+    whiten = whitener(covariance_mm2)
+    for _ in range(20):
+        at = frames.apply(scanner_T_base, base_mm)
+        centre = at.mean(axis=0)
+        residual = np.einsum("mij,mj->mi", whiten, at - scanner_mm)
+        motion = -np.linalg.pinv(frame_columns(at, whiten), rcond=1e-9) @ residual.ravel()
+        turn = frames.rotation_from_rotvec(motion[3:])
+        about_centre = frames.make_transform(turn, centre - turn @ centre + motion[:3])
+        scanner_T_base = about_centre @ scanner_T_base
+        if np.linalg.norm(motion[3:]) < 1e-14 and np.linalg.norm(motion[:3]) < 1e-11:
+            break
+    return scanner_T_base
+
+
+def whitener(covariance_mm2: Array) -> Array:
+    """(M, 3, 3) W with W C W^T = 1. Raises FitError where a covariance is not positive definite."""
+    try:
+        return np.linalg.inv(np.linalg.cholesky(covariance_mm2))
+    except np.linalg.LinAlgError:
+        row = int(np.argmin(np.linalg.eigvalsh(covariance_mm2)[:, 0]))
+        raise FitError(
+            f"the covariance of measured point {row} is not positive definite; give each in mm^2, or leave them out"
+        ) from None
+
+
+def frame_columns(scanner_mm: Array, whiten: Array) -> Array:
+    """Derivative of whitened points (3 M, 6) by a small motion of all: translation, then a turn about their centre."""
+    arms = scanner_mm - scanner_mm.mean(axis=0)  # about the centre, so that a frame far away costs no digits
+    motion = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -frames.skew(arms)], axis=-1)
+    return (whiten @ motion).reshape(-1, 6)
+
+
+def orthonormal(columns: Array) -> Array:
+    """An orthonormal basis (R, rank) of the columns' span; a setup of collinear points has rank 5."""
+    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    u, s, _ = np.linalg.svd(scaled, full_matrices=False)
+    return u[:, s > 1e-7 * s[0]]
