@@ -144,12 +144,13 @@ def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array
         by_table[:, :, -1] = 0.0  # further targets do not ride on the tool row
     by_table = by_table.reshape(*by_table.shape[:2], -1)
     turned_mm = state.place(chain_mm) - state.displacement_mm
+    by_turn = -frames.skew(turned_mm)
     if np.any(state.base_rotvec_rad):
         by_table = frames.rotation_from_rotvec(state.base_rotvec_rad) @ by_table
+        # d exp(w) p / dw = -skew(exp(w) p) J(w), and J = 1 + skew(w) / 2 for the small turns that bases make
+        by_turn = by_turn @ (np.eye(3) + 0.5 * frames.skew(state.base_rotvec_rad))
     eye = np.broadcast_to(np.eye(3), (len(chain_mm), 3, 3))
-    return turned_mm + state.displacement_mm, np.concatenate(
-        [by_table, -frames.skew(turned_mm), eye], axis=-1
-    )
+    return turned_mm + state.displacement_mm, np.concatenate([by_table, by_turn, eye], axis=-1)
 
 
 def _target_mm(state: RobotState, target: str) -> Array:
