@@ -119,13 +119,34 @@ class PositionResiduals:
         jacobian = np.empty_like(by_x)
         for rows in self._setups:
             scanner_T_base = self._frame(base_mm, rows)
-            whiten = self._whiten[rows]
             at_mm = frames.apply(scanner_T_base, base_mm[rows])
-            residual[rows] = np.einsum("mij,mj->mi", whiten, at_mm - self.observed.points.xyz_mm[rows])
-            columns = (whiten @ scanner_T_base[:3, :3] @ by_x[rows]).reshape(-1, by_x.shape[-1])
+            error_mm = at_mm - self.observed.points.xyz_mm[rows]
+            residual[rows] = np.einsum("mij,mj->mi", self._whiten[rows], error_mm)
+            columns = (self._whiten[rows] @ scanner_T_base[:3, :3] @ by_x[rows]).reshape(-1, by_x.shape[-1])
             basis = self._frame_basis(at_mm, rows)
             jacobian[rows] = (columns - basis @ (basis.T @ columns)).reshape(len(rows), 3, -1)
         return Linearised(residual.ravel(), jacobian.reshape(-1, by_x.shape[-1]))
+
+    def whiten_columns(self, x: Array, columns: Array) -> Array:
+        """Changes of predicted points (M, 3, K), base frame, in the residual's units: (3 M, K), frames not eliminated."""
+        base_mm = predict_points(self.model, x, self.observed)
+        out = np.empty_like(columns)
+        for rows in self._setups:
+            rotation = self._frame(base_mm, rows)[:3, :3]
+            out[rows] = self._whiten[rows] @ rotation @ columns[rows]
+        return out.reshape(-1, columns.shape[-1])
+
+    def frame_directions(self, x: Array) -> Array:
+        """What motions of the scanner's frames do to the residual: orthonormal columns (3 M, `degrees_spent`)."""
+        base_mm = predict_points(self.model, x, self.observed)
+        blocks = []
+        for rows in self._setups:
+            at_mm = frames.apply(self._frame(base_mm, rows), base_mm[rows])
+            basis = self._frame_basis(at_mm, rows)
+            block = np.zeros((len(base_mm), 3, basis.shape[1]))
+            block[rows] = basis.reshape(len(rows), 3, -1)
+            blocks.append(block.reshape(3 * len(base_mm), -1))
+        return np.concatenate(blocks, axis=1)
 
 
 @dataclass(frozen=True)

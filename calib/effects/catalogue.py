@@ -34,7 +34,7 @@ from calib.robot import Robot
 
 @dataclass(frozen=True)
 class Family:
-    """An effect as it is named, tested and added: one cause, with a member for each joint where it is per joint."""
+    """An effect as it is named: one cause, with a member for each joint (and harmonic) that may carry it or not."""
 
     name: str
     members: tuple[Effect, ...]
@@ -55,7 +55,7 @@ def effects_for(dataset: Dataset) -> tuple[Family, ...]:
     return (
         _joint_compliance(robot),
         _needing_masses("link_bending", robot, tuple(LinkBending(j) for j in joints)),
-        Family("transmission_error", tuple(TransmissionError(j) for j in revolute)),
+        Family("transmission_error", tuple(TransmissionError(j, n) for j in revolute for n in (1, 2, 3))),
         _strain_wave(robot),
         Family("joint_scale", tuple(JointScale(j) for j in joints)),
         _joint_coupling(robot),
@@ -63,7 +63,7 @@ def effects_for(dataset: Dataset) -> tuple[Family, ...]:
         _needing_masses("gravity_backlash", robot, tuple(GravityBacklash(j) for j in joints)),
         _thermal(poses),
         _needing_masses("base_compliance", robot, (BaseCompliance(),)),
-        Family("axis_wobble", tuple(AxisWobble(j) for j in revolute)),
+        Family("axis_wobble", tuple(AxisWobble(j, n) for j in revolute for n in (1, 2))),
         Family("scanner_distortion", (ScannerDistortion(centre, half),)),
         _drift(poses, centre, half),
         Family("tool_sag", (ToolSag(),)),
@@ -117,9 +117,10 @@ def _needing_masses(name: str, robot: Robot, members: tuple[Effect, ...]) -> Fam
 
 def _strain_wave(robot: Robot) -> Family:
     members = tuple(
-        StrainWave(j, joint.gear_ratio)
+        StrainWave(j, factor * joint.gear_ratio)
         for j, joint in enumerate(robot.joints)
         if joint.gear_ratio is not None and joint.is_revolute
+        for factor in (1.0, 2.0)
     )
     if members:
         return Family("strain_wave", members)

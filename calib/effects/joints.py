@@ -11,64 +11,57 @@ from calib.effects.base import Parameter
 from calib.effects.state import RobotState
 
 
-def _harmonics(orders: tuple[float, ...], scale: float) -> tuple[Parameter, ...]:
+def _harmonic(order: float, scale: float) -> tuple[Parameter, ...]:
+    suffix = f"{order:g}_rad".replace(".", "_")
     return tuple(
-        Parameter(f"{part}{order:g}_rad".replace(".", "_"), "rad", scale, f"{part}({order:g} q) amplitude")
-        for order in orders
-        for part in ("sin", "cos")
+        Parameter(part + suffix, "rad", scale, f"{part}({order:g} q) amplitude") for part in ("sin", "cos")
     )
 
 
-def _periodic_error(
-    state: RobotState, joint: int, orders: tuple[float, ...], values: dict[str, float]
-) -> RobotState:
+def _periodic_error(state: RobotState, joint: int, order: float, values: dict[str, float]) -> RobotState:
+    sine, cosine = values.values()
     q = state.q_rad[:, joint]
-    error = np.zeros(len(q))
-    for order in orders:
-        suffix = f"{order:g}_rad".replace(".", "_")
-        error += values[f"sin{suffix}"] * np.sin(order * q) + values[f"cos{suffix}"] * np.cos(order * q)
-    return state.add_joint_error(joint, error)
+    return state.add_joint_error(joint, sine * np.sin(order * q) + cosine * np.cos(order * q))
 
 
 @dataclass(frozen=True)
 class TransmissionError:
-    """Errors that come once, twice or three times a turn: theta += A sin(n q) + B cos(n q), n = 1, 2, 3.
+    """An error that comes n times a turn: theta += A sin(n q) + B cos(n q), n = 1, 2 or 3.
 
     n = 1 is eccentricity of an encoder or gear. The cosine of n = 1 at a joint whose whole range is small is close to a
     joint offset, its sine to a wrong gear ratio.
     """
 
     joint: int
+    order: int
     name = "transmission_error"
-    orders = (1.0, 2.0, 3.0)
-    parameters = _harmonics(orders, 3e-4)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Sine and cosine."""
+        return _harmonic(self.order, 3e-4)
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
         """The joint's error added."""
-        return _periodic_error(state, self.joint, self.orders, values)
+        return _periodic_error(state, self.joint, self.order, values)
 
 
 @dataclass(frozen=True)
 class StrainWave:
-    """Ripple of a strain wave gear: as `TransmissionError`, n = gear ratio and twice that."""
+    """Ripple of a strain wave gear: as `TransmissionError`, n = gear ratio or twice that."""
 
     joint: int
-    gear_ratio: float
+    order: float
     name = "strain_wave"
-
-    @property
-    def orders(self) -> tuple[float, float]:
-        """Turns of error a turn of the joint."""
-        return (self.gear_ratio, 2.0 * self.gear_ratio)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Sine and cosine of both orders."""
-        return _harmonics(self.orders, 3e-4)
+        """Sine and cosine."""
+        return _harmonic(self.order, 3e-4)
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
         """The joint's error added."""
-        return _periodic_error(state, self.joint, self.orders, values)
+        return _periodic_error(state, self.joint, self.order, values)
 
 
 @dataclass(frozen=True)
@@ -120,33 +113,36 @@ class Backlash:
 
 @dataclass(frozen=True)
 class AxisWobble:
-    """A joint's axis that tilts as it turns, about its own origin, by cosines and sines of n q, n = 1, 2.
+    """A joint's axis that tilts as it turns, about its own origin, by cosine and sine of n q, n = 1 or 2.
 
     The part of n = 1 that turns with the link is plain geometry and is left to it: what is kept tilts the axis in the
     link before, about that link's x and y: alpha and beta of the row before, or the base for the first joint.
     """
 
     joint: int
+    order: int
     name = "axis_wobble"
-    orders = (1, 2)
-    parameters = tuple(
-        Parameter(f"{axis}_{part}{order}_rad", "rad", 3e-4, f"tilt about {axis}, {part}({order} q)")
-        for order in orders
-        for axis in ("x", "y")
-        for part in ("sin", "cos")
-    )
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Tilt about x and y, sine and cosine of each."""
+        return tuple(
+            Parameter(
+                f"{axis}_{part}{self.order}_rad", "rad", 3e-4, f"tilt about {axis}, {part}({self.order} q)"
+            )
+            for axis in ("x", "y")
+            for part in ("sin", "cos")
+        )
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
         """The tilt added to the frame that carries the joint."""
-        q = state.q_rad[:, self.joint]
-        tilt = {axis: np.zeros(len(q)) for axis in ("x", "y")}
-        for order in self.orders:
-            for axis, error in tilt.items():
-                error += values[f"{axis}_sin{order}_rad"] * np.sin(order * q)
-                error += values[f"{axis}_cos{order}_rad"] * np.cos(order * q)
+        x_sin, x_cos, y_sin, y_cos = values.values()
+        turned = self.order * state.q_rad[:, self.joint]
+        about_x = x_sin * np.sin(turned) + x_cos * np.cos(turned)
+        about_y = y_sin * np.sin(turned) + y_cos * np.cos(turned)
         if self.joint == 0:
-            return state.turn_base(np.column_stack([tilt["x"], tilt["y"], np.zeros(len(q))]))
-        # Ry is the last factor of the row before, so beta turns about the y axis that this joint starts from. A turn
-        # about its x axis is alpha's where beta is small: x' of alpha is Ry^-1 x.
+            return state.turn_base(np.column_stack([about_x, about_y, np.zeros(len(turned))]))
+        # Ry is the last factor of the row before, so beta turns about the y axis that this joint starts from; alpha's
+        # axis is that frame's x where beta is small.
         before = self.joint - 1
-        return state.add_link_error(before, "alpha", tilt["x"]).add_link_error(before, "beta", tilt["y"])
+        return state.add_link_error(before, "alpha", about_x).add_link_error(before, "beta", about_y)
