@@ -128,7 +128,7 @@ class PositionResiduals:
         return Linearised(residual.ravel(), jacobian.reshape(-1, by_x.shape[-1]))
 
     def whiten_columns(self, x: Array, columns: Array) -> Array:
-        """Changes of predicted points (M, 3, K), base frame, in the residual's units: (3 M, K), frames not eliminated."""
+        """Changes of predicted points (M, 3, K), base frame, in the residual's units (3 M, K), frames not taken out."""
         base_mm = predict_points(self.model, x, self.observed)
         out = np.empty_like(columns)
         for rows in self._setups:

@@ -121,7 +121,7 @@ def test_a_fitted_effect_is_reported_by_name_and_explains_what_it_made() -> None
     """Simulated with the same map, so it proves the bookkeeping only; independent truths are in test_diagnosis."""
     dataset = rich_dataset(poses=60)
     family = family_of(dataset, "transmission_error")
-    model = Model(dataset.robot, (LinkErrors(dataset.robot), *family.members[:2]))
+    model = Model(dataset.robot, (LinkErrors(dataset.robot), *family.members[:6]))
     x = np.zeros(len(model.parameters))
     names = [p.name for p in model.parameters]
     x[names.index("transmission_error.J2.sin2_rad")] = 1e-3
