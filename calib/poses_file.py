@@ -19,15 +19,16 @@ from calib.table_file import TableFile
 CONDITIONS = ("payload_kg", "temperature_c", "time_s")
 
 
-def _joint_columns(robot: Robot) -> list[str]:
+def joint_columns(robot: Robot) -> list[str]:
+    """The columns of a joint vector: q1_deg ..., q3_mm for a prismatic joint."""
     return [f"q{i + 1}_{'deg' if joint.is_revolute else 'mm'}" for i, joint in enumerate(robot.joints)]
 
 
 def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
     """The poses, and what is odd about them yet possible. Raises DatasetError."""
     file = TableFile.load(path)
-    joint_columns = _joint_columns(robot)
-    file.require(["pose", "role", *joint_columns])
+    q_columns = joint_columns(robot)
+    file.require(["pose", "role", *q_columns])
     if len(file) == 0:
         raise DatasetError(f"{path}: no row below the header; one row a pose is needed")
     ids = file.text("pose")
@@ -45,7 +46,7 @@ def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
         raise DatasetError(
             f"{path}: column role: found {len(references)} reference poses ({where}); set exactly one"
         )
-    q_file = file.numbers(joint_columns)
+    q_file = file.numbers(q_columns)
     warnings = [*_angle_warnings(path, q_file, robot)]
     approach_columns = [f"approach{i + 1}" for i in range(robot.n_joints)]
     approach = None
@@ -60,7 +61,7 @@ def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
     known = [
         "pose",
         "role",
-        *joint_columns,
+        *q_columns,
         *CONDITIONS,
         "setup",
         "scan",
@@ -119,7 +120,7 @@ def poses_frame(poses: Poses, robot: Robot) -> pd.DataFrame:
     columns: dict[str, Any] = {"pose": poses.ids, "role": poses.role}
     if any(poses.setup):
         columns["setup"] = poses.setup
-    for k, (name, joint) in enumerate(zip(_joint_columns(robot), robot.joints, strict=True)):
+    for k, (name, joint) in enumerate(zip(joint_columns(robot), robot.joints, strict=True)):
         columns[name] = [degrees(v) for v in poses.q[:, k]] if joint.is_revolute else poses.q[:, k]
     for name in CONDITIONS:
         values = getattr(poses, name)

@@ -19,15 +19,19 @@ from typing import Any, NoReturn
 from calib.calibration import calibrate, redundancy, structural_rank
 from calib.checking import check
 from calib.corners import CornerSearch, find_corners
+from calib.correction import WHATS, corrected_joints
 from calib.dataset import Dataset
 from calib.dataset_file import find_datasets, load_dataset
 from calib.errors import CalibError, DatasetError
 from calib.knowledge import known_sums
+from calib.learning import learning_curve
 from calib.measurement import failed_searches, require_corners, with_corners
 from calib.points_file import points_frame
 from calib.residuals import RESIDUAL_KINDS
 from calib.robot_file import BUILTIN_ROBOTS, builtin_robot, load_robot, robot_to_toml
+from calib.targets_file import corrected_table, load_targets
 from calib.toml_file import write_text_atomically
+from calib.validation import cross_validate
 from inspector import documents
 
 MIN_SCANS_FOR_PROCESSES = 12  # below this, starting further interpreters takes longer than it saves
@@ -101,6 +105,25 @@ def _parser() -> argparse.ArgumentParser:
         "--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal"
     )
     sub.add_argument("--robust", action="store_true", help="let points far from the model count less")
+    _add_json(sub)
+
+    sub = command(
+        "validate", _validate, "how good the fit is away from its poses, and whether more would help"
+    )
+    sub.add_argument("--folds", type=int, default=5, help="default 5")
+    _add_residual(sub)
+    _add_json(sub)
+
+    sub = command(
+        "correct", _correct, "joint targets that bring the real arm where the nominal one should be"
+    )
+    sub.add_argument(
+        "--joints", type=Path, required=True, metavar="FILE", help="targets, columns as poses.csv"
+    )
+    sub.add_argument("--out", type=Path, required=True, metavar="FILE", help="write the corrected targets")
+    sub.add_argument("--what", choices=WHATS, help="default: pose for six joints and more, else position")
+    sub.add_argument("--force", action="store_true", help="go on although the fit is no improvement")
+    _add_residual(sub)
     _add_json(sub)
 
     sub = command("simulate", _simulate, "make a dataset with known truth", "folder to make")
@@ -202,6 +225,37 @@ def _calibrate(options: Any) -> int:
     return 0
 
 
+def _validate(options: Any) -> int:
+    dataset = _measured(_dataset(options.path))
+    with _progress("fits", "fit") as on_progress:
+        folds = cross_validate(
+            dataset, folds=options.folds, residual=options.residual, on_progress=on_progress
+        )
+        curve = learning_curve(dataset, residual=options.residual, on_progress=on_progress)
+    words = f"{folds.summary()}\n\n{curve.summary()}"
+    _print(options, documents.validation_document(folds, curve), words)
+    return 0
+
+
+def _correct(options: Any) -> int:
+    dataset = _dataset(options.path)
+    targets = load_targets(options.joints, dataset.robot)
+    result = calibrate(_measured(dataset), residual=options.residual)
+    result.require_improvement(force=options.force)
+    correction = corrected_joints(
+        dataset.robot,
+        result.model,
+        targets.poses.q,
+        x=result.fit.x,
+        conditions=targets.poses,
+        what=options.what,
+    )
+    write_text_atomically(options.out, corrected_table(targets, correction))
+    ids = targets.poses.ids
+    _print(options, documents.correction_document(correction, ids), correction.summary(ids))
+    return 0 if correction.reached.all() else 1
+
+
 def _simulate(options: Any) -> int:
     import numpy as np
 
@@ -295,14 +349,14 @@ def _processes(scans: int) -> Iterator[Executor | None]:
 
 
 @contextmanager
-def _progress(what: str) -> Iterator[Callable[[int, int, str], None] | None]:
+def _progress(what: str, unit: str = "scan") -> Iterator[Callable[[int, int, str], None] | None]:
     """A bar on stderr where that is a terminal, nothing elsewhere."""
     if not sys.stderr.isatty():
         yield None
         return
     from tqdm import tqdm
 
-    with tqdm(desc=what, unit="scan", file=sys.stderr, leave=False) as bar:
+    with tqdm(desc=what, unit=unit, file=sys.stderr, leave=False) as bar:
 
         def on_progress(done: int, total: int, pose_id: str) -> None:
             bar.total = total

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -13,11 +13,14 @@ import numpy as np
 from calib.calibration import Calibration
 from calib.checking import Check
 from calib.corners import CornerSearch
+from calib.correction import Correction
 from calib.evaluation import Evaluation, Figures
 from calib.knowledge import correlated_pairs, known_sums
+from calib.learning import LearningCurve
 from calib.measurement import failed_searches
 from calib.redundancy import Redundancy
 from calib.repeatability import repeats_frame
+from calib.validation import CrossValidation
 
 
 def to_json(document: Mapping[str, Any]) -> str:
@@ -90,7 +93,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
     return {
         "dataset": calibration.dataset.name,
         "residual": calibration.residual,
-        "effects": [effect.name for effect in calibration.model.effects[1:]],
+        "effects": calibration.model.family_names,
         "iterations": [
             {
                 "rmse_mm": step.train_rmse_mm,
@@ -138,4 +141,51 @@ def check_document(check: Check) -> dict[str, Any]:
         "findings": [asdict(finding) for finding in check.findings],
         "repeats": repeats_frame(check.repeats).to_dict(orient="records"),
         "calibration": None if check.calibration is None else calibration_document(check.calibration),
+    }
+
+
+def validation_document(folds: CrossValidation, curve: LearningCurve) -> dict[str, Any]:
+    """What `validate --json` prints: held-out errors by fold and pose, the learning curve, and what they mean."""
+    return {
+        "dataset": folds.dataset.name,
+        "residual": folds.residual,
+        "held_out": asdict(folds.held_out),
+        "before": None if folds.before.test is None else asdict(folds.before.test),
+        "train": None if folds.whole.after.train is None else asdict(folds.whole.after.train),
+        "spread_mm": folds.spread_mm,
+        "ratio": folds.ratio,
+        "expected_ratio": folds.expected_ratio,
+        "folds": [asdict(fold) for fold in folds.folds],
+        "poses": folds.to_frame().to_dict(orient="records"),
+        "sigma": {**asdict(folds.sigma), "verdict": folds.sigma.verdict},
+        "learning_curve": {
+            "held_out": curve.held_out,
+            "steps": curve.to_frame().to_dict(orient="records"),
+            "flat_since": curve.flat_since,
+            "doubled_rmse_mm": curve.doubled_rmse_mm,
+            "gain": curve.gain,
+            "explanation": curve.meaning,
+        },
+        "explanation": folds.meaning,
+        "notes": [*folds.notes, *curve.notes],
+    }
+
+
+def correction_document(correction: Correction, ids: Sequence[str]) -> dict[str, Any]:
+    """What `correct --json` prints: each target with its errors, and those that cannot be reached with the reason."""
+    targets = [
+        {"pose": pose, **row, "q": q}
+        for pose, row, q in zip(
+            ids, correction.to_frame().to_dict(orient="records"), correction.q, strict=True
+        )
+    ]
+    return {
+        "what": correction.what,
+        "q_units": ["rad" if turns else "mm" for turns in correction.robot.is_revolute],
+        "targets": targets,
+        "unreached": [
+            {"pose": target["pose"], "reason": target["reason"]}
+            for target in targets
+            if not target["reached"]
+        ],
     }

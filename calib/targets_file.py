@@ -1,0 +1,69 @@
+"""Tables of joint targets: what a robot program wants to reach, read; and the corrected ones, written.
+
+The columns are those of poses.csv; only the joints' are needed. `pose` names a target, conditions (payload_kg,
+temperature_c, time_s, approach1 ...) are for effects that depend on them, anything else is kept.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.correction import Correction
+from calib.dataset import Poses
+from calib.errors import DatasetError
+from calib.poses_file import CONDITIONS, joint_columns
+from calib.robot import Robot
+from calib.robot_file import degrees
+from calib.table_file import TableFile
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Joint targets as poses, and the file that they came from."""
+
+    poses: Poses
+    file: TableFile
+
+
+def load_targets(path: Path, robot: Robot) -> Targets:
+    """Read the joint targets of a robot. Raises DatasetError, naming line and column."""
+    if not path.is_file():
+        raise DatasetError(
+            f"{path}: no such file; a table with the columns {', '.join(joint_columns(robot))}"
+        )
+    file = TableFile.load(path)
+    columns = joint_columns(robot)
+    file.require(columns)
+    if len(file) == 0:
+        raise DatasetError(f"{path}: no row below the header; one row a target is needed")
+    q = file.numbers(columns)
+    ids = file.text("pose") if "pose" in file else [str(i + 1) for i in range(len(file))]
+    approach_columns = [f"approach{i + 1}" for i in range(robot.n_joints)]
+    has_approach = all(column in file for column in approach_columns)
+    conditions = {name: file.numbers([name])[:, 0] for name in CONDITIONS if name in file}
+    poses = Poses(
+        ids=tuple(ids),
+        role=np.full(len(file), "train"),
+        q=np.where(robot.is_revolute, np.radians(q), q),
+        setup=np.full(len(file), ""),
+        scan_names=("",) * len(file),
+        payload_kg=conditions.get("payload_kg"),
+        temperature_c=conditions.get("temperature_c"),
+        time_s=conditions.get("time_s"),
+        approach=file.numbers(approach_columns) if has_approach else None,
+    )
+    return Targets(poses, file)
+
+
+def corrected_table(targets: Targets, correction: Correction) -> str:
+    """The table with corrected joints as CSV text; `reached` says which targets the arm can reach."""
+    robot = correction.robot
+    cells = targets.file.cells.copy()
+    for k, (column, joint) in enumerate(zip(joint_columns(robot), robot.joints, strict=True)):
+        q = correction.q[:, k]
+        cells[column] = [repr(degrees(v) if joint.is_revolute else float(v)) for v in q]
+    cells["reached"] = ["true" if reached else "false" for reached in correction.reached]
+    return cells.to_csv(index=False, lineterminator="\n")
