@@ -30,6 +30,7 @@ from calib.splits import (
 from calib.validation import Progress
 
 FLAT = 0.05  # twice the poses lower the error by less than this share: not worth measuring
+_FAR = 2.0  # held-out over training error from which on the held-out poses are of another kind
 _FOLDS = 5
 
 
@@ -90,6 +91,17 @@ class LearningCurve:
 
     @property
     def meaning(self) -> str:
+        last = self.steps[-1]
+        ratio = last.held_out_rmse_mm / last.train_rmse_mm if last.train_rmse_mm > 0.0 else 1.0
+        if ratio < _FAR:
+            return self._verdict
+        return (
+            f"{self._verdict}; the held-out error is {ratio:.3g} times the training error: such poses are not among "
+            "the training poses, or the physics that is missing shows there"
+        )
+
+    @property
+    def _verdict(self) -> str:
         last, excess = self.steps[-1], self.sigma.verdict == "excess"
         since = self.flat_since
         ratio = self.sigma.sigma_mm / self.sigma.declared_mm if self.sigma.declared_mm else float("nan")

@@ -89,7 +89,13 @@ class CrossValidation:
                 "the fit does better on its own poses than parameters and noise explain: too few poses, or physics "
                 "that is not in the model; expect the held-out error, not the training error, elsewhere"
             )
-        return "the fit does as well on poses it did not see as noise allows; expect the held-out error elsewhere"
+        words = "poses left out come out as well as noise allows: the fit does not bend to its own poses"
+        if self.sigma.verdict == "excess":
+            return (
+                f"{words}; that holds for poses like the training poses, and since more than noise is left, the error "
+                "elsewhere can be larger: look at test poses of another kind"
+            )
+        return f"{words}; expect the held-out error at poses like these"
 
     def summary(self) -> str:
         before, train = self.before.test, self.whole.after.train

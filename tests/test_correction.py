@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -14,11 +17,14 @@ from calib import frames
 from calib.calibration import calibrate
 from calib.correction import Correction, corrected_joints
 from calib.dataset import Poses
+from calib.dataset_file import load_dataset, write_dataset
 from calib.effects.links import LinkErrors
 from calib.errors import FitError
 from calib.model import Model, geometric_model
 from calib.robot import Robot
 from calib.robot_file import builtin_robot
+from calib.targets_file import load_targets
+from inspector.cli import main
 from test_frames import random_transform
 
 
@@ -299,3 +305,83 @@ def test_what_cannot_be_done_is_one_line() -> None:
         with pytest.raises(FitError, match=says):
             call()
     assert corrected_joints(robot, robot, np.zeros((0, 6))).summary() == "no target"
+
+
+@pytest.fixture
+def cell(tmp_path: Path) -> Path:
+    rng = np.random.default_rng(0)
+    robot = with_limits(jang_arm(), np.full(6, -np.pi), np.full(6, np.pi))
+    write_dataset(dataset_of(robot, perturbed(robot, rng), rng, test=13, noise_mm=0.02), tmp_path / "cell")
+    return tmp_path / "cell"
+
+
+def write_targets(path: Path, q: np.ndarray, **more: object) -> Path:
+    columns = {f"q{k + 1}_deg": np.degrees(q[:, k]) for k in range(q.shape[1])}
+    pd.DataFrame({**columns, **more}).to_csv(path, index=False)
+    return path
+
+
+def test_the_command(capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: Path) -> None:
+    q = np.array([[0.3, 0.4, 1.1, 0.2, 0.9, 0.1], [-1.0, 0.2, 1.4, 0.5, -1.1, 2.0]])
+    joints = write_targets(tmp_path / "targets.csv", q, pose=["grip", "place"], note=["a", "b"])
+    out = tmp_path / "corrected.csv"
+    assert main(["correct", str(cell), "--joints", str(joints), "--out", str(out), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["what"] == "pose"
+    assert document["unreached"] == []
+    assert [t["pose"] for t in document["targets"]] == ["grip", "place"]
+    assert all(t["position_error_mm"] <= 1e-9 and t["uncorrected_mm"] > 0.1 for t in document["targets"])
+    written = pd.read_csv(out)
+    assert list(written.columns) == [*pd.read_csv(joints).columns, "reached"]
+    assert list(written["note"]) == ["a", "b"]
+    assert written["reached"].all()
+    # What stands in the file, read back, brings the calibrated arm to the nominal places.
+    dataset = load_dataset(cell)
+    true = calibrate(dataset).robot
+    corrected = load_targets(out, dataset.robot).poses.q
+    gap = elementary_points(true, corrected) - elementary_points(dataset.robot, q)
+    assert np.abs(gap).max() < 1e-9
+
+    q[1, 2] = 4.0  # beyond the limit of 180 deg
+    joints = write_targets(tmp_path / "targets.csv", q)
+    assert main(["correct", str(cell), "--joints", str(joints), "--out", str(out)]) == 1
+    assert "2: missed by" in (words := capsys.readouterr().out)
+    assert "J3 stands at its limit of 180 deg" in words
+    assert pd.read_csv(out)["reached"].tolist() == [True, False]
+
+
+def test_the_command_refuses_in_one_line(
+    capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: Path
+) -> None:
+    good = write_targets(tmp_path / "good.csv", np.full((1, 6), 0.5))
+    short = write_targets(tmp_path / "short.csv", np.zeros((1, 5)))
+    odd = tmp_path / "odd.csv"
+    header = good.read_text().splitlines()[0]
+    odd.write_text(f"{header}\nmany,0,0,0,0,0\n")
+    empty = tmp_path / "empty.csv"
+    empty.write_text(f"{header}\n")
+    out = tmp_path / "out.csv"
+
+    def refused(folder: Path, joints: Path, *more: str) -> str:
+        assert main(["correct", str(folder), "--joints", str(joints), "--out", str(out), *more]) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert captured.err.count("\n") == 1
+        assert not out.exists()
+        return captured.err
+
+    assert "no such file" in refused(cell, tmp_path / "nowhere.csv")
+    assert "missing column q6_deg" in refused(cell, short)
+    assert "line 2, column q1_deg: found 'many'" in refused(cell, odd)
+    assert "no row below the header" in refused(cell, empty)
+    # A calibration that made the test poses worse is not put on a robot, unless forced.
+    dataset = load_dataset(cell)
+    assert dataset.points is not None
+    nominal = elementary_points(dataset.robot, dataset.poses.q)
+    is_test = dataset.poses.is_test
+    xyz = np.where(is_test[:, None], nominal, dataset.points.xyz_mm)
+    write_dataset(dataset.with_points(replace(dataset.points, xyz_mm=xyz)), tmp_path / "worse")
+    assert "the test poses got worse" in refused(tmp_path / "worse", good)
+    arguments = ["correct", str(tmp_path / "worse"), "--joints", str(good), "--out", str(out), "--force"]
+    assert main(arguments) == 0
+    assert out.exists()

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from arms import dataset_of, jang_arm, perturbed
+from arms import dataset_of, elementary_points, jang_arm, perturbed
 from calib import frames
 from calib.calibration import calibrate
 from calib.dataset import Dataset, Points, Scanner
+from calib.dataset_file import write_dataset
 from calib.errors import FitError
 from calib.learning import LearningCurve, LearningStep, learning_curve
 from calib.sigma_check import SigmaCheck, check_sigma
 from calib.splits import deal_folds, growing_order, split_dataset, training_places
 from calib.validation import cross_validate
+from inspector.cli import main
 from test_frames import random_transform
 
 
@@ -175,7 +179,7 @@ def test_noise_alone_and_missing_physics_are_told_apart() -> None:
     result = cross_validate(good)
     assert result.ratio == pytest.approx(result.expected_ratio, rel=0.15)
     assert result.sigma.verdict == "as declared"
-    assert "as well on poses it did not see" in result.meaning
+    assert "does not bend to its own poses; expect" in result.meaning
     worse = cross_validate(bad)
     assert worse.sigma.verdict == "excess"
     assert worse.held_out.rmse_mm > 5 * result.held_out.rmse_mm
@@ -191,6 +195,21 @@ def test_noise_alone_and_missing_physics_are_told_apart() -> None:
     short = learning_curve(simulated(test=0), counts=[11, 13, 15])
     assert short.flat_since is None
     assert "more poses would still help" in short.meaning
+
+
+def test_test_poses_of_another_kind_are_told() -> None:
+    """Training in a corner of the joints' range cannot settle what the far test poses need; folds do not see it."""
+    dataset = simulated(test=14)
+    assert dataset.points is not None
+    near = replace(dataset.poses, q=np.where(dataset.poses.is_test[:, None], 1.0, 0.15) * dataset.poses.q)
+    rng = np.random.default_rng(2)
+    true = perturbed(dataset.robot, np.random.default_rng(1))
+    xyz = elementary_points(true, near.q) + 0.02 * rng.normal(size=(64, 3))
+    narrow = replace(dataset, poses=near).with_points(replace(dataset.points, xyz_mm=xyz))
+    assert cross_validate(narrow).ratio < 1.6
+    curve = learning_curve(narrow, counts=[25, 50], repeats=1)
+    assert "such poses are not among the training poses" in curve.meaning
+    assert "such poses" not in learning_curve(dataset, counts=[25, 50], repeats=1).meaning
 
 
 def test_the_learning_curve_of_noise_follows_its_law() -> None:
@@ -277,3 +296,33 @@ def test_what_cannot_be_done_is_one_line() -> None:
         cross_validate(simulated(poses=4), folds=2)
     with pytest.raises(FitError, match="too few to hold some out"):
         learning_curve(simulated(poses=3))
+
+
+def run_json(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 0) -> dict:
+    assert main([*map(str, arguments), "--json"]) == code
+    out = capsys.readouterr().out
+    assert out.count("\n") == 1
+    return json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+
+
+@pytest.mark.parametrize("residual", ["position", "distance"])
+def test_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Path, residual: str) -> None:
+    write_dataset(simulated(test=13), tmp_path / "cell")
+    document = run_json(capsys, "validate", tmp_path / "cell", "--folds", "4", "--residual", residual)
+    assert document["residual"] == residual
+    assert len(document["folds"]) == 4
+    assert len(document["poses"]) == 51
+    assert document["held_out"]["rmse_mm"] < 0.2 < document["before"]["rmse_mm"]
+    assert document["sigma"]["low_mm"] < document["sigma"]["sigma_mm"] < document["sigma"]["high_mm"]
+    assert document["learning_curve"]["held_out"] == "test poses"
+    assert document["learning_curve"]["steps"][-1]["poses"] == 51
+    assert main(["validate", str(tmp_path / "cell")]) == 0
+    words = capsys.readouterr().out
+    assert words.count("=>") == 2
+    assert "more poses" in words
+    for folds, says in (("1", "needs 2 at least"), ("99", "99 folds for 51 different training poses")):
+        assert main(["validate", str(tmp_path / "cell"), "--folds", folds, "--json"]) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert captured.err.count("\n") == 1
+        assert says in captured.err
