@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import shutil
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +22,7 @@ from calib.robot_file import builtin_robot
 from calib.scan_simulation import ScanModel
 from calib.simulation import Simulation, measure, rounded, write_simulation
 from calib.true_arm import draw_truth
+from calib.true_loads import JointCompliance
 from calib.truth import Truth, scanner_T_target
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -53,7 +53,7 @@ def rb5_jang(robot: Robot) -> Simulation:
     testing = scan_poses(robot, base_T_scanner, 13, rng=rng)
     q = rounded(robot, np.concatenate([training, testing]))
     truth = draw_truth(robot, base_T_scanner, q, rng=rng)
-    truth = replace(truth, joint_compliance_rad_per_nm=np.array(COMPLIANCE_RAD_PER_NM))
+    truth = truth.with_effects(JointCompliance(np.array(COMPLIANCE_RAD_PER_NM)))
     ids = tuple(f"p{i + 1:02d}" for i in range(len(q)))
     poses = Poses(
         ids=ids,

@@ -1,7 +1,8 @@
 """Whole datasets with known truth: an arm with link errors and effects, its poses, its points or scans.
 
-The arm's errors are drawn in `calib.true_arm`, its poses in `calib.pose_design`; what it then does is worked
-out in `calib.truth`, and what the scanner makes of it in `calib.scan_simulation`.
+The arm's errors are drawn in `calib.true_arm`, its poses in `calib.pose_design`, what surrounds it in
+`calib.true_conditions`; what it then does is worked out in `calib.truth`, and what the scanner makes of it in
+`calib.scan_simulation`.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from calib.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset_file import write_dataset
@@ -39,7 +41,18 @@ from calib.scan_simulation import (
     simulate_scan,
 )
 from calib.toml_file import write_text_atomically
-from calib.true_arm import TYPICAL, Tolerances, check_effects, draw_truth
+from calib.true_arm import (
+    NEED_CONDITIONS,
+    TYPICAL,
+    Tolerances,
+    Wanted,
+    check_effects,
+    draw_truth,
+    effect_name,
+)
+from calib.true_conditions import draw_conditions
+from calib.true_mechanism import Conditions
+from calib.true_visible import Cell
 from calib.truth import Truth, scanner_T_target, truth_document
 
 Array = NDArray[np.float64]
@@ -56,7 +69,7 @@ class Simulation:
 
     dataset: Dataset
     truth: Truth
-    apex_mm: Array  # (N, 3) where the measured point truly is, scanner frame
+    apex_mm: Array  # (N, 3) where the scanner has the measured point, noise apart
     scanner_T_jig: Array  # (N, 4, 4)
     scan_model: ScanModel | None
     scan_seeds: tuple[int, ...]
@@ -83,15 +96,27 @@ class Simulation:
 
     def document(self) -> dict[str, Any]:
         """What truth.json holds."""
-        apexes = dict(zip(self.dataset.poses.ids, self.apex_mm.tolist(), strict=True))
-        return truth_document(self.truth, self.dataset.robot, dataset=self.dataset.name, apex_mm=apexes)
+        poses = self.dataset.poses
+        cell = Cell(self.dataset.robot, self.truth.with_effects(), poses.q, Conditions.of(poses))
+        visible = {
+            cause.name: cell.visible_rms_mm(cause) for cause in self.truth.causes if not cause.is_absent
+        }
+        return truth_document(
+            self.truth,
+            self.dataset.robot,
+            visible_rms_mm=visible,
+            dataset=self.dataset.name,
+            apex_mm=dict(zip(poses.ids, self.apex_mm.tolist(), strict=True)),
+        )
 
 
 def simulate_dataset(
     robot: Robot,
     *,
     rng: np.random.Generator,
-    effects: Sequence[str] = (),
+    effects: Sequence[Wanted] = (),
+    visible_sigmas: float | None = None,
+    conditions: bool | None = None,
     poses: int = 64,
     noise_mm: float = 0.05,
     scans: bool = False,
@@ -103,16 +128,21 @@ def simulate_dataset(
     scan_model: ScanModel = PLAIN_MODEL,
     payloads_kg: Sequence[float] = (),
     repeats: int = 1,
+    setups: int = 1,
 ) -> Simulation:
     """Simulate a calibration of `robot`, which stays the nominal arm of the dataset.
 
     Args:
-        effects: families that the true arm carries, of `SIMULATED_EFFECTS`; sizes are drawn.
+        effects: what the true arm carries, by name (`SIMULATED_EFFECTS`, `OUTSIDE_EFFECTS`), as (name, visible size in
+            noise sigmas), or with all parameters; what is not given is drawn.
+        visible_sigmas: the visible size of effects given by name alone; None lets each move the point by 0.2 to 0.5 mm.
+        conditions: payload, temperature, time and approach vary and are written down. None: where an effect needs it.
         poses: how many; one is the reference, the others are shared 50 : 13 between train and test (Jang 2025).
         noise_mm: of a measured point, each axis; scans make their own from `scan_model`.
         scans: poses hold the jig in the scanner's field and scans are cast. Otherwise points over the work space.
-        payloads_kg: each pose carries one of these; () for none and no such column.
+        payloads_kg: each pose carries one of these; () for none and no such column, or as `conditions` has it.
         repeats: measurements of each pose (points only).
+        setups: how many placements of the scanner share the poses (points only).
 
     Raises:
         CalibError: an unknown effect, too few poses, or a robot that lacks what the effect needs.
@@ -124,6 +154,10 @@ def simulate_dataset(
     if not np.isfinite(noise_mm) or noise_mm < 0:
         raise CalibError(f"noise_mm is {noise_mm:g}; a standard deviation is 0 or more")
     check_effects(effects)
+    if setups < 1 or (setups > 1 and (scans or 4 * setups > poses)):
+        raise CalibError(
+            f"found {setups} setups for {poses} poses; simulate points, with 4 poses or more for each setup"
+        )
     if scans:
         robot = with_jig(robot, jig)
     base_T_scanner = place_scanner(robot, rng=rng, field=field)
@@ -133,9 +167,25 @@ def simulate_dataset(
     else:
         q = random_poses(robot, poses, rng=rng)
     q = rounded(robot, q)
-    payload_kg = rng.choice(np.asarray(payloads_kg, float), poses) if len(payloads_kg) else None
+    if conditions is None:
+        conditions = any(effect_name(effect) in NEED_CONDITIONS for effect in effects)
+    around = draw_conditions(robot, poses, rng=rng) if conditions else Conditions()
+    if len(payloads_kg):
+        around = replace(around, payload_kg=rng.choice(np.asarray(payloads_kg, float), poses))
+    scanners = {"": base_T_scanner}
+    if setups > 1:
+        scanners = _more_places(base_T_scanner, setups, rng=rng)
+        around = replace(around, setup=np.sort(rng.permutation(np.resize(list(scanners), poses))))
     truth = draw_truth(
-        robot, base_T_scanner, q, effects=effects, tolerances=tolerances, payload_kg=payload_kg, rng=rng
+        robot,
+        scanners,
+        q,
+        effects=effects,
+        tolerances=tolerances,
+        conditions=around,
+        noise_mm=noise_mm,
+        visible_sigmas=visible_sigmas,
+        rng=rng,
     )
     width = max(2, len(str(poses)))
     ids = tuple(f"p{i + 1:0{width}d}" for i in range(poses))
@@ -143,9 +193,12 @@ def simulate_dataset(
         ids=ids,
         role=draw_roles(poses, rng=rng),
         q=q,
-        setup=np.full(poses, ""),
+        setup=np.full(poses, "") if around.setup is None else around.setup,
         scan_names=tuple(f"{pose_id}.ply" for pose_id in ids),
-        payload_kg=payload_kg,
+        payload_kg=around.payload_kg,
+        temperature_c=around.temperature_c,
+        time_s=around.time_s,
+        approach=around.approach,
     )
     return measure(
         robot,
@@ -175,7 +228,7 @@ def measure(
     repeats: int = 1,
 ) -> Simulation:
     """Measure given poses of a given arm: points where `noise_mm` is given, scans where `scan_model` is."""
-    scanner_T_tool = scanner_T_target(truth, poses.q, poses.payload_kg)
+    scanner_T_tool = scanner_T_target(truth, poses.q, Conditions.of(poses))
     apex_mm = scanner_T_tool[:, :3, 3]
     points = None
     if noise_mm is not None:
@@ -222,6 +275,17 @@ def write_simulation(
     truth_path = folder / "truth.json" if truth_path is None else truth_path
     truth_path.parent.mkdir(parents=True, exist_ok=True)
     write_text_atomically(truth_path, json.dumps(simulation.document(), indent=1) + "\n")
+
+
+def _more_places(base_T_scanner: Array, count: int, *, rng: np.random.Generator) -> dict[str, Array]:
+    """Placements "A", "B", ... of the scanner: the given one, the others up to 60 deg around the arm and 200 mm off."""
+    places = {"A": base_T_scanner}
+    for k in range(1, count):
+        around = np.eye(4)
+        around[:3, :3] = Rotation.from_euler("z", rng.uniform(-60.0, 60.0), degrees=True).as_matrix()
+        around[:3, 3] = rng.uniform(-200.0, 200.0, 3)
+        places[chr(ord("A") + k) if k < 26 else f"S{k + 1}"] = around @ base_T_scanner
+    return places
 
 
 def with_jig(robot: Robot, jig: Jig) -> Robot:

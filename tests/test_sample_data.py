@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import json
-from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -110,12 +109,14 @@ def test_every_scan_is_a_plain_float_cloud_of_its_size(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_seed_gives_the_same_poses_and_truth(name: str, made: dict[str, Simulation]) -> None:
+def test_seed_gives_the_same_poses_and_truth(
+    name: str, made: dict[str, Simulation], maker: ModuleType
+) -> None:
     simulation, stored = made[name], truth(name)
     np.testing.assert_allclose(simulation.dataset.poses.q, load_dataset(SAMPLES / name).poses.q, atol=1e-9)
     assert stored["effects"].keys() == {"joint_compliance"}
     np.testing.assert_allclose(
-        stored["effects"]["joint_compliance"]["c_rad_per_nm"], simulation.truth.joint_compliance_rad_per_nm
+        stored["effects"]["joint_compliance"]["c_rad_per_nm"], maker.COMPLIANCE_RAD_PER_NM
     )
     for pose_id, apex_mm in zip(simulation.dataset.poses.ids, simulation.apex_mm, strict=True):
         np.testing.assert_allclose(stored["apex_mm"][pose_id], apex_mm, atol=1e-6)
@@ -143,7 +144,7 @@ def test_every_scan_shows_three_faces(name: str, made: dict[str, Simulation]) ->
 
 def test_hidden_sag_is_far_above_the_noise(made: dict[str, Simulation]) -> None:
     simulation = made["rb5_jang"]
-    rigid = replace(simulation.truth, joint_compliance_rad_per_nm=np.zeros(6))
+    rigid = simulation.truth.with_effects()
     sag_mm = np.linalg.norm(
         simulation.apex_mm - scanner_T_target(rigid, simulation.dataset.poses.q)[:, :3, 3], axis=1
     )

@@ -19,6 +19,7 @@ from calib.robot_file import builtin_robot
 from calib.scan import load_scan
 from calib.simulation import simulate_dataset, write_simulation
 from calib.true_arm import SIMULATED_EFFECTS, Tolerances, draw_truth
+from calib.true_loads import JointCompliance
 from calib.truth import Truth, scanner_T_target, settle
 
 ARMS = ("rb5", "panda")
@@ -37,7 +38,7 @@ def test_without_errors_the_measurement_is_the_nominal_chain(arm: str, scans: bo
         tolerances=RIGID,
     )
     dataset, truth = simulation.dataset, simulation.truth
-    np.testing.assert_array_equal(settle(truth, dataset.poses.q), dataset.poses.q)
+    np.testing.assert_array_equal(settle(truth, dataset.poses.q).q, dataset.poses.q)
     chain = forward(dataset.robot.table, dataset.poses.q, dataset.robot.is_revolute)
     base_mm = simulation.apex_mm @ truth.base_T_scanner[:3, :3].T + truth.base_T_scanner[:3, 3]
     np.testing.assert_allclose(base_mm, chain.target_mm, atol=1e-9)
@@ -102,12 +103,13 @@ def test_drawn_compliance_sags_visibly(arm: str) -> None:
         builtin_robot(arm), rng=np.random.default_rng(10), effects=("joint_compliance",)
     )
     truth, q = simulation.truth, simulation.dataset.poses.q
-    rigid = replace(truth, joint_compliance_rad_per_nm=np.zeros(truth.robot.n_joints))
+    rigid, (cause,) = truth.with_effects(), truth.causes
+    assert isinstance(cause, JointCompliance)
     sag_mm = np.linalg.norm(simulation.apex_mm - scanner_T_target(rigid, q)[:, :3, 3], axis=1)
     assert 0.15 < np.sqrt(np.mean(sag_mm**2)) < 0.6
-    assert np.all(truth.joint_compliance_rad_per_nm < 2e-4)
+    assert np.all(cause.c_rad_per_nm < 2e-4)
     down_mm = (simulation.apex_mm - scanner_T_target(rigid, q)[:, :3, 3]) @ truth.base_T_scanner[:3, :3].T
-    assert np.mean(down_mm[:, 2] < 0) > 0.9
+    assert np.mean(down_mm[:, 2] < 0) > 0.75  # a joint that yields may lift what lies behind its axis
 
 
 def test_noise_and_repeats_are_as_asked() -> None:
@@ -160,9 +162,9 @@ def test_written_simulation_comes_back_with_its_truth(tmp_path: Path) -> None:
     np.testing.assert_allclose(load_scan(path).points_mm, simulation.scan(1).scan.points_mm, atol=1e-4)
 
     document = json.loads((tmp_path / "cell" / "truth.json").read_text())
-    assert document["effects"]["joint_compliance"]["c_rad_per_nm"] == list(
-        simulation.truth.joint_compliance_rad_per_nm
-    )
+    cause = simulation.truth.causes[0]
+    assert isinstance(cause, JointCompliance)
+    assert document["effects"]["joint_compliance"]["c_rad_per_nm"] == list(cause.c_rad_per_nm)
     assert set(document["effects"]) == set(SIMULATED_EFFECTS)
     rows = [*(f"J{j + 1}" for j in range(7)), "TCP"]
     lengths = np.array([[document["links"][row][key] for key in ("a_mm", "d_mm")] for row in rows])
@@ -193,7 +195,7 @@ def test_arm_that_cannot_show_the_jig_says_so() -> None:
 
 def test_bad_wishes_are_one_clear_line() -> None:
     rng, robot = np.random.default_rng(0), builtin_robot("rb5")
-    with pytest.raises(CalibError, match=r"'warp'; there are joint_compliance, transmission_error"):
+    with pytest.raises(CalibError, match=r"'warp'; there are joint_compliance, link_bending"):
         simulate_dataset(robot, rng=rng, effects=("warp",))
     with pytest.raises(CalibError, match="found 1 poses"):
         simulate_dataset(robot, rng=rng, poses=1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -18,9 +17,20 @@ from calib.kinematics import forward
 from calib.pose_design import random_poses
 from calib.robot import Joint, Robot, Tool
 from calib.robot_file import builtin_robot
-from calib.truth import Truth, frames, gravity_torques, settle
+from calib.true_effects import TransmissionError
+from calib.true_loads import JointCompliance
+from calib.true_mechanism import Arm, Conditions
+from calib.truth import Truth, settle
 
 ARMS = ("rb5", "panda")
+
+
+def frames(robot: Robot, q: Any) -> tuple[NDArray, ...]:
+    return Arm.commanded_to(robot, q).base_T_frame
+
+
+def gravity_torques(robot: Robot, q: NDArray, payload_kg: NDArray | None = None) -> NDArray:
+    return Arm.commanded_to(robot, q, Conditions(payload_kg=payload_kg)).gravity_torques
 
 
 def crooked(robot: Robot, rng: np.random.Generator) -> Robot:
@@ -124,7 +134,13 @@ def test_chain_and_gravity_torques_agree_with_mujoco(robot: Robot, payload_kg: f
 def soft(robot: Robot, scale: float = 1.0) -> Truth:
     truth = Truth.without_effects(robot, np.eye(4))
     compliance = scale * 1e-4 * np.linspace(0.5, 2.0, robot.n_joints) * robot.is_revolute
-    return replace(truth, joint_compliance_rad_per_nm=compliance)
+    return truth.with_effects(JointCompliance(compliance))
+
+
+def compliance_of(truth: Truth) -> NDArray:
+    (cause,) = truth.causes
+    assert isinstance(cause, JointCompliance)
+    return cause.c_rad_per_nm
 
 
 @pytest.mark.parametrize("arm", ARMS)
@@ -133,8 +149,8 @@ def test_mujoco_joint_springs_are_at_rest_where_the_arm_settles(arm: str) -> Non
     truth = soft(robot, 3.0)
     model = mujoco_model(robot)
     q = random_poses(robot, 6, rng=np.random.default_rng(3))
-    settled = settle(truth, q)
-    model.jnt_stiffness[:] = 1.0 / truth.joint_compliance_rad_per_nm
+    settled = settle(truth, q).q
+    model.jnt_stiffness[:] = 1.0 / compliance_of(truth)
     for k in range(len(q)):
         model.qpos_spring[:] = q[k]
         data = in_mujoco(model, robot, settled[k])
@@ -150,8 +166,8 @@ def test_equilibrium_law(robot: Robot) -> None:
     truth = soft(robot, 5.0)
     q = random_poses(robot, 10, rng=np.random.default_rng(4))
     payload_kg = np.linspace(0.0, 4.0, 10)
-    settled = settle(truth, q, payload_kg)
-    compliance = truth.joint_compliance_rad_per_nm
+    settled = settle(truth, q, Conditions(payload_kg=payload_kg)).q
+    compliance = compliance_of(truth)
     np.testing.assert_allclose(
         settled - q, compliance * gravity_torques(robot, settled, payload_kg), atol=1e-13
     )
@@ -163,12 +179,12 @@ def test_pendulum_hangs_where_a_scalar_equation_says() -> None:
     c, m, r_mm = 0.05, 2.0, 400.0
     joints = (Joint(a_mm=500.0, mass_kg=m, com_mm=(r_mm - 500.0, 0.0, 0.0)),)
     robot = Robot(name="pendulum", joints=joints, gravity_m_s2=(0.0, -9.81, 0.0))
-    truth = replace(Truth.without_effects(robot, np.eye(4)), joint_compliance_rad_per_nm=np.array([c]))
+    truth = Truth.without_effects(robot, np.eye(4)).with_effects(JointCompliance(np.array([c])))
     for q in (-1.0, 0.2, 1.4):
         wanted = brentq(
             lambda theta, q=q: theta - q + c * m * 9.81 * r_mm / 1e3 * np.cos(theta), -5.0, 5.0, xtol=1e-14
         )
-        assert settle(truth, np.array([[q]]))[0, 0] == pytest.approx(wanted, abs=1e-12)
+        assert settle(truth, np.array([[q]])).q[0, 0] == pytest.approx(wanted, abs=1e-12)
 
 
 def test_arm_without_equilibrium_is_refused() -> None:
@@ -179,23 +195,24 @@ def test_arm_without_equilibrium_is_refused() -> None:
 
 def test_transmission_error_is_a_function_of_the_commanded_angle() -> None:
     robot = builtin_robot("rb5")
-    cos_rad, sin_rad = np.zeros((6, 2)), np.zeros((6, 2))
-    cos_rad[2] = [1e-4, 3e-4]
-    sin_rad[4] = [2e-4, 0.0]
-    truth = replace(
-        Truth.without_effects(robot, np.eye(4)), transmission_cos_rad=cos_rad, transmission_sin_rad=sin_rad
-    )
+    cos_rad, sin_rad = np.zeros((6, 3)), np.zeros((6, 3))
+    cos_rad[2] = [1e-4, 3e-4, 5e-5]
+    sin_rad[4] = [2e-4, 0.0, 0.0]
+    truth = Truth.without_effects(robot, np.eye(4)).with_effects(TransmissionError(cos_rad, sin_rad))
     q = random_poses(robot, 7, rng=np.random.default_rng(5))
     wanted = q.copy()
-    wanted[:, 2] += 1e-4 * np.cos(q[:, 2]) + 3e-4 * np.cos(2 * q[:, 2])
+    wanted[:, 2] += 1e-4 * np.cos(q[:, 2]) + 3e-4 * np.cos(2 * q[:, 2]) + 5e-5 * np.cos(3 * q[:, 2])
     wanted[:, 4] += 2e-4 * np.sin(q[:, 4])
-    np.testing.assert_allclose(settle(truth, q), wanted, atol=1e-15)
-    assert truth.effects() == ("transmission_error",)
+    np.testing.assert_allclose(settle(truth, q).q, wanted, atol=1e-15)
+    assert truth.effects == ("transmission_error",)
 
 
 def test_payload_makes_the_arm_sag_more() -> None:
     robot = builtin_robot("rb5")
     q = random_poses(robot, 30, rng=np.random.default_rng(11))
     truth = soft(robot, 0.3)
-    drop_mm = [frames(robot, settle(truth, q, np.full(30, kg)))[-1][:, 2, 3].mean() for kg in (0.0, 5.0)]
+    drop_mm = [
+        settle(truth, q, Conditions(payload_kg=np.full(30, kg))).base_T_frame[-1][:, 2, 3].mean()
+        for kg in (0.0, 5.0)
+    ]
     assert drop_mm[1] < drop_mm[0] - 0.05
