@@ -21,6 +21,7 @@ DETAIL_POINTS = 200_000  # of the selected scan; 3 MB at single precision
 OVERVIEW_POINTS = 3_000  # of each other scan, at most
 OVERVIEW_TOTAL = 200_000
 DRAWN_SETS = 2_000
+DOT_MM = 5.0  # diameter of a corner in the scene
 DRAWN_GROUPS = 40
 NUMBERED_GROUPS = 6  # and the chosen ones
 
@@ -298,7 +299,13 @@ class SceneView:
             rgbs = np.array([rgb(c) for c in colours], dtype=np.uint8)
             at = to_scene(xyz_mm)
             unit = np.tile([1.0, 0, 0, 0], (len(at), 1))
-            dots = self._ellipsoid_node(f"{ROOT}/corners/dots", at, unit, np.full((len(at), 3), 0.0022), rgbs)
+            nodes.append(self._cloud(f"{ROOT}/corners/points", xyz_mm, rgbs, DOT_MM * M_PER_MM))
+            # Points cannot be clicked, and a lit sphere this small is mostly highlight: unseen spheres take the clicks.
+            radius = np.full((len(at), 3), 0.8 * DOT_MM * M_PER_MM)
+            dots = self._scene.add_batched_meshes_simple(
+                f"{ROOT}/corners/dots", *unit_sphere(6, 8), unit, at, batched_scales=radius, opacity=0.004, lod="off",
+                cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
 
             @dots.on_click
             def _(event: viser.SceneNodePointerEvent[viser.BatchedMeshHandle]) -> None:

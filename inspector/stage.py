@@ -304,7 +304,7 @@ class Stage:
         here = [i for i in range(len(setups)) if setups[i] == setups[view.pose]]
         corners = [corner[0] for i in here if (corner := corner_of(view, i)) is not None]
         points = [m for i, m in self._medians.items() if i in here and np.isfinite(m).all()]
-        known = np.array(corners if len(corners) >= len(points) else points).reshape(-1, 3)
+        known = np.array(corners or points).reshape(-1, 3)  # a scan's middle is that of its background
         if not len(known):
             return np.array([0.0, 0.0, 700.0]), 100.0
         middle = (known.min(axis=0) + known.max(axis=0)) / 2

@@ -178,7 +178,11 @@ def test_a_click_on_a_corner_selects_its_pose(app: App, page: WireClient) -> Non
     poses = [i for i in range(POSES) if i != BROKEN]
     dots = page.scene[f"{ROOT}/corners/dots"]
     assert np.asarray(dots["props"]["batched_positions"]).size == 3 * len(poses)
-    app.stage._on_click(poses[6])
+    click = {"type": "SceneNodeClickMessage", "name": f"{ROOT}/corners/dots", "ray_origin": [0, 0, 0]}
+    click |= {"ray_direction": [0, 0, 1], "screen_pos": [0.5, 0.5], "modifier": None, "owner": dots["owner"]}
+    for no_corner in (10**9, -1, None):
+        page.send(**click, instance_index=no_corner)
+    page.send(**click, instance_index=6)
     shows(page, f"{poses[6] + 1} of {POSES}")
 
 
@@ -442,6 +446,33 @@ def test_requests_that_no_widget_makes_are_ignored(app: App) -> None:
     assert before is not None
     assert app.stage.view.session is before.session
     assert app.stage.view.pose == 0
+
+
+def test_garbage_for_every_widget_changes_nothing(app: App, page: WireClient) -> None:
+    before = app.stage.view
+    garbage: list[object] = [
+        None,
+        -1e300,
+        10**9,
+        float("nan"),
+        "no such option",
+        "x" * 10_000,
+        [],
+        {},
+        [1, 2, 3],
+    ]
+    for uuid in list(page.gui):
+        for value in garbage:
+            page.send(type="GuiUpdateMessage", uuid=uuid, updates={"value": value})
+        for field in ("removed", "update_cb", "sync_cb", "props", "gui_api", "uuid"):
+            page.send(type="GuiUpdateMessage", uuid=uuid, updates={field: None})
+    page.trigger("Next pose")
+    shows(page, f"2 of {POSES}")
+    assert app.worker.wait_idle(IDLE_S)
+    assert app.stage.view is not None
+    assert before is not None
+    assert app.stage.view.session is before.session
+    assert not page.notifications
 
 
 def test_names_of_datasets_tell_them_apart(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import viser
 
-from browser_support import browser, colours_in, node_drawn, open_page
+from browser_support import browser, colours_in, need_chromium, node_drawn, open_page
 from inspector.app import App, serving
 from inspector.panels import words
 from inspector.panels.review import NEXT, PREVIOUS
@@ -40,6 +40,17 @@ def page(chromium: Any, app: App) -> Iterator[Any]:
     yield opened
     assert opened.problems == []
     opened.close()
+
+
+@pytest.mark.parametrize(("ci", "outcome"), [("true", pytest.fail.Exception), ("", pytest.skip.Exception)])
+def test_without_a_browser_ci_fails_and_others_skip_with_the_reason(
+    monkeypatch: pytest.MonkeyPatch, ci: str, outcome: type[BaseException]
+) -> None:
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.delenv("CHROMIUM", raising=False)
+    monkeypatch.setenv("CI", ci)
+    with pytest.raises(outcome, match="apt-get install chromium"):
+        need_chromium()
 
 
 def tab(page: Any, name: str) -> None:

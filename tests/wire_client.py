@@ -16,6 +16,7 @@ import viser
 import zstandard
 from websockets.sync.client import connect
 
+
 def _resolve(value: Any, buffers: list[memoryview]) -> Any:
     """Put the arrays back in the places that the message names by number."""
     if isinstance(value, dict):

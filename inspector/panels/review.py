@@ -41,11 +41,9 @@ class ReviewPanel:
         self.progress_text = gui.add_html(tables.note("Reading the dataset …"))
         self.progress = gui.add_progress_bar(0, animated=True)
         self.search = gui.add_button("Stop the search", visible=False, color="gray")
-        gui.add_divider()
         self.pose = gui.add_dropdown("Pose", ("–",))
         self.walk = gui.add_button_group("", (PREVIOUS, NEXT), hint="keys: P and N")
         self._status = gui.add_html("")
-        gui.add_divider()
         self.view = gui.add_button_group("3D view", LOOKS, hint="keys: 1 2 3 4 5")
         self.layers: dict[str, viser.GuiCheckboxHandle] = {}
         with gui.add_folder("Layers", expand_by_default=True):
