@@ -148,6 +148,7 @@ def calibrate(
     prior: bool = True,
     tolerances: Mapping[str, float] | None = None,
     robust: bool = False,
+    sizes: Mapping[str, float] | None = None,
 ) -> Calibration:
     """Fit the link errors, and further effects, to the training poses of a dataset.
 
@@ -158,13 +159,14 @@ def calibrate(
         fixed: names of parameters to hold at their nominal value.
         prior: hold parameters within about their tolerance.
         tolerances: of single link parameters, by name, in mm or rad, where the default of 1 mm and 0.5 deg is wrong.
+        sizes: of the effects' parameters, by full name, where their usual scale is not the prior to use.
         robust: let points far from the model count less (`calib.robust`); positions only.
 
     Raises:
         FitError: no points, an unknown name, or fewer equations than the data would have to settle.
     """
     links = LinkErrors(dataset.robot, checked_tolerances(dataset.robot, tolerances or {}))
-    model = Model(dataset.robot, (links, *effects)).hold(fixed)
+    model = Model(dataset.robot, (links, *effects), sizes=sizes or {}).hold(fixed)
     observed = Observations.of(dataset)
     if len(observed.points) < 3:
         raise FitError(

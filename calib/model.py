@@ -6,7 +6,8 @@ to the solver. Jacobians follow by the chain rule: d point / d state (analytic) 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -36,14 +37,20 @@ class Model:
     robot: Robot
     effects: tuple[Effect, ...]
     fixed: frozenset[str] = frozenset()
+    sizes: Mapping[str, float] = field(
+        default_factory=dict
+    )  # of parameters, by name, in place of their usual scale
 
     @cached_property
     def _all_parameters(self) -> tuple[Parameter, ...]:
         return tuple(
-            p if isinstance(effect, LinkErrors) else replace(p, name=full_name(effect, p))
+            p if isinstance(effect, LinkErrors) else self._named(full_name(effect, p), p)
             for effect in self.effects
             for p in effect.parameters
         )
+
+    def _named(self, name: str, parameter: Parameter) -> Parameter:
+        return replace(parameter, name=name, scale=self.sizes.get(name, parameter.scale))
 
     @cached_property
     def _is_free(self) -> NDArray[np.bool_]:

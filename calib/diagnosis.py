@@ -1,0 +1,222 @@
+"""Which physical effect is missing: step by step, each with its evidence, its doubt and its held-out gain.
+
+A name is claimed only if its family beats noise (F test with Holm's correction, and the evidence floor), leads the
+second by more than `MARGIN` in log evidence, and does not make the test poses worse. Otherwise the set within it
+is given. At the end the remains are judged, always: a cause outside the catalogue shows there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from calib.calibration import Calibration, calibrate
+from calib.dataset import Dataset
+from calib.effects.base import Effect
+from calib.effects.catalogue import Family, effects_for, family_of
+from calib.errors import CalibError
+from calib.screening import Candidate, Screening, Untestable, leftover_of, screen
+from calib.structure import Remains, examine
+
+LEVEL = 0.05
+MARGIN = 3.0
+FLOOR = 3.0
+WORSE = 1.02  # a named effect may not raise the test poses' error beyond this
+
+VERDICTS = ("adequate", "named", "ambiguous", "unexplained", "outliers")
+
+
+@dataclass(frozen=True)
+class Step:
+    """One fit of the way: the geometric one (effect None), then one for each effect that was added."""
+
+    effect: str | None
+    calibration: Calibration
+    p_value: float | None
+    log_evidence_margin: float | None
+    screening: Screening  # of everything not in this step's model
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The verdict on a dataset and all that led to it."""
+
+    verdict: str
+    missing: tuple[str, ...]  # in the order added
+    ambiguous_set: tuple[str, ...]
+    steps: tuple[Step, ...]
+    untestable: tuple[Untestable, ...]
+    remains: Remains
+    refused: str = ""  # an effect that would have been named, but made the test poses worse
+
+    @property
+    def calibration(self) -> Calibration:
+        """The last fit, all named effects in it."""
+        return self.steps[-1].calibration
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """The ranking that the first decision was taken by."""
+        return self.steps[0].screening.candidates
+
+    def to_frame(self) -> pd.DataFrame:
+        """The steps: effect, errors on training and test poses, residual sigma."""
+        rows = []
+        for step in self.steps:
+            after = step.calibration.after
+            rows.append(
+                {
+                    "effect": step.effect or "link errors",
+                    "train_rmse_mm": after.train.rmse_mm if after.train else float("nan"),
+                    "test_rmse_mm": after.test.rmse_mm if after.test else float("nan"),
+                    "sigma_mm": step.calibration.sigma_mm,
+                    "p_value": step.p_value,
+                    "margin": step.log_evidence_margin,
+                }
+            )
+        return pd.DataFrame(rows)
+
+
+@dataclass(frozen=True)
+class _Added:
+    """An effect in the model: its family, the members that carry it, and the sizes the evidence chose."""
+
+    family: Family
+    members: tuple[Effect, ...]
+    sizes: Mapping[str, float]
+    p_value: float
+    margin: float | None
+
+
+def diagnose(
+    dataset: Dataset,
+    *,
+    effects: Sequence[str] = (),
+    own: Sequence[Family] = (),
+    max_steps: int = 3,
+    on_step: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """Find what is missing from the five-parameter model.
+
+    Args:
+        dataset: with measured points; test poses are used to confirm only.
+        effects: families that are taken as present from the start, all joints.
+        own: families beyond the catalogue.
+        max_steps: effects to add at the most.
+        on_step: called with a line of words before each stage.
+
+    Raises:
+        FitError, CalibError: too few poses, an unknown name.
+    """
+    tell = on_step or (lambda words: None)
+    families = (*effects_for(dataset), *own)
+    given = [member for name in effects for member in family_of(dataset, name, own).members]
+
+    def fit(added: Sequence[_Added]) -> Calibration:
+        sizes: dict[str, float] = {}
+        for one in added:
+            sizes |= one.sizes
+        return calibrate(dataset, effects=[*given, *(m for one in added for m in one.members)], sizes=sizes)
+
+    tell("fitting the geometry")
+    calibration = fit(())
+    added: list[_Added] = []
+    screening = screen(calibration, families)
+    steps = [Step(None, calibration, None, None, screening)]
+    ambiguous: tuple[str, ...] = ()
+    refused = ""
+    while len(added) < max_steps:
+        convincing = [c for c in screening.candidates if c.p_holm < LEVEL and c.log_evidence > FLOOR]
+        if not convincing:
+            break
+        best = convincing[0]
+        rivals = [c for c in screening.candidates if c is not best]
+        margin = best.log_evidence - rivals[0].log_evidence if rivals else None
+        if margin is not None and margin <= MARGIN:
+            ambiguous = tuple(
+                c.name
+                for c in screening.candidates
+                if best.log_evidence - c.log_evidence <= MARGIN and c.log_evidence > 0
+            )
+            break
+        tell(f"adding {best.name}")
+        one = _Added(best.family, best.members, best.sizes, best.p_value, margin)
+        trial = fit([*added, one])
+        if _worse(calibration, trial):
+            refused = best.name
+            break
+        added.append(one)
+        calibration = trial
+        screening = screen(calibration, families)
+        steps.append(Step(best.name, calibration, best.p_value, margin, screening))
+    kept = _still_needed(added, fit, families)
+    if len(kept) < len(added):
+        tell("dropping what a later effect made superfluous")
+        steps = [steps[0]]
+        for k, one in enumerate(kept):
+            calibration = fit(kept[: k + 1])
+            steps.append(
+                Step(one.family.name, calibration, one.p_value, one.margin, screen(calibration, families))
+            )
+        added = kept
+    tell("judging what is left")
+    remains = examine(dataset, leftover_of(calibration))
+    return Diagnosis(
+        verdict=_verdict(added, ambiguous, refused, remains),
+        missing=tuple(one.family.name for one in added),
+        ambiguous_set=ambiguous,
+        steps=tuple(steps),
+        untestable=steps[0].screening.untestable,
+        remains=remains,
+        refused=refused,
+    )
+
+
+def _worse(before: Calibration, after: Calibration) -> bool:
+    """Whether the test poses are predicted worse, or the fit failed."""
+    if not after.fit.converged:
+        return True
+    old, new = before.after.test, after.after.test
+    return old is not None and new is not None and new.rmse_mm > WORSE * old.rmse_mm
+
+
+def _still_needed(
+    added: list[_Added], fit: Callable[[Sequence[_Added]], Calibration], families: Sequence[Family]
+) -> list[_Added]:
+    """Each effect judged beside all others: what a later one explains too is dropped, the weakest first."""
+    kept = list(added)
+    while len(kept) > 1:
+        evidence = []
+        for one in kept:
+            others = [other for other in kept if other is not one]
+            found = screen(fit(others), [one.family]).candidates
+            evidence.append(found[0].log_evidence if found else -np.inf)
+        weakest = int(np.argmin(evidence))
+        if evidence[weakest] > FLOOR:
+            break
+        del kept[weakest]
+    return kept
+
+
+def _verdict(added: Sequence[_Added], ambiguous: Sequence[str], refused: str, remains: Remains) -> str:
+    if ambiguous:
+        return "ambiguous"
+    if refused or remains.structured or remains.too_large:
+        return "unexplained"
+    if remains.outlier_poses:
+        return "outliers"
+    return "named" if added else "adequate"
+
+
+def effects_named(dataset: Dataset, names: Sequence[str], own: Sequence[Family] = ()) -> tuple[Effect, ...]:
+    """The members of families by name, for `calibrate`. Raises CalibError for unknown and for untestable ones."""
+    out: list[Effect] = []
+    for name in dict.fromkeys(names):
+        family = family_of(dataset, name, own)
+        if family.why_not:
+            raise CalibError(f"effect {name} cannot be fitted here: {family.why_not}; {family.would_help}")
+        out += family.members
+    return tuple(out)

@@ -1,0 +1,289 @@
+"""Hold every candidate effect against what a fit left over.
+
+The fitted directions (parameters the data know, and the scanner's frames) are projected out of the residual and of each
+candidate's columns: what remains is all that the data can say about it. A candidate of which nothing remains is
+untestable with these poses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from calib.calibration import Calibration
+from calib.effects.base import Effect, full_name, state_derivative
+from calib.effects.catalogue import Family
+from calib.effects.state import RobotState
+from calib.errors import FitError
+from calib.evidence import Evidence, Problem, holm, weigh
+from calib.model import columns_of, point_by_state, stack_derivatives
+from calib.observations import Observations, place_scanner
+from calib.residuals import PositionResiduals
+
+Array = NDArray[np.float64]
+
+_KNOWN = 0.1  # a direction counts as fitted where the data know it ten times worse than the prior, or better
+_HIDDEN = 0.02  # a column of which less than this is left after projection is geometry in disguise
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """What a fit left over, in whitened units, and the directions that it could have absorbed."""
+
+    residuals: PositionResiduals
+    x: Array  # (P,)
+    state: RobotState  # of the used poses, target "jig"
+    residual: Array  # (R,) projected
+    basis: Array  # (R, rank) orthonormal: fitted parameters and frames
+    freedom: int
+
+    @property
+    def sigma(self) -> float:
+        """Residual sigma over the declared one."""
+        return float(np.sqrt(self.residual @ self.residual / self.freedom))
+
+    def project(self, columns: Array) -> Array:
+        """Columns (R, K) without what the fit could have absorbed."""
+        return np.asarray(columns - self.basis @ (self.basis.T @ columns))
+
+
+@dataclass(frozen=True)
+class Value:
+    """A coefficient as the linear screening estimates it."""
+
+    name: str
+    value: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One family's case."""
+
+    family: Family
+    p_value: float
+    p_holm: float
+    log_evidence: float
+    explained_share: float  # of the leftover sum of squares
+    cv_rmse_mm: float  # error a coordinate of each pose predicted from the others, linearised
+    members: tuple[Effect, ...]  # those that carry it
+    values: tuple[Value, ...]
+    sizes: dict[
+        str, float
+    ]  # of the parameters of those members, by full name: the prior that the evidence chose
+    explained: Array  # (R,) what it makes of the residual, whitened
+    overlaps: dict[str, float]  # share of what it explains that another family could make too
+
+    @property
+    def name(self) -> str:
+        return self.family.name
+
+
+@dataclass(frozen=True)
+class Untestable:
+    """A family that these data cannot speak about."""
+
+    name: str
+    why: str
+    would_help: str
+
+
+@dataclass(frozen=True)
+class Screening:
+    """All families against one fit, the best first."""
+
+    leftover: Leftover
+    candidates: tuple[Candidate, ...]
+    untestable: tuple[Untestable, ...]
+    cv_rmse_mm: float  # of the fit without any candidate
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a candidate."""
+        return pd.DataFrame(
+            {
+                "effect": [c.name for c in self.candidates],
+                "log_evidence": [c.log_evidence for c in self.candidates],
+                "p_value": [c.p_value for c in self.candidates],
+                "p_holm": [c.p_holm for c in self.candidates],
+                "explained_share": [c.explained_share for c in self.candidates],
+                "cv_rmse_mm": [c.cv_rmse_mm for c in self.candidates],
+            }
+        )
+
+
+def leftover_of(calibration: Calibration) -> Leftover:
+    """What a calibration left over, seen as positions whatever residual it was fitted by.
+
+    Raises FitError where no degree of freedom is left.
+    """
+    model, x, dataset = calibration.model, calibration.fit.x, calibration.dataset
+    observed = place_scanner(Observations.of(dataset), model, x)
+    residuals = PositionResiduals(model, observed)
+    at = residuals.linearise(x)
+    frames = residuals.frame_directions(x)
+    scaled = at.jacobian * model.scales
+    u, s, _ = np.linalg.svd(scaled, full_matrices=False)
+    noise = calibration.fit.noise if np.isfinite(calibration.fit.noise) else 1.0
+    known = s > max(_KNOWN * noise, 1e-9 * float(s[0]))
+    basis = np.linalg.qr(np.concatenate([frames, u[:, known]], axis=1))[0]
+    freedom = len(at.residual) - basis.shape[1]
+    if freedom < 3:
+        raise FitError(
+            f"dataset {dataset.name}: {len(at.residual)} equations and {basis.shape[1]} fitted directions leave "
+            "nothing to judge a further cause by; measure more poses"
+        )
+    residual = at.residual - basis @ (basis.T @ at.residual)
+    poses = observed.used_poses[0]
+    return Leftover(residuals, x, model.state(x, poses, observed.seen()), residual, basis, freedom)
+
+
+def member_columns(leftover: Leftover, member: Effect) -> Array:
+    """(R, K) derivative of the whitened residual by a member's parameters at zero, before projection."""
+    residuals, model = leftover.residuals, leftover.residuals.model
+    observed = residuals.observed
+    poses, row = observed.used_poses
+    columns = np.empty((len(observed.points), 3, len(member.parameters)))
+    for target in map(str, np.unique(observed.points.target)):
+        state = leftover.state if target == "jig" else model.state(leftover.x, poses, observed.seen(target))
+        by_state = point_by_state(state, target)[1]
+        derivative = stack_derivatives(state_derivative(member, state, np.zeros(len(member.parameters))))
+        of_target = observed.points.target == target
+        columns[of_target] = columns_of(by_state, derivative)[row[of_target]]
+    return residuals.whiten_columns(leftover.x, columns)
+
+
+def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
+    """Test every family that is not yet in the model; see `Candidate`."""
+    leftover = leftover_of(calibration)
+    present = set(calibration.model.family_names)
+    untestable, tested, columns, evidence = [], [], [], []
+    for family in families:
+        if family.name in present:
+            continue
+        if family.why_not or not family.members:
+            untestable.append(Untestable(family.name, family.why_not, family.would_help))
+            continue
+        groups = tuple(_visible(leftover, member) for member in family.members)
+        if not any(np.any(group) for group in groups):
+            untestable.append(
+                Untestable(
+                    family.name,
+                    "at these poses everything it does looks like a fitted link error or a motion of the scanner",
+                    "poses that differ more: other configurations, wider joint ranges, varied load",
+                )
+            )
+            continue
+        tested.append(family)
+        columns.append(groups)
+        evidence.append(weigh(Problem(leftover.residual, groups, leftover.freedom)))
+    corrected = holm([e.p_value for e in evidence])
+    candidates = [
+        _candidate(leftover, family, groups, e, p, dict(zip((f.name for f in tested), columns, strict=True)))
+        for family, groups, e, p in zip(tested, columns, evidence, corrected, strict=True)
+    ]
+    candidates.sort(key=lambda c: (-c.log_evidence, c.p_value))
+    plain = _cross_validated(leftover, np.zeros((len(leftover.residual), 0)), np.zeros(0))
+    return Screening(leftover, tuple(candidates), tuple(untestable), plain)
+
+
+def _visible(leftover: Leftover, member: Effect) -> Array:
+    """(R, K) a member's projected columns, for coefficients of usual size; zero where geometry does the same."""
+    scales = np.array([p.scale for p in member.parameters])
+    raw = member_columns(leftover, member) * scales
+    projected = leftover.project(raw)
+    size = np.linalg.norm(raw, axis=0)
+    hidden = np.linalg.norm(projected, axis=0) <= np.maximum(_HIDDEN * size, 1e-9)
+    projected[:, hidden] = 0.0
+    return projected
+
+
+def _candidate(
+    leftover: Leftover,
+    family: Family,
+    groups: tuple[Array, ...],
+    evidence: Evidence,
+    p_holm: float,
+    everyone: dict[str, tuple[Array, ...]],
+) -> Candidate:
+    active = [i for i, size in enumerate(evidence.sizes) if size > 0.0 and np.any(groups[i])]
+    columns = (
+        np.concatenate([groups[i] for i in active], axis=1)
+        if active
+        else np.zeros((len(leftover.residual), 0))
+    )
+    spread = (
+        np.concatenate([np.full(groups[i].shape[1], evidence.sizes[i]) for i in active])
+        if active
+        else np.zeros(0)
+    )
+    information = columns.T @ columns / leftover.sigma**2 + np.diag(1.0 / np.maximum(spread, 1e-9) ** 2)
+    sigma = np.sqrt(np.diag(np.linalg.inv(information))) if active else np.zeros(0)
+    values: list[Value] = []
+    sizes: dict[str, float] = {}
+    for i in active:
+        for parameter, coefficient in zip(
+            family.members[i].parameters, evidence.coefficients[i], strict=True
+        ):
+            name = full_name(family.members[i], parameter)
+            scale = parameter.scale
+            # The residual is predicted minus measured: what mends it has the other sign.
+            values.append(
+                Value(name, -float(coefficient) * scale, float(sigma[len(sizes)]) * scale, parameter.unit)
+            )
+            sizes[name] = float(evidence.sizes[i]) * scale
+    total = float(leftover.residual @ leftover.residual)
+    left = leftover.residual - evidence.explained
+    return Candidate(
+        family=family,
+        p_value=evidence.p_value,
+        p_holm=p_holm,
+        log_evidence=evidence.log_evidence,
+        explained_share=1.0 - float(left @ left) / total if total > 0.0 else 0.0,
+        cv_rmse_mm=_cross_validated(leftover, columns, spread),
+        members=tuple(family.members[i] for i in active),
+        values=tuple(values),
+        sizes=sizes,
+        explained=evidence.explained,
+        overlaps={
+            n: s
+            for n, g in everyone.items()
+            if n != family.name and (s := _overlap(evidence.explained, g)) > 0.2
+        },
+    )
+
+
+def _overlap(explained: Array, groups: tuple[Array, ...]) -> float:
+    """Share of a signal (R,) that the columns of another family could make."""
+    size = float(explained @ explained)
+    if size <= 0.0:
+        return 0.0
+    u, s, _ = np.linalg.svd(np.concatenate(groups, axis=1), full_matrices=False)
+    inside = u[:, s > 1e-6 * s[0]].T @ explained
+    return float(inside @ inside) / size
+
+
+def _cross_validated(leftover: Leftover, columns: Array, spread: Array) -> float:
+    """RMS of a coordinate, mm, when each pose is predicted from all others (leave one pose out, linearised).
+
+    e_i = (1 - H_ii)^-1 r_i for each pose's block of the hat matrix H of fitted directions and candidate; exact for a
+    linear model with fixed sizes of the candidate's coefficients.
+    """
+    residual = leftover.residual
+    shrunk = columns * spread
+    inner = np.linalg.inv(np.eye(shrunk.shape[1]) + shrunk.T @ shrunk)
+    left = residual - shrunk @ (inner @ (shrunk.T @ residual))
+    poses = leftover.residuals.observed.points.pose
+    sigma_mm = np.sqrt(np.trace(leftover.residuals.observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
+    total = 0.0
+    for pose in np.unique(poses):
+        points = np.flatnonzero(poses == pose)
+        rows = (3 * points[:, None] + np.arange(3)).ravel()
+        hat = leftover.basis[rows] @ leftover.basis[rows].T + shrunk[rows] @ inner @ shrunk[rows].T
+        error = np.linalg.lstsq(np.eye(len(rows)) - hat, left[rows], rcond=1e-9)[0]
+        total += float(np.sum((error * np.repeat(sigma_mm[points], 3)) ** 2))
+    return float(np.sqrt(total / len(residual)))

@@ -1,0 +1,242 @@
+"""What is left at the end: structure against any input, lone outliers, and more noise than repeats allow.
+
+A residual that is noise has no order. For each input (a joint angle, a torque, the temperature, the place, any column
+of poses.csv) smooth bumps over it are laid against the residual's components; the largest response over all inputs
+and widths is held against the same of simulated noise that went through the same fit (Westfall and Young 1993), so
+that looking in many places is paid for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+from scipy.stats import f as f_distribution
+
+from calib.dataset import Dataset
+from calib.effects.gravity import has_masses
+from calib.repeatability import find_repeats, pooled_sigma_mm
+from calib.screening import Leftover
+
+Array = NDArray[np.float64]
+
+DRAWS = 999
+STRUCTURE_LEVEL = 0.02
+OUTLIER_LEVEL = 0.01
+SIGMA_DOUBT = 1.25  # a sigma that was declared, not measured, is believed to this factor
+_WIDTHS = (0.04, 0.12, 0.35)  # of the bumps, in shares of an input's range
+_CENTRES = 25
+
+
+@dataclass(frozen=True)
+class InputTest:
+    """Structure of the residual against one input; p is corrected for all that was looked at."""
+
+    input: str
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Remains:
+    """What the last fit left over, judged."""
+
+    lack_of_fit_p: (
+        float | None
+    )  # of the residual's sigma against the noise; None where the noise is not known
+    noise_mm: float  # a coordinate's sigma that the residual was held against
+    noise_from: str  # "repeats", "dataset" or "fit"
+    residual_mm: float  # a coordinate's sigma of the residual
+    inputs: tuple[InputTest, ...]  # the most structured first
+    outlier_poses: tuple[str, ...]
+
+    @property
+    def structured(self) -> tuple[str, ...]:
+        """Inputs against which the residual has order beyond noise."""
+        return tuple(test.input for test in self.inputs if test.p_value < STRUCTURE_LEVEL)
+
+    @property
+    def too_large(self) -> bool:
+        """Whether more is left than noise, with a declared sigma believed to a factor only."""
+        return self.lack_of_fit_p is not None and self.lack_of_fit_p < 0.01
+
+
+def inputs_of(dataset: Dataset, leftover: Leftover) -> dict[str, Array]:
+    """Everything a residual may depend on, by name, one value a used pose (N,)."""
+    poses, _ = leftover.residuals.observed.used_poses
+    robot, state = dataset.robot, leftover.state
+    inputs = {f"q{j + 1}": poses.q[:, j] for j in range(robot.n_joints)}
+    if has_masses(robot):
+        torques = state.gravity_torques_nm
+        inputs |= {f"torque{j + 1}": torques[:, j] for j in range(robot.n_joints)}
+    for name in ("payload_kg", "temperature_c", "time_s"):
+        values = getattr(poses, name)
+        if values is not None:
+            inputs[name] = values
+    if poses.approach is not None:
+        inputs |= {f"approach{j + 1}": poses.approach[:, j] for j in range(robot.n_joints)}
+    seen = state.seen
+    if seen is not None:
+        inputs |= {axis: seen.scanner_mm[:, k] for k, axis in enumerate("xyz")}
+    inputs["order"] = np.arange(len(poses), dtype=float)
+    for name in poses.extra.columns:
+        column = poses.extra[name]
+        inputs[str(name)] = (
+            column.to_numpy(dtype=float)
+            if column.dtype.kind in "fiub"
+            else column.factorize()[0].astype(float)
+        )
+    return {name: v for name, v in inputs.items() if len(np.unique(v)) > 1}
+
+
+def examine(dataset: Dataset, leftover: Leftover, *, draws: int = DRAWS) -> Remains:
+    """Outliers first; then structure, with the outliers left out; then the size of what remains."""
+    rng = np.random.default_rng(0)  # the same data give the same verdict
+    noise = rng.standard_normal((len(leftover.residual), draws))
+    noise = leftover.project(noise)
+    size = float(np.linalg.norm(leftover.residual))
+    noise *= size / np.linalg.norm(noise, axis=0)
+    outliers = _outliers(leftover, noise)
+    lack, noise_mm, source, residual_mm = _lack_of_fit(dataset, leftover)
+    poses, row = leftover.residuals.observed.used_poses
+    return Remains(
+        lack_of_fit_p=lack,
+        noise_mm=noise_mm,
+        noise_from=source,
+        residual_mm=residual_mm,
+        inputs=_structure(dataset, leftover, noise, outliers[row]),
+        outlier_poses=tuple(poses.ids[i] for i in np.flatnonzero(outliers)),
+    )
+
+
+def _outliers(leftover: Leftover, noise: Array) -> NDArray[np.bool_]:
+    """(N,) poses whose residual is larger than the largest of a whole dataset of noise should be."""
+    poses, row = leftover.residuals.observed.used_poses
+    count = len(poses)
+    mean_square = np.bincount(row, minlength=count).astype(float) * 3.0
+
+    def per_pose(values: Array) -> Array:
+        square = np.sum(values.reshape(len(row), 3, -1) ** 2, axis=1)
+        out = np.zeros((count, square.shape[1]))
+        np.add.at(out, row, square)
+        return out / mean_square[:, None]
+
+    ours, theirs = per_pose(leftover.residual)[:, 0], per_pose(noise)
+    # A large outlier swells the common scale, so each is compared with the median of its own dataset.
+    limit = np.quantile(np.max(theirs / np.median(theirs, axis=0), axis=0), 1.0 - OUTLIER_LEVEL)
+    return np.asarray(ours / np.median(ours) > limit)
+
+
+def _structure(
+    dataset: Dataset, leftover: Leftover, noise: Array, outlier: NDArray[np.bool_]
+) -> tuple[InputTest, ...]:
+    """Westfall-Young corrected p of each input."""
+    inputs = inputs_of(dataset, leftover)
+    both = np.column_stack([leftover.residual, noise])
+    both[np.repeat(outlier, 3)] = 0.0
+    both /= np.maximum(np.linalg.norm(both, axis=0), 1e-300)
+    channels = _channels(leftover, both)
+    scores = {
+        name: np.stack(
+            [
+                np.sum((bumps.T @ channel) ** 2, axis=0)
+                for bumps in _bumps(values)
+                for channel in _relevant(name, channels)
+            ]
+        )
+        for name, values in inputs.items()
+    }
+    standard = {}
+    for name, score in scores.items():
+        mean, spread = score[:, 1:].mean(axis=1, keepdims=True), score[:, 1:].std(axis=1, keepdims=True)
+        standard[name] = np.max((score - mean) / np.maximum(spread, 1e-300), axis=0)
+    largest = np.max(np.stack([s[1:] for s in standard.values()]), axis=0)
+    draws = len(largest)
+    tests = [
+        InputTest(name, float((1 + np.sum(largest >= s[0])) / (draws + 1))) for name, s in standard.items()
+    ]
+    order = sorted(range(len(tests)), key=lambda i: -list(standard.values())[i][0])
+    return tuple(tests[i] for i in order)
+
+
+def _bumps(values: Array) -> list[Array]:
+    """For each width (N, C) normalised Gaussian bumps over an input's range."""
+    low, high = float(values.min()), float(values.max())
+    u = (values - low) / (high - low)
+    levels = np.unique(u)
+    centres = levels if len(levels) <= _CENTRES else np.linspace(0.0, 1.0, _CENTRES)
+    out = []
+    for width in _WIDTHS if len(levels) > 4 else (1e-3,):
+        bump = np.exp(-0.5 * ((u[:, None] - centres) / width) ** 2)
+        bump = bump[:, bump.sum(axis=0) > 0.3]
+        out.append(bump / np.linalg.norm(bump, axis=0))
+    return out
+
+
+def _channels(leftover: Leftover, values: Array) -> dict[str, Array]:
+    """Scalars a pose (N, D) that structure is looked for in: three axes, and each joint's apparent motion."""
+    observed = leftover.residuals.observed
+    poses, row = observed.used_poses
+    rows = values.reshape(len(row), 3, -1)
+    out = {}
+    for axis in range(3):
+        total = np.zeros((len(poses), values.shape[1]))
+        np.add.at(total, row, rows[:, axis])
+        out[f"axis{axis}"] = total
+    for j, direction in enumerate(joint_directions(leftover)):
+        total = np.zeros((len(poses), values.shape[1]))
+        np.add.at(total, row, np.einsum("mi,mid->md", direction, rows))
+        out[f"joint{j}"] = total / max(float(np.sqrt(np.mean(direction**2))), 1e-300)
+    return out
+
+
+def _relevant(name: str, channels: Mapping[str, Array]) -> list[Array]:
+    """The axes for every input; for a joint's own inputs its apparent motion as well."""
+    axes = [channel for key, channel in channels.items() if key.startswith("axis")]
+    stem = name.rstrip("0123456789")
+    if stem in ("q", "torque", "approach") and name != stem:
+        return [*axes, channels[f"joint{int(name.removeprefix(stem)) - 1}"]]
+    return axes
+
+
+def joint_directions(leftover: Leftover) -> list[Array]:
+    """For each joint (M, 3): how its motion moves the measured points, whitened, mm (or mm/rad) over sigma."""
+    residuals = leftover.residuals
+    model, observed = residuals.model, residuals.observed
+    poses, row = observed.used_poses
+    by_x = model.linearise(leftover.x, poses, seen=observed.seen())[1]
+    names = [p.name for p in model.parameters]
+    out = []
+    for j, joint in enumerate(model.robot.joints):
+        kind = "theta" if joint.is_revolute else "d"
+        name = f"{kind}{j + 1}"
+        if name in names:
+            column = by_x[row][:, :, [names.index(name)]]
+            out.append(residuals.whiten_columns(leftover.x, column).reshape(-1, 3))
+        else:
+            out.append(np.zeros((len(row), 3)))
+    return out
+
+
+def _lack_of_fit(dataset: Dataset, leftover: Leftover) -> tuple[float | None, float, str, float]:
+    """p of the residual's size, the noise it was held against, where that came from, and the residual's sigma; mm."""
+    observed = leftover.residuals.observed
+    declared_mm = float(np.sqrt(np.mean(np.trace(observed.covariance_mm2, axis1=1, axis2=2)) / 3.0))
+    residual_mm = leftover.sigma * declared_mm
+    square = float(leftover.residual @ leftover.residual)
+    repeats = find_repeats(dataset)
+    freedom = sum(3 * (r.count - 1) for r in repeats)
+    if freedom >= 12:
+        noise_mm = pooled_sigma_mm(repeats)
+        # Repeats are part of the residual; what exceeds them is compared with them.
+        pure = freedom * (noise_mm / declared_mm) ** 2
+        left = leftover.freedom - freedom
+        if left > 0:
+            ratio = max(square - pure, 0.0) / left / (noise_mm / declared_mm) ** 2
+            return float(f_distribution.sf(ratio, left, freedom)), noise_mm, "repeats", residual_mm
+    if observed.points.covariance_mm2 is not None or dataset.scanner.point_sigma_mm is not None:
+        doubted = square / SIGMA_DOUBT**2
+        return float(chi2.sf(doubted, leftover.freedom)), declared_mm, "dataset", residual_mm
+    return None, residual_mm, "fit", residual_mm
