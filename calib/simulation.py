@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from calib.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset_file import write_dataset
@@ -43,6 +42,7 @@ from calib.scan_simulation import (
 from calib.toml_file import write_text_atomically
 from calib.true_arm import (
     NEED_CONDITIONS,
+    NEED_FACING,
     TYPICAL,
     Tolerances,
     Wanted,
@@ -50,7 +50,7 @@ from calib.true_arm import (
     draw_truth,
     effect_name,
 )
-from calib.true_conditions import draw_conditions
+from calib.true_conditions import draw_conditions, facing_poses, more_places
 from calib.true_mechanism import Conditions
 from calib.true_visible import Cell
 from calib.truth import Truth, scanner_T_target, truth_document
@@ -165,7 +165,12 @@ def simulate_dataset(
         candidates = scan_poses(robot, base_T_scanner, 4 * poses, rng=rng, jig=jig, field=field)
         q = candidates[spread_poses(np.where(robot.is_revolute, candidates, candidates / 300.0), poses)]
     else:
-        q = random_poses(robot, poses, rng=rng)
+        faced = any(effect_name(effect) in NEED_FACING for effect in effects)
+        q = (
+            facing_poses(robot, base_T_scanner, poses, rng=rng)
+            if faced
+            else random_poses(robot, poses, rng=rng)
+        )
     q = rounded(robot, q)
     if conditions is None:
         conditions = any(effect_name(effect) in NEED_CONDITIONS for effect in effects)
@@ -174,7 +179,7 @@ def simulate_dataset(
         around = replace(around, payload_kg=rng.choice(np.asarray(payloads_kg, float), poses))
     scanners = {"": base_T_scanner}
     if setups > 1:
-        scanners = _more_places(base_T_scanner, setups, rng=rng)
+        scanners = more_places(base_T_scanner, setups, rng=rng)
         around = replace(around, setup=np.sort(rng.permutation(np.resize(list(scanners), poses))))
     truth = draw_truth(
         robot,
@@ -275,17 +280,6 @@ def write_simulation(
     truth_path = folder / "truth.json" if truth_path is None else truth_path
     truth_path.parent.mkdir(parents=True, exist_ok=True)
     write_text_atomically(truth_path, json.dumps(simulation.document(), indent=1) + "\n")
-
-
-def _more_places(base_T_scanner: Array, count: int, *, rng: np.random.Generator) -> dict[str, Array]:
-    """Placements "A", "B", ... of the scanner: the given one, the others up to 60 deg around the arm and 200 mm off."""
-    places = {"A": base_T_scanner}
-    for k in range(1, count):
-        around = np.eye(4)
-        around[:3, :3] = Rotation.from_euler("z", rng.uniform(-60.0, 60.0), degrees=True).as_matrix()
-        around[:3, 3] = rng.uniform(-200.0, 200.0, 3)
-        places[chr(ord("A") + k) if k < 26 else f"S{k + 1}"] = around @ base_T_scanner
-    return places
 
 
 def with_jig(robot: Robot, jig: Jig) -> Robot:

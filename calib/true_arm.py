@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 SIMULATED_EFFECTS = tuple(CATALOGUE)
 OUTSIDE_EFFECTS = tuple(OUTSIDE)
 NEED_CONDITIONS = frozenset({"backlash", "thermal_growth", "scanner_drift"})
+NEED_FACING = frozenset({"incidence_bias"})  # a jig turned away has no incidence
 
 Wanted = str | tuple[str, float] | TrueEffect
 """An effect to simulate: by name, by name with its visible size in noise sigmas, or with all its parameters."""

@@ -135,13 +135,15 @@ class Arm:
             Weight(j, self.place_mm(j, joint.com_mm), np.full((count, 1), joint.mass_kg) * gravity)
             for j, joint in enumerate(robot.joints)
         ]
-        for kg, com_mm in (
-            (robot.tool.mass_kg, robot.tool.com_mm),
-            (self.conditions.payload_kg, robot.tool.payload_com_mm),
-        ):
-            if kg is not None:
-                load_kg = np.broadcast_to(np.asarray(kg, dtype=float), (count,))[:, None]
-                weights.append(Weight(n, self.place_mm(n - 1, com_mm), load_kg * gravity))
+        tool, load_kg = robot.tool, self.conditions.payload_kg
+        if tool.mass_kg is not None:
+            weights.append(
+                Weight(n, self.place_mm(n - 1, tool.com_mm), np.full((count, 1), tool.mass_kg) * gravity)
+            )
+        if load_kg is not None:
+            held = tool.payload_com_mm
+            place_mm = self.base_T_frame[-1][:, :3, 3] if held is None else self.place_mm(n - 1, held)
+            weights.append(Weight(n, place_mm, np.asarray(load_kg, dtype=float)[:, None] * gravity))
         return tuple(weights)
 
     def place_mm(self, joint: int, point_mm: ArrayLike | None) -> Array:

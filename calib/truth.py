@@ -107,11 +107,15 @@ def scanner_T_target(truth: Truth, q: ArrayLike, conditions: Conditions = STANDA
         seen = next(iter(inverse.values())) @ target
     else:
         seen = np.stack([inverse[str(setup)] for setup in conditions.setup]) @ target
-    jig_side = -1.0 if truth.robot.tool.d_mm < 0 else 1.0
     for cause in truth.causes:
         if not cause.is_absent:
-            seen = cause.see(seen, conditions, jig_side)
+            seen = cause.see(seen, conditions, jig_side(truth.robot))
     return seen
+
+
+def jig_side(robot: Robot) -> float:
+    """+1 or -1: to which side of the tool frame's z axis the jig points."""
+    return -1.0 if robot.tool.d_mm < 0 else 1.0
 
 
 def truth_document(truth: Truth, nominal: Robot, **more: Any) -> dict[str, Any]:
