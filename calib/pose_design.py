@@ -60,10 +60,38 @@ def place_scanner(robot: Robot, *, rng: np.random.Generator, field: ScanField = 
     return make_transform(turn, middle_mm - field.distance_mm * turn[:, 2])
 
 
+def more_places(base_T_scanner: Array, count: int, *, rng: np.random.Generator) -> dict[str, Array]:
+    """Placements "A", "B", ... of the scanner: the given one, the others up to 60 deg around the arm and 200 mm off."""
+    places = {"A": base_T_scanner}
+    for k in range(1, count):
+        around_rad = np.array([0.0, 0.0, np.radians(rng.uniform(-60.0, 60.0))])
+        around = make_transform(rotation_from_rotvec(around_rad), rng.uniform(-200.0, 200.0, 3))
+        places[chr(ord("A") + k) if k < 26 else f"S{k + 1}"] = around @ base_T_scanner
+    return places
+
+
 def random_poses(robot: Robot, count: int, *, rng: np.random.Generator, range_deg: float = 180.0) -> Array:
     """(count, n) joints uniform within +- range_deg and within their limits (Park 2022: 40 poses, all joints +-180)."""
     low, high = _limits(robot, np.radians(range_deg))
     return rng.uniform(low, high, (count, robot.n_joints))
+
+
+def facing_poses(robot: Robot, base_T_scanner: Array, count: int, *, rng: np.random.Generator) -> Array:
+    """(count, n) as `random_poses`, with the jig turned at the scanner: less than 75 deg from the line of sight.
+
+    Raises:
+        CalibError: too few poses are.
+    """
+    q = random_poses(robot, 20 * count, rng=rng)
+    chain = forward(robot.table, q, robot.is_revolute)
+    ray = chain.target_mm - base_T_scanner[:3, 3]
+    towards = -jig_outward(robot) * np.sum(chain.base_T_frame[:, -1, :3, 2] * ray, axis=1)
+    q = q[towards > np.cos(np.radians(75.0)) * np.linalg.norm(ray, axis=1)]
+    if len(q) < count:
+        raise CalibError(
+            f"robot {robot.name}: found {len(q)} of {count} poses that turn the jig at the scanner; use other limits"
+        )
+    return q[:count]
 
 
 def spread_poses(q: Array, count: int) -> NDArray[np.intp]:

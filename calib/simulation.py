@@ -23,6 +23,8 @@ from calib.jig import Jig
 from calib.pose_design import (
     JANG_FIELD,
     ScanField,
+    facing_poses,
+    more_places,
     place_scanner,
     random_poses,
     scan_poses,
@@ -50,7 +52,7 @@ from calib.true_arm import (
     draw_truth,
     effect_name,
 )
-from calib.true_conditions import draw_conditions, facing_poses, more_places
+from calib.true_conditions import draw_conditions
 from calib.true_mechanism import Conditions
 from calib.true_visible import Cell
 from calib.truth import Truth, scanner_T_target, truth_document

@@ -1,16 +1,12 @@
-"""Draw what surrounds a simulated measurement: payloads, a warming room, the clock, approaches, scanner placements."""
+"""Draw what surrounds a simulated measurement: payloads, a warming room, the clock, directions of approach."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from calib.errors import CalibError
-from calib.pose_design import random_poses
 from calib.robot import Robot
 from calib.true_mechanism import Conditions
-from calib.truth import Truth, jig_side, scanner_T_target
 
 Array = NDArray[np.float64]
 
@@ -35,27 +31,3 @@ def draw_conditions(robot: Robot, count: int, *, rng: np.random.Generator) -> Co
         time_s=time_s,
         approach=rng.choice(np.array([-1.0, 1.0]), (count, robot.n_joints)),
     )
-
-
-def facing_poses(robot: Robot, base_T_scanner: Array, count: int, *, rng: np.random.Generator) -> Array:
-    """(count, n) all over the joints' ranges, with the jig turned at the scanner: less than 75 deg from the line of sight."""
-    q = random_poses(robot, 20 * count, rng=rng)
-    seen = scanner_T_target(Truth.without_effects(robot, base_T_scanner), q)
-    towards = -jig_side(robot) * np.sum(seen[:, :3, 2] * seen[:, :3, 3], axis=1)
-    q = q[towards > np.cos(np.radians(75.0)) * np.linalg.norm(seen[:, :3, 3], axis=1)]
-    if len(q) < count:
-        raise CalibError(
-            f"robot {robot.name}: found {len(q)} of {count} poses that turn the jig at the scanner; use other limits"
-        )
-    return q[:count]
-
-
-def more_places(base_T_scanner: Array, count: int, *, rng: np.random.Generator) -> dict[str, Array]:
-    """Placements "A", "B", ... of the scanner: the given one, the others up to 60 deg around the arm and 200 mm off."""
-    places = {"A": base_T_scanner}
-    for k in range(1, count):
-        around = np.eye(4)
-        around[:3, :3] = Rotation.from_euler("z", rng.uniform(-60.0, 60.0), degrees=True).as_matrix()
-        around[:3, 3] = rng.uniform(-200.0, 200.0, 3)
-        places[chr(ord("A") + k) if k < 26 else f"S{k + 1}"] = around @ base_T_scanner
-    return places
