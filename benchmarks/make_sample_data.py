@@ -20,7 +20,7 @@ from calib.pose_design import JANG_FIELD, place_scanner, reach_apexes, scan_pose
 from calib.robot import Robot
 from calib.robot_file import builtin_robot
 from calib.scan_simulation import ScanModel
-from calib.simulation import Simulation, measure, rounded, write_simulation
+from calib.simulation import Simulation, measure, rounded, simulate_dataset, write_simulation
 from calib.true_arm import draw_truth
 from calib.true_loads import JointCompliance
 from calib.truth import Truth, scanner_T_target
@@ -28,6 +28,14 @@ from calib.truth import Truth, scanner_T_target
 ROOT = Path(__file__).resolve().parents[1]
 
 JANG_SEED, REPEATS_SEED = 3, 11
+HIDDEN_SEEDS = {"hidden_effect_a": 31, "hidden_effect_b": 32, "hidden_effect_c": 33}
+
+# What is hidden, and how large: visible rms a coordinate, in sigmas of the noise (calib.true_visible).
+HIDDEN: dict[str, tuple[str, tuple[tuple[str, float], ...]]] = {
+    "hidden_effect_a": ("rb5", (("transmission_error", 4.0),)),
+    "hidden_effect_b": ("panda", (("joint_compliance", 5.0), ("backlash", 3.0))),
+    "hidden_effect_c": ("rb5", (("slip", 4.0),)),
+}
 
 # Harmonic drives of this size: shoulder about 8e4 Nm/rad, wrist about 2e4 Nm/rad.
 COMPLIANCE_RAD_PER_NM = (1.2e-5, 1.4e-5, 1.8e-5, 4.8e-5, 5.4e-5, 6.6e-5)
@@ -100,6 +108,20 @@ def rb5_repeats(robot: Robot, truth: Truth) -> Simulation:
     )
 
 
+def hidden_effect(name: str) -> Simulation:
+    """Points of an arm with something wrong: all conditions vary and are written down, whatever the cause."""
+    arm, effects = HIDDEN[name]
+    robot = builtin_robot(arm)
+    return simulate_dataset(
+        robot,
+        rng=np.random.default_rng(HIDDEN_SEEDS[name]),
+        effects=effects,
+        conditions=True,
+        name=name,
+        description=f"Simulated {robot.name}: 64 measured points, 50 poses to train on and 13 to test",
+    )
+
+
 def led_to(truth: Truth, q: np.ndarray, wanted_mm: np.ndarray) -> np.ndarray:
     """Joint vectors (K, n) near q at which the true apex stands at `wanted_mm` (K, 3), scanner frame, to 1e-9 mm."""
     robot = truth.robot
@@ -114,17 +136,17 @@ def led_to(truth: Truth, q: np.ndarray, wanted_mm: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
-    """Write both datasets and their truth anew."""
+    """Write all datasets and their truth anew."""
     robot = builtin_robot("rb5")
     jang = rb5_jang(robot)
-    for simulation in (jang, rb5_repeats(robot, jang.truth)):
+    for simulation in (jang, rb5_repeats(robot, jang.truth), *map(hidden_effect, HIDDEN)):
         name = simulation.dataset.name
         folder = ROOT / "sample_data" / name
         shutil.rmtree(folder, ignore_errors=True)
         write_simulation(simulation, folder, truth_path=ROOT / "tests" / "truth" / f"{name}.json")
         size_mb = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) / 1e6
         print(
-            f"{folder.relative_to(ROOT)}: {len(simulation.dataset.poses)} scans, {size_mb:.1f} MB",
+            f"{folder.relative_to(ROOT)}: {len(simulation.dataset.poses)} poses, {size_mb:.1f} MB",
             file=sys.stderr,
         )
 

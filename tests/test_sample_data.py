@@ -16,11 +16,13 @@ from calib.dataset_file import find_datasets, load_dataset
 from calib.robot_file import builtin_robot
 from calib.scan import load_scan
 from calib.simulation import Simulation
+from calib.true_arm import OUTSIDE_EFFECTS
 from calib.truth import scanner_T_target
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "sample_data"
 NAMES = ("rb5_jang", "rb5_repeats")
+HIDDEN = ("hidden_effect_a", "hidden_effect_b", "hidden_effect_c")
 
 
 @pytest.fixture(scope="module")
@@ -50,14 +52,15 @@ def test_everything_fits_in_25_mb_and_nothing_tells_the_truth() -> None:
     files = [path for path in SAMPLES.rglob("*") if path.is_file()]
     assert sum(path.stat().st_size for path in files) < 25e6
     assert not [path for path in files if "truth" in path.name]
-    assert not list(SAMPLES.rglob("points.csv"))  # corners are to be found in the scans
+    # Where there are scans, corners are to be found in them.
+    assert {path.parent.name for path in SAMPLES.rglob("points.csv")} == set(HIDDEN)
 
 
 def test_readme_tells_of_every_dataset(maker: ModuleType) -> None:
     text = (SAMPLES / "README.md").read_text()
     for path in find_datasets(SAMPLES):
         assert f"## {path.name}" in text
-    for seed in (maker.JANG_SEED, maker.REPEATS_SEED):
+    for seed in (maker.JANG_SEED, maker.REPEATS_SEED, *maker.HIDDEN_SEEDS.values()):
         assert f"seed {seed}" in text
 
 
@@ -149,3 +152,47 @@ def test_hidden_sag_is_far_above_the_noise(made: dict[str, Simulation]) -> None:
         simulation.apex_mm - scanner_T_target(rigid, simulation.dataset.poses.q)[:, :3, 3], axis=1
     )
     assert np.sqrt(np.mean(sag_mm**2)) == pytest.approx(0.50, abs=0.01)  # what README.md says
+
+
+# ---- the three that hide something ----------------------------------------------------------------------------------
+
+
+def test_nothing_in_the_folders_or_their_readme_names_a_cause(maker: ModuleType) -> None:
+    """Not in words, and not by a column that only one of them has."""
+    files = [path for name in HIDDEN for path in (SAMPLES / name).iterdir()]
+    assert {path.name for path in files} == {"dataset.toml", "poses.csv", "points.csv", "robot.toml"}
+    told = (SAMPLES / "README.md").read_text().partition("## The three that hide something")[2]
+    texts = [path.read_text() for path in files if path.suffix == ".toml"] + [told]
+    hidden = {effect for name in HIDDEN for effect, _ in maker.HIDDEN[name][1]}
+    words = {word for effect in hidden for word in (effect, effect.replace("_", " "))}
+    assert words >= {"joint_compliance", "transmission error", "slip"}
+    assert not [word for word in words if any(word in text.lower() for text in texts)]
+    for name in HIDDEN:
+        poses = load_dataset(SAMPLES / name).poses
+        for varied in (poses.payload_kg, poses.temperature_c, poses.time_s, poses.approach):
+            assert varied is not None
+            assert np.ptp(varied) > 1.0
+
+
+def test_they_hide_one_cause_two_causes_and_one_without_a_name() -> None:
+    causes = [tuple(truth(name)["effects"]) for name in HIDDEN]
+    assert sorted(map(len, causes)) == [1, 1, 2]
+    outside = [c for c in causes if set(c) & set(OUTSIDE_EFFECTS)]
+    assert len(outside) == 1
+    assert len(outside[0]) == 1
+    assert len(set(causes)) == 3
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_hidden_effect_comes_from_its_seed_and_is_visible(name: str, maker: ModuleType) -> None:
+    dataset, simulation, stored = load_dataset(SAMPLES / name), maker.hidden_effect(name), truth(name)
+    assert dataset.warnings == ()
+    assert [int(np.sum(dataset.poses.role == r)) for r in ("reference", "train", "test")] == [1, 50, 13]
+    assert dataset.points is not None
+    assert simulation.dataset.points is not None
+    np.testing.assert_allclose(dataset.points.xyz_mm, simulation.dataset.points.xyz_mm, atol=1e-6)
+    apex_mm = np.array([stored["apex_mm"][pose_id] for pose_id in dataset.poses.ids])
+    assert (dataset.points.xyz_mm - apex_mm).std() == pytest.approx(0.05, rel=0.15)
+    for effect, sigmas in maker.HIDDEN[name][1]:
+        assert 3.0 <= sigmas <= 6.0
+        assert stored["visible_rms_mm"][effect] == pytest.approx(0.05 * sigmas, rel=1e-6)
