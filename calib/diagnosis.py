@@ -21,7 +21,7 @@ from calib.errors import CalibError
 from calib.screening import Candidate, Screening, Untestable, leftover_of, screen
 from calib.structure import Remains, examine
 
-LEVEL = 0.05
+LEVEL = 0.01
 MARGIN = 3.0
 FLOOR = 3.0
 WORSE = 1.02  # a named effect may not raise the test poses' error beyond this

@@ -127,14 +127,13 @@ class PositionResiduals:
             jacobian[rows] = (columns - basis @ (basis.T @ columns)).reshape(len(rows), 3, -1)
         return Linearised(residual.ravel(), jacobian.reshape(-1, by_x.shape[-1]))
 
-    def whiten_columns(self, x: Array, columns: Array) -> Array:
-        """Changes of predicted points (M, 3, K), base frame, in the residual's units (3 M, K), frames not taken out."""
+    def base_to_residual(self, x: Array) -> Array:
+        """(M, 3, 3) from a change of each predicted point, mm in the base frame, to the residual's rows."""
         base_mm = predict_points(self.model, x, self.observed)
-        out = np.empty_like(columns)
+        out = np.empty((len(base_mm), 3, 3))
         for rows in self._setups:
-            rotation = self._frame(base_mm, rows)[:3, :3]
-            out[rows] = self._whiten[rows] @ rotation @ columns[rows]
-        return out.reshape(-1, columns.shape[-1])
+            out[rows] = self._whiten[rows] @ self._frame(base_mm, rows)[:3, :3]
+        return out
 
     def frame_directions(self, x: Array) -> Array:
         """What motions of the scanner's frames do to the residual: orthonormal columns (3 M, `degrees_spent`)."""

@@ -7,7 +7,7 @@ untestable with these poses.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,10 +36,17 @@ class Leftover:
 
     residuals: PositionResiduals
     x: Array  # (P,)
-    state: RobotState  # of the used poses, target "jig"
+    states: Mapping[str, RobotState]  # by target, of the used poses
+    by_state: Mapping[str, Array]  # by target (N, 3, S): the point's derivative by the state
+    base_to_residual: Array  # (M, 3, 3)
     residual: Array  # (R,) projected
     basis: Array  # (R, rank) orthonormal: fitted parameters and frames
     freedom: int
+
+    @property
+    def state(self) -> RobotState:
+        """The state at the used poses, as the first target sees it."""
+        return next(iter(self.states.values()))
 
     @property
     def sigma(self) -> float:
@@ -139,22 +146,30 @@ def leftover_of(calibration: Calibration) -> Leftover:
         )
     residual = at.residual - basis @ (basis.T @ at.residual)
     poses = observed.used_poses[0]
-    return Leftover(residuals, x, model.state(x, poses, observed.seen()), residual, basis, freedom)
+    targets = list(map(str, np.unique(observed.points.target)))
+    states = {target: model.state(x, poses, observed.seen(target)) for target in targets}
+    return Leftover(
+        residuals=residuals,
+        x=x,
+        states=states,
+        by_state={target: point_by_state(state, target)[1] for target, state in states.items()},
+        base_to_residual=residuals.base_to_residual(x),
+        residual=residual,
+        basis=basis,
+        freedom=freedom,
+    )
 
 
 def member_columns(leftover: Leftover, member: Effect) -> Array:
     """(R, K) derivative of the whitened residual by a member's parameters at zero, before projection."""
-    residuals, model = leftover.residuals, leftover.residuals.model
-    observed = residuals.observed
-    poses, row = observed.used_poses
+    observed = leftover.residuals.observed
+    _, row = observed.used_poses
     columns = np.empty((len(observed.points), 3, len(member.parameters)))
-    for target in map(str, np.unique(observed.points.target)):
-        state = leftover.state if target == "jig" else model.state(leftover.x, poses, observed.seen(target))
-        by_state = point_by_state(state, target)[1]
+    for target, state in leftover.states.items():
         derivative = stack_derivatives(state_derivative(member, state, np.zeros(len(member.parameters))))
         of_target = observed.points.target == target
-        columns[of_target] = columns_of(by_state, derivative)[row[of_target]]
-    return residuals.whiten_columns(leftover.x, columns)
+        columns[of_target] = columns_of(leftover.by_state[target], derivative)[row[of_target]]
+    return (leftover.base_to_residual @ columns).reshape(-1, columns.shape[-1])
 
 
 def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:

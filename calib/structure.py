@@ -24,8 +24,8 @@ from calib.screening import Leftover
 Array = NDArray[np.float64]
 
 DRAWS = 999
-STRUCTURE_LEVEL = 0.02
-OUTLIER_LEVEL = 0.01
+STRUCTURE_LEVEL = 0.01
+OUTLIER_LEVEL = 0.005
 SIGMA_DOUBT = 1.25  # a sigma that was declared, not measured, is believed to this factor
 _WIDTHS = (0.04, 0.12, 0.35)  # of the bumps, in shares of an input's range
 _CENTRES = 25
@@ -214,7 +214,7 @@ def joint_directions(leftover: Leftover) -> list[Array]:
         name = f"{kind}{j + 1}"
         if name in names:
             column = by_x[row][:, :, [names.index(name)]]
-            out.append(residuals.whiten_columns(leftover.x, column).reshape(-1, 3))
+            out.append((leftover.base_to_residual @ column)[..., 0])
         else:
             out.append(np.zeros((len(row), 3)))
     return out
