@@ -7,7 +7,7 @@ is given. At the end the remains are judged, always: a cause outside the catalog
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +38,7 @@ class Step:
     p_value: float | None
     log_evidence_margin: float | None
     screening: Screening  # of everything not in this step's model
+    candidate: Candidate | None = None  # the effect's case, as it stood before it was added
 
 
 @dataclass(frozen=True)
@@ -82,13 +83,17 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class _Added:
-    """An effect in the model: its family, the members that carry it, and the sizes the evidence chose."""
+    """An effect in the model: the case for it, and its lead."""
 
-    family: Family
-    members: tuple[Effect, ...]
-    sizes: Mapping[str, float]
-    p_value: float
+    candidate: Candidate
     margin: float | None
+
+    @property
+    def name(self) -> str:
+        return self.candidate.name
+
+    def step(self, calibration: Calibration, screening: Screening) -> Step:
+        return Step(self.name, calibration, self.candidate.p_value, self.margin, screening, self.candidate)
 
 
 def diagnose(
@@ -118,8 +123,10 @@ def diagnose(
     def fit(added: Sequence[_Added]) -> Calibration:
         sizes: dict[str, float] = {}
         for one in added:
-            sizes |= one.sizes
-        return calibrate(dataset, effects=[*given, *(m for one in added for m in one.members)], sizes=sizes)
+            sizes |= one.candidate.sizes
+        return calibrate(
+            dataset, effects=[*given, *(m for one in added for m in one.candidate.members)], sizes=sizes
+        )
 
     tell("fitting the geometry")
     calibration = fit(())
@@ -143,7 +150,7 @@ def diagnose(
             )
             break
         tell(f"adding {best.name}")
-        one = _Added(best.family, best.members, best.sizes, best.p_value, margin)
+        one = _Added(best, margin)
         trial = fit([*added, one])
         if _worse(calibration, trial):
             refused = best.name
@@ -151,22 +158,20 @@ def diagnose(
         added.append(one)
         calibration = trial
         screening = screen(calibration, families)
-        steps.append(Step(best.name, calibration, best.p_value, margin, screening))
+        steps.append(one.step(calibration, screening))
     kept = _still_needed(added, fit, families)
     if len(kept) < len(added):
         tell("dropping what a later effect made superfluous")
         steps = [steps[0]]
         for k, one in enumerate(kept):
             calibration = fit(kept[: k + 1])
-            steps.append(
-                Step(one.family.name, calibration, one.p_value, one.margin, screen(calibration, families))
-            )
+            steps.append(one.step(calibration, screen(calibration, families)))
         added = kept
     tell("judging what is left")
     remains = examine(dataset, leftover_of(calibration))
     return Diagnosis(
         verdict=_verdict(added, ambiguous, refused, remains),
-        missing=tuple(one.family.name for one in added),
+        missing=tuple(one.name for one in added),
         ambiguous_set=ambiguous,
         steps=tuple(steps),
         untestable=steps[0].screening.untestable,
@@ -192,7 +197,7 @@ def _still_needed(
         evidence = []
         for one in kept:
             others = [other for other in kept if other is not one]
-            found = screen(fit(others), [one.family]).candidates
+            found = screen(fit(others), [one.candidate.family]).candidates
             evidence.append(found[0].log_evidence if found else -np.inf)
         weakest = int(np.argmin(evidence))
         if evidence[weakest] > FLOOR:

@@ -14,12 +14,16 @@ from calib.calibration import Calibration
 from calib.checking import Check
 from calib.corners import CornerSearch
 from calib.correction import Correction
+from calib.diagnosis import Diagnosis, Step
+from calib.effects.descriptions import DESCRIPTIONS
 from calib.evaluation import Evaluation, Figures
+from calib.explanation import explain
 from calib.knowledge import correlated_pairs, known_sums
 from calib.learning import LearningCurve
 from calib.measurement import failed_searches
 from calib.redundancy import Redundancy
 from calib.repeatability import repeats_frame
+from calib.screening import Candidate
 from calib.validation import CrossValidation
 
 
@@ -188,4 +192,71 @@ def correction_document(correction: Correction, ids: Sequence[str]) -> dict[str,
             for target in targets
             if not target["reached"]
         ],
+    }
+
+
+def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What `diagnose --json` prints: the verdict, the steps, the ranking and what is left."""
+    remains = diagnosis.remains
+    return {
+        "dataset": diagnosis.calibration.dataset.name,
+        "verdict": diagnosis.verdict,
+        "missing": diagnosis.missing,
+        "ambiguous_set": diagnosis.ambiguous_set,
+        "refused": diagnosis.refused or None,
+        "steps": [_step(step) for step in diagnosis.steps],
+        "candidates": [_candidate(candidate) for candidate in diagnosis.candidates],
+        "untestable": [
+            {"effect": u.name, "why": u.why, "would_help": u.would_help} for u in diagnosis.untestable
+        ],
+        "leftover": {
+            "lack_of_fit_p": remains.lack_of_fit_p,
+            "noise_mm": remains.noise_mm,
+            "noise_from": remains.noise_from,
+            "residual_mm": remains.residual_mm,
+            "inputs": [{"input": test.input, "p_value": test.p_value} for test in remains.inputs],
+            "outlier_poses": remains.outlier_poses,
+        },
+        "explanation": explain(diagnosis),
+    }
+
+
+def _step(step: Step) -> dict[str, Any]:
+    after = step.calibration.after
+    return {
+        "effect": step.effect,
+        "train_rmse_mm": after.train.rmse_mm if after.train else None,
+        "test_rmse_mm": after.test.rmse_mm if after.test else None,
+        "sigma_mm": step.calibration.sigma_mm,
+        "p_value": step.p_value,
+        "log_evidence_margin": step.log_evidence_margin,
+    }
+
+
+def _candidate(candidate: Candidate) -> dict[str, Any]:
+    return {
+        "effect": candidate.name,
+        "p_value": candidate.p_value,
+        "p_holm": candidate.p_holm,
+        "log_evidence": candidate.log_evidence,
+        "explained_share": candidate.explained_share,
+        "cv_rmse_mm": candidate.cv_rmse_mm,
+        "overlaps": candidate.overlaps,
+        "parameters": [asdict(value) for value in candidate.values],
+        "note": candidate.family.note or None,
+    }
+
+
+def effects_document() -> dict[str, Any]:
+    """What `effects --json` prints: the catalogue."""
+    return {
+        "effects": [
+            {
+                "name": d.name,
+                "equation": d.equation,
+                "parameters": [{"name": name, "unit": unit} for name, unit in d.parameters],
+                "needs": d.needs,
+            }
+            for d in DESCRIPTIONS
+        ]
     }

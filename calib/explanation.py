@@ -1,0 +1,168 @@
+"""A diagnosis in plain words, built from its numbers: what was compared, what is left, which cause, how sure, what next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from calib.calibration import Calibration
+from calib.diagnosis import Diagnosis, Step
+from calib.screening import Candidate
+
+MEASURE_NEXT: Mapping[str, str] = {
+    "joint_compliance": "the same poses with and without a payload: compliance grows with the load, nothing else does",
+    "link_bending": "the same poses with and without a payload; bending also shifts the link's end, so reach far out",
+    "base_compliance": "a dial gauge at the foot while the arm swings round stretched out: it sees the base alone",
+    "gravity_backlash": "poses on both sides of the angle where gravity's torque changes sign",
+    "backlash": "each pose twice, coming from the one side and from the other",
+    "transmission_error": "one joint alone over a whole turn in small steps",
+    "strain_wave": "one joint alone in steps of a tenth of a motor turn",
+    "joint_scale": "one joint alone from end to end of its range: a scale error grows with the angle, harmonics come back",
+    "joint_coupling": "the driving joint alone with the driven one held still",
+    "thermal_growth": "the same poses cold and warmed up",
+    "axis_wobble": "one joint alone over a whole turn, with points at two distances from its axis",
+    "scanner_distortion": "the same poses from a second place of the scanner (a second setup)",
+    "scanner_drift": "the first pose again at the end, and in between",
+    "tool_sag": "one place reached with the tool in different attitudes",
+    "incidence_bias": "one place with the jig turned in steps toward and away from the scanner",
+}
+"""A controlled change that shows one cause and leaves the others as they are."""
+
+
+def explain(diagnosis: Diagnosis) -> str:
+    """Several short paragraphs."""
+    parts = [_compared(diagnosis.steps[0].calibration)]
+    parts += [
+        _step(before, after) for before, after in zip(diagnosis.steps, diagnosis.steps[1:], strict=False)
+    ]
+    if diagnosis.ambiguous_set:
+        parts.append(_ambiguous(diagnosis))
+    if diagnosis.refused:
+        parts.append(
+            f"{diagnosis.refused} explains the training poses well, but with it the test poses are predicted worse: it was "
+            "not added. Either it stands in for another cause, or the test poses differ from the others."
+        )
+    parts.append(_remains(diagnosis))
+    parts.append(_verdict(diagnosis))
+    return "\n\n".join(part for part in parts if part)
+
+
+def _compared(calibration: Calibration) -> str:
+    fit, dataset = calibration.fit, calibration.dataset
+    train, test = calibration.after.train, calibration.after.test
+    words = (
+        f"The five-parameter model was fitted to {train.points if train else 0} measured points of {dataset.robot.name} with the "
+        f"scanner's place unknown. It leaves {calibration.sigma_mm:.4g} mm a coordinate, {fit.noise:.2g} times the declared "
+        "noise"
+    )
+    if test is not None and train is not None:
+        words += f"; the training poses are off by {train.rmse_mm:.4g} mm (3D RMSE), the test poses by {test.rmse_mm:.4g} mm"
+    return words + "."
+
+
+def _step(before: Step, after: Step) -> str:
+    candidate = after.candidate
+    assert candidate is not None  # only the first step has none
+    second = next((c for c in before.screening.candidates if c.name != candidate.name), None)
+    words = f"Missing: {candidate.name}. It explains {100 * candidate.explained_share:.0f} % of what was left (p = {candidate.p_holm:.1g})"
+    if second is not None and after.log_evidence_margin is not None:
+        words += (
+            f" and leads the next, {second.name}, by {after.log_evidence_margin:.0f} in log evidence "
+            f"(more than 3 is asked for)"
+        )
+    old, new = before.calibration.after, after.calibration.after
+    if old.test is not None and new.test is not None:
+        words += f". With it the test poses, which it never saw, fall from {old.test.rmse_mm:.4g} to {new.test.rmse_mm:.4g} mm"
+    elif old.train is not None and new.train is not None:
+        words += (
+            f". With it the training poses fall from {old.train.rmse_mm:.4g} to {new.train.rmse_mm:.4g} mm"
+        )
+    note = candidate.family.note
+    return f"{words}. {_meaning(candidate, after.calibration)}{' Note: ' + note + '.' if note else ''}"
+
+
+def _meaning(candidate: Candidate, calibration: Calibration) -> str:
+    """The fitted parameters that matter, as an engineer would say them."""
+    fitted = {
+        p.name: (x, sigma)
+        for p, x, sigma in zip(
+            calibration.fit.parameters, calibration.fit.x, calibration.fit.sigma, strict=True
+        )
+    }
+    rows = []
+    for value in candidate.values:
+        size, sigma = map(float, fitted.get(value.name, (0.0, np.inf)))
+        if abs(size) > 2.0 * sigma:
+            rows.append((abs(size) / sigma, _say(value.name, size, sigma, value.unit, calibration)))
+    rows.sort(reverse=True)
+    if not rows:
+        return "None of its parameters is known to better than half its size by itself; together they are."
+    more = f", and {len(rows) - 4} more" if len(rows) > 4 else ""
+    return "Fitted: " + "; ".join(words for _, words in rows[:4]) + more + "."
+
+
+def _say(name: str, size: float, sigma: float, unit: str, calibration: Calibration) -> str:
+    words = f"{name} = {size:.3g} +- {sigma:.1g} {unit}"
+    family, _, rest = name.partition(".")
+    joint = rest.partition(".")[0]
+    if family == "joint_compliance" and unit == "rad/Nm" and joint.startswith("J"):
+        poses = calibration.dataset.poses
+        torque = calibration.model.state(calibration.fit.x, poses).gravity_torques_nm[:, int(joint[1:]) - 1]
+        largest = float(np.abs(torque).max())
+        return f"{words}: {np.degrees(abs(size) * largest):.2g} deg at {largest:.3g} Nm, stiffness {1 / abs(size):.2g} Nm/rad"
+    if unit == "rad":
+        return f"{words} ({np.degrees(size):.2g} deg)"
+    return words
+
+
+def _ambiguous(diagnosis: Diagnosis) -> str:
+    names = diagnosis.ambiguous_set
+    ranking = diagnosis.steps[-1].screening.candidates
+    first = ranking[0]
+    overlap = ", ".join(f"{n}: {100 * s:.0f} %" for n, s in first.overlaps.items() if n in names)
+    words = (
+        f"Something is missing, and these data cannot tell which of {', '.join(names)}: their log evidences lie within 3 of "
+        "each other."
+    )
+    if overlap:
+        words += f" Of what {first.name} explains, others could explain as much ({overlap})."
+    advice = [f"for {name}, {MEASURE_NEXT[name]}" for name in names if name in MEASURE_NEXT]
+    return words + (f" To tell them apart, measure: {'; '.join(advice)}." if advice else "")
+
+
+def _remains(diagnosis: Diagnosis) -> str:
+    remains = diagnosis.remains
+    source = {
+        "repeats": "by repeated measurements",
+        "dataset": "as dataset.toml declares it, believed to 25 %",
+        "fit": "which no one declared",
+    }[remains.noise_from]
+    words = f"What is left is {remains.residual_mm:.4g} mm a coordinate; the noise is {remains.noise_mm:.4g} mm, {source}."
+    if remains.structured:
+        words += f" It has order against {', '.join(remains.structured)} (p = {remains.inputs[0].p_value:.2g}): it is not noise."
+    elif remains.inputs:
+        closest = remains.inputs[0]
+        words += f" It shows no order against any of {len(remains.inputs)} inputs (closest: {closest.input}, p = {closest.p_value:.2g})."
+    if remains.too_large:
+        words += " It is more than noise."
+    if remains.outlier_poses:
+        words += f" Single poses stand out: {', '.join(remains.outlier_poses)}."
+    return words
+
+
+def _verdict(diagnosis: Diagnosis) -> str:
+    named = ", ".join(diagnosis.missing)
+    return {
+        "adequate": "Verdict: adequate. Nothing in the catalogue is missing beyond noise, and nothing else shows.",
+        "named": f"Verdict: {named} was missing, and with it nothing else shows.",
+        "ambiguous": "Verdict: ambiguous"
+        + (f" after {named}" if named else "")
+        + ". The set above holds the cause if the catalogue does.",
+        "unexplained": "Verdict: unexplained. "
+        + (f"{named} helps, yet " if named else "No effect of the catalogue fits: ")
+        + "something with a pattern is left. Look at the inputs named above; a loose part, a hose or a slip would show so.",
+        "outliers": "Verdict: outliers. "
+        + (f"{named} was missing; " if named else "")
+        + "apart from single poses nothing is left. Measure those poses again before you leave them out.",
+    }[diagnosis.verdict]

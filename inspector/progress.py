@@ -1,0 +1,58 @@
+"""Long work at a terminal: progress on stderr, and a process for each core."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+
+MIN_SCANS_FOR_PROCESSES = 12  # below this, starting further interpreters takes longer than it saves
+
+
+@contextmanager
+def stages() -> Iterator[Callable[[str], None] | None]:
+    """What is being done, on a terminal's one line; nothing elsewhere."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+
+    def tell(words: str) -> None:
+        print(f"\r\033[K{words} ...", end="", file=sys.stderr, flush=True)
+
+    try:
+        yield tell
+    finally:
+        print("\r\033[K", end="", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def processes(scans: int) -> Iterator[Executor | None]:
+    """A process for each core, where there are scans enough to keep them busy."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if scans < MIN_SCANS_FOR_PROCESSES or cores < 2:
+        yield None
+        return
+    # Not fork: Open3D and BLAS have threads by then, which a forked child would not have.
+    with ProcessPoolExecutor(min(cores, scans), mp_context=multiprocessing.get_context("spawn")) as executor:
+        yield executor
+
+
+@contextmanager
+def progress(what: str, unit: str = "scan") -> Iterator[Callable[[int, int, str], None] | None]:
+    """A bar on stderr where that is a terminal, nothing elsewhere."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from tqdm import tqdm
+
+    with tqdm(desc=what, unit=unit, file=sys.stderr, leave=False) as bar:
+
+        def on_progress(done: int, total: int, pose_id: str) -> None:
+            bar.total = total
+            bar.set_postfix_str(pose_id, refresh=False)
+            bar.update(done - bar.n)
+
+        yield on_progress
