@@ -8,7 +8,7 @@ is given. At the end the remains are judged, always: a cause outside the catalog
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -24,6 +24,7 @@ from calib.structure import Remains, examine
 LEVEL = 0.01
 MARGIN = 3.0
 FLOOR = 3.0
+FEW = 0.1  # share of poses that may stand out and still be called outliers
 WORSE = 1.02  # a named effect may not raise the test poses' error beyond this
 
 VERDICTS = ("adequate", "named", "ambiguous", "unexplained", "outliers")
@@ -103,6 +104,7 @@ def diagnose(
     own: Sequence[Family] = (),
     max_steps: int = 3,
     on_step: Callable[[str], None] | None = None,
+    _without: Sequence[str] = (),
 ) -> Diagnosis:
     """Find what is missing from the five-parameter model.
 
@@ -169,7 +171,7 @@ def diagnose(
         added = kept
     tell("judging what is left")
     remains = examine(dataset, leftover_of(calibration))
-    return Diagnosis(
+    found = Diagnosis(
         verdict=_verdict(added, ambiguous, refused, remains),
         missing=tuple(one.name for one in added),
         ambiguous_set=ambiguous,
@@ -178,6 +180,36 @@ def diagnose(
         remains=remains,
         refused=refused,
     )
+    few = 0 < len(remains.outlier_poses) <= max(2, FEW * len(np.unique(calibration.after.pose)))
+    if not few or _without:
+        return found
+    # Only now, with the effects in: a few wrong points bend the fit and hide or feign a pattern in all others.
+    tell("once more without the poses that stand out")
+    rest = diagnose(
+        without_poses(dataset, remains.outlier_poses),
+        effects=effects,
+        own=own,
+        max_steps=max_steps,
+        on_step=on_step,
+        _without=remains.outlier_poses,
+    )
+    return _with_outliers(found, rest, remains.outlier_poses)
+
+
+def _with_outliers(found: Diagnosis, rest: Diagnosis, outliers: tuple[str, ...]) -> Diagnosis:
+    """The diagnosis of the other poses, where that is clean and loses no effect; else the first one."""
+    clean = rest.verdict in ("adequate", "named", "outliers") and set(found.missing) <= set(rest.missing)
+    if not clean:
+        return found
+    all_outliers = tuple(dict.fromkeys([*outliers, *rest.remains.outlier_poses]))
+    return replace(rest, verdict="outliers", remains=replace(rest.remains, outlier_poses=all_outliers))
+
+
+def without_poses(dataset: Dataset, pose_ids: Sequence[str]) -> Dataset:
+    """The dataset without the measured points of some poses; the poses themselves stay."""
+    assert dataset.points is not None
+    out = [dataset.poses.index(pose_id) for pose_id in pose_ids]
+    return dataset.with_points(dataset.points.select(~np.isin(dataset.points.pose, out)))
 
 
 def _worse(before: Calibration, after: Calibration) -> bool:

@@ -93,6 +93,7 @@ def _parser() -> argparse.ArgumentParser:
         "--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal"
     )
     sub.add_argument("--robust", action="store_true", help="let points far from the model count less")
+    _add_effects(sub)
     _add_json(sub)
 
     sub = command(
@@ -101,6 +102,7 @@ def _parser() -> argparse.ArgumentParser:
         "how good the fit is away from its poses, and whether more would help",
     )
     sub.add_argument("--folds", type=int, default=5, help="default 5")
+    _add_effects(sub)
     _add_residual(sub)
     _add_json(sub)
 
@@ -115,10 +117,9 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--out", type=Path, required=True, metavar="FILE", help="write the corrected targets")
     sub.add_argument("--what", choices=WHATS, help="default: pose for six joints and more, else position")
     sub.add_argument("--force", action="store_true", help="go on although the fit is no improvement")
+    _add_effects(sub)
     _add_residual(sub)
     _add_json(sub)
-
-    _add_effects(sub)
 
     sub = command("diagnose", commands.run_diagnose, "which physical effect is missing, step by step")
     sub.add_argument(

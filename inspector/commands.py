@@ -96,11 +96,11 @@ def run_calibrate(options: Any) -> int:
 def run_validate(options: Any) -> int:
     """Folds over poses, and a learning curve."""
     dataset = _measured(_dataset(options.path))
+    effects = effects_named(dataset, options.effect, _own_effects(options, dataset))
     with progress("fits", "fit") as on_progress:
-        folds = cross_validate(
-            dataset, folds=options.folds, residual=options.residual, on_progress=on_progress
-        )
-        curve = learning_curve(dataset, residual=options.residual, on_progress=on_progress)
+        more: dict[str, Any] = {"residual": options.residual, "effects": effects, "on_progress": on_progress}
+        folds = cross_validate(dataset, folds=options.folds, **more)
+        curve = learning_curve(dataset, **more)
     words = f"{folds.summary()}\n\n{curve.summary()}"
     _print(options, documents.validation_document(folds, curve), words)
     return 0
@@ -110,7 +110,9 @@ def run_correct(options: Any) -> int:
     """Joint targets that bring the real arm where the nominal one was meant to be."""
     dataset = _dataset(options.path)
     targets = load_targets(options.joints, dataset.robot)
-    result = calibrate(_measured(dataset), residual=options.residual)
+    dataset = _measured(dataset)
+    effects = effects_named(dataset, options.effect, _own_effects(options, dataset))
+    result = calibrate(dataset, residual=options.residual, effects=effects)
     result.require_improvement(force=options.force)
     correction = corrected_joints(
         dataset.robot,

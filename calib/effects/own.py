@@ -130,15 +130,16 @@ def _check(effect: Any, state: RobotState, where: str) -> None:
 def _applied(effect: Effect, state: RobotState, values: np.ndarray, label: str) -> np.ndarray:
     try:
         after = apply_values(effect, state, values)
-        vector = after.vector
-    except CalibError:
-        raise
     except Exception as error:
         raise CalibError(f"{label}: `apply` fails with {type(error).__name__}: {_one_line(error)}") from None
     if not isinstance(after, RobotState):
         raise CalibError(
             f"{label}: `apply` returns {type(after).__name__}; return the state that `state.add_...` gives"
         )
+    try:
+        vector = after.vector
+    except ValueError as error:
+        raise CalibError(f"{label}: `apply` gives a state of the wrong shape: {_one_line(error)}") from None
     expected = state.vector.shape[1]
     if vector.shape[0] not in (1, len(state.poses)) or vector.shape[1] != expected:
         raise CalibError(
