@@ -18,11 +18,15 @@ from calib.pose_design import JANG_FIELD, place_scanner, random_poses, reach_ape
 from calib.robot_file import builtin_robot
 from calib.scan import load_scan
 from calib.simulation import simulate_dataset, write_simulation
-from calib.true_arm import SIMULATED_EFFECTS, Tolerances, draw_truth
+from calib.true_arm import NEED_CONDITIONS, OUTSIDE_EFFECTS, SIMULATED_EFFECTS, Tolerances, draw_truth
+from calib.true_conditions import PAYLOADS_KG
+from calib.true_effects import JointScale
 from calib.true_loads import JointCompliance
+from calib.true_mechanism import Conditions
 from calib.truth import Truth, scanner_T_target, settle
 
 ARMS = ("rb5", "panda")
+SOME = ("joint_compliance", "transmission_error", "tool_sag")
 RIGID = Tolerances(length_mm=0.0, angle_deg=0.0)
 
 
@@ -130,23 +134,97 @@ def test_noise_and_repeats_are_as_asked() -> None:
     assert set(simulation.dataset.poses.payload_kg) == {0.0, 2.5}
 
 
-def test_seed_makes_the_dataset() -> None:
+@pytest.mark.parametrize("scans", [True, False])
+def test_seed_makes_the_dataset(scans: bool) -> None:
     def once(seed: int) -> NDArray:
-        return simulate_dataset(
+        simulation = simulate_dataset(
             builtin_robot("panda"),
             rng=np.random.default_rng(seed),
-            poses=5,
-            scans=True,
-            effects=SIMULATED_EFFECTS,
-        ).apex_mm
+            poses=12,
+            scans=scans,
+            effects=(*SOME, "backlash", "slip"),
+        )
+        points = simulation.dataset.points
+        assert (points is None) == scans
+        return simulation.apex_mm if points is None else points.xyz_mm
 
     np.testing.assert_array_equal(once(1), once(1))
     assert np.all(np.abs(once(1) - once(2)).max(axis=1) > 1.0)
 
 
+@pytest.mark.parametrize("effect", [*SIMULATED_EFFECTS, *OUTSIDE_EFFECTS])
+def test_every_effect_is_simulated_by_its_name_alone(effect: str) -> None:
+    """With the conditions that it needs, and 0.2 to 0.5 mm large."""
+    simulation = simulate_dataset(
+        builtin_robot("rb5"), rng=np.random.default_rng(15), effects=(effect,), poses=24
+    )
+    truth, poses = simulation.truth, simulation.dataset.poses
+    assert truth.effects == (effect,)
+    plain = scanner_T_target(truth.with_effects(), poses.q, Conditions.of(poses))[:, :3, 3]
+    moved_mm = np.sqrt(np.mean(np.sum((simulation.apex_mm - plain) ** 2, axis=1)))
+    assert 0.2 <= moved_mm <= 0.5
+    assert (poses.temperature_c is not None) == (effect in NEED_CONDITIONS)
+    document = simulation.document()
+    assert list(document["effects"]) == [effect]
+    assert json.loads(json.dumps(document)) == document
+
+
+def test_effects_are_as_visible_as_asked() -> None:
+    """All alike, one by one, or given with all parameters; the noise is what a sigma means."""
+    given = JointScale(np.array([0.0, 1e-4, 0.0, 0.0, 0.0, 0.0]))
+    simulation = simulate_dataset(
+        builtin_robot("rb5"),
+        rng=np.random.default_rng(16),
+        effects=("backlash", ("tool_sag", 5.0), ("slip", 0.0), given),
+        visible_sigmas=2.0,
+        noise_mm=0.02,
+    )
+    visible = simulation.document()["visible_rms_mm"]
+    assert visible["backlash"] == pytest.approx(0.04, rel=1e-6)
+    assert visible["tool_sag"] == pytest.approx(0.1, rel=1e-6)
+    assert set(visible) == {"backlash", "tool_sag", "joint_scale"}
+    assert simulation.document()["effects"]["joint_scale"]["k"] == given.k.tolist()
+    dataset = simulation.dataset
+    assert dataset.points is not None
+    np.testing.assert_allclose((dataset.points.xyz_mm - simulation.apex_mm).std(), 0.02, rtol=0.15)
+
+
+def test_conditions_and_setups_come_back_from_the_files(tmp_path: Path) -> None:
+    simulation = simulate_dataset(
+        builtin_robot("panda"), rng=np.random.default_rng(17), conditions=True, setups=3, poses=30
+    )
+    write_simulation(simulation, tmp_path / "cell")
+    made, read = simulation.dataset.poses, load_dataset(tmp_path / "cell").poses
+    for name in ("payload_kg", "temperature_c", "time_s", "approach", "setup"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(made, name))
+    assert made.payload_kg is not None
+    assert made.time_s is not None
+    assert made.temperature_c is not None
+    assert set(made.payload_kg) == set(PAYLOADS_KG)
+    assert np.all(np.diff(made.time_s) >= 25.0)
+    assert 5.0 < np.ptp(made.temperature_c) < 20.0
+    assert list(dict.fromkeys(made.setup)) == ["A", "B", "C"]  # one placement after the other
+    document = json.loads((tmp_path / "cell" / "truth.json").read_text())
+    assert list(document["setups"]) == ["A", "B", "C"]
+    for setup, place in simulation.truth.scanners.items():
+        np.testing.assert_allclose(document["setups"][setup]["base_T_scanner_mm"], place)
+        rows = made.setup == setup
+        seen = scanner_T_target(Truth(simulation.truth.robot, {"": place}), made.q[rows])
+        np.testing.assert_allclose(seen[:, :3, 3], simulation.apex_mm[rows], atol=1e-9)
+
+
+def test_incidence_is_simulated_where_the_jig_faces_the_scanner() -> None:
+    simulation = simulate_dataset(
+        builtin_robot("rb5"), rng=np.random.default_rng(18), effects=("incidence_bias",)
+    )
+    T = simulation.scanner_T_jig  # z into the material, away from the scanner
+    ray = T[:, :3, 3] / np.linalg.norm(T[:, :3, 3], axis=1, keepdims=True)
+    assert np.degrees(np.arccos(np.sum(T[:, :3, 2] * ray, axis=1))).max() < 76.0
+
+
 def test_written_simulation_comes_back_with_its_truth(tmp_path: Path) -> None:
     simulation = simulate_dataset(
-        builtin_robot("panda"), rng=np.random.default_rng(13), poses=3, scans=True, effects=SIMULATED_EFFECTS
+        builtin_robot("panda"), rng=np.random.default_rng(13), poses=3, scans=True, effects=SOME
     )
     seen: list[str] = []
     write_simulation(
@@ -165,7 +243,7 @@ def test_written_simulation_comes_back_with_its_truth(tmp_path: Path) -> None:
     cause = simulation.truth.causes[0]
     assert isinstance(cause, JointCompliance)
     assert document["effects"]["joint_compliance"]["c_rad_per_nm"] == list(cause.c_rad_per_nm)
-    assert set(document["effects"]) == set(SIMULATED_EFFECTS)
+    assert set(document["effects"]) == set(SOME)
     rows = [*(f"J{j + 1}" for j in range(7)), "TCP"]
     lengths = np.array([[document["links"][row][key] for key in ("a_mm", "d_mm")] for row in rows])
     np.testing.assert_allclose(lengths, simulation.truth.robot.table[:, [0, 2]], atol=1e-12)
@@ -195,8 +273,17 @@ def test_arm_that_cannot_show_the_jig_says_so() -> None:
 
 def test_bad_wishes_are_one_clear_line() -> None:
     rng, robot = np.random.default_rng(0), builtin_robot("rb5")
-    with pytest.raises(CalibError, match=r"'warp'; there are joint_compliance, link_bending"):
+    with pytest.raises(CalibError, match="'warp'; there are") as caught:
         simulate_dataset(robot, rng=rng, effects=("warp",))
+    assert all(name in str(caught.value) for name in (*SIMULATED_EFFECTS, *OUTSIDE_EFFECTS))
+    with pytest.raises(CalibError, match="tool_sag is asked for twice"):
+        simulate_dataset(robot, rng=rng, effects=("tool_sag", ("tool_sag", 1.0)))
+    with pytest.raises(CalibError, match="counted in noise sigmas"):
+        simulate_dataset(robot, rng=rng, effects=("tool_sag",), visible_sigmas=1.0, noise_mm=0.0)
+    with pytest.raises(CalibError, match="no size makes it visible"):
+        simulate_dataset(robot, rng=rng, effects=("scanner_scale",), visible_sigmas=1.0)
+    with pytest.raises(CalibError, match="found 5 setups for 10 poses"):
+        simulate_dataset(robot, rng=rng, poses=10, setups=5)
     with pytest.raises(CalibError, match="found 1 poses"):
         simulate_dataset(robot, rng=rng, poses=1)
     with pytest.raises(CalibError, match="noise_mm"):

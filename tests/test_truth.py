@@ -143,13 +143,14 @@ def compliance_of(truth: Truth) -> NDArray:
     return cause.c_rad_per_nm
 
 
+@pytest.mark.parametrize("payload_kg", [0.0, 3.0])
 @pytest.mark.parametrize("arm", ARMS)
-def test_mujoco_joint_springs_are_at_rest_where_the_arm_settles(arm: str) -> None:
+def test_mujoco_joint_springs_are_at_rest_where_the_arm_settles(arm: str, payload_kg: float) -> None:
     robot = builtin_robot(arm)
     truth = soft(robot, 3.0)
-    model = mujoco_model(robot)
+    model = mujoco_model(robot, payload_kg)
     q = random_poses(robot, 6, rng=np.random.default_rng(3))
-    settled = settle(truth, q).q
+    settled = settle(truth, q, Conditions(payload_kg=np.full(6, payload_kg))).q
     model.jnt_stiffness[:] = 1.0 / compliance_of(truth)
     for k in range(len(q)):
         model.qpos_spring[:] = q[k]
