@@ -28,10 +28,12 @@ import pandas as pd
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from calib.calibration import calibrate
-from calib.dataset import Points, Scanner
-from calib.diagnosis import diagnose
+from calib.dataset import Dataset, Points, Scanner
+from calib.diagnosis import diagnose, effects_named
+from calib.effects.catalogue import effects_for
 from calib.errors import CalibError
 from calib.robot_file import builtin_robot
+from calib.screening import screen
 from calib.simulation import Simulation, simulate_dataset
 from calib.true_arm import OUTSIDE_EFFECTS, SIMULATED_EFFECTS
 from calib.true_mechanism import Conditions
@@ -93,6 +95,7 @@ def run(trial: Trial) -> dict[str, object]:
         "test_mm": test.rmse_mm if test else np.nan,
         "geometry_test_mm": diagnosis.steps[0].calibration.after.test.rmse_mm,
         "best_test_mm": reachable(simulation) if trial.effects else np.nan,
+        "wrong_test_mm": with_wrong(trial, dataset) if trial.kind == "single" else np.nan,
         "seconds": seconds,
     }
 
@@ -105,6 +108,14 @@ def reachable(simulation: Simulation) -> float:
     plain_mm = scanner_T_target(truth.with_effects(), dataset.poses.q, Conditions.of(dataset.poses))[:, :3, 3]
     freed = points.xyz_mm - (simulation.apex_mm - plain_mm)[points.pose]
     test = calibrate(replace(dataset, points=Points(points.pose, freed, points.target))).after.test
+    return test.rmse_mm if test else np.nan
+
+
+def with_wrong(trial: Trial, dataset: Dataset) -> float:
+    """Held-out error after adding an effect by hand that is not there, drawn from the others."""
+    others = [name for name in TESTABLE if name not in trial.effects]
+    wrong = others[(TESTABLE.index(trial.effects[0]) + 7 * trial.number) % len(others)]
+    test = calibrate(dataset, effects=effects_named(dataset, [wrong])).after.test
     return test.rmse_mm if test else np.nan
 
 
@@ -173,6 +184,10 @@ def tell_singles(rows: pd.DataFrame) -> None:
             middle, high = np.quantile(ratio, [0.5, 0.95])
             print(f"     over the reachable one: median {middle:.3f}, 95 % below {high:.3f};")
             print(f"     within 5 % of it {share(ratio < 1.05)}")
+        wrong = (of_size["wrong_test_mm"] / of_size["geometry_test_mm"]).to_numpy()
+        print(
+            f"     a wrong effect added by hand: held-out error {np.median(wrong):.3f} of the geometric fit's (median)"
+        )
         print(f"     verdicts: {counted(of_size['verdict'])}")
         sets = Counter(" / ".join(sorted(r.ambiguous)) for r in of_size.itertuples() if r.ambiguous)
         for open_set, count in sets.most_common(6):
@@ -235,6 +250,40 @@ def tell_outside(rows: pd.DataFrame) -> None:
             print(f"     {effect:16s} {share(here)}   {counted(of_effect['verdict'])}{told}")
 
 
+def tell_growth(counts: Sequence[int]) -> None:
+    """Seconds for the parts of a diagnosis as the poses become more: medians of five, one run from 1000 poses on."""
+    print("seconds, RB5 with joint compliance, this process alone")
+    for count in counts:
+        dataset = simulate_dataset(
+            builtin_robot("rb5"),
+            rng=np.random.default_rng(count),
+            effects=("joint_compliance",),
+            visible_sigmas=1.0,
+            conditions=True,
+            poses=round(count * 80 / 64),
+        ).dataset
+        spent = pd.DataFrame([seconds_of(dataset) for _ in range(5 if count < 1000 else 1)]).median()
+        told = ", ".join(f"{name} {value:.3f}" for name, value in spent.items())
+        print(f"  {np.sum(~dataset.poses.is_test)} training poses: {told}")
+
+
+def seconds_of(dataset: Dataset) -> dict[str, float]:
+    """Wall time of each part. The refit is the step of the diagnosis: the members and sizes that the evidence chose."""
+    clock = [time.perf_counter()]
+    fitted = calibrate(dataset)
+    clock.append(time.perf_counter())
+    best = screen(fitted, effects_for(dataset)).candidates[0]
+    clock.append(time.perf_counter())
+    calibrate(dataset, effects=best.members, sizes=best.sizes)
+    clock.append(time.perf_counter())
+    calibrate(dataset, effects=effects_named(dataset, ["joint_compliance"]))
+    clock.append(time.perf_counter())
+    diagnose(dataset)
+    clock.append(time.perf_counter())
+    names = ("geometric fit", "all families", "refit of the best", "refit with all joints", "diagnosis")
+    return dict(zip(names, np.diff(clock).tolist(), strict=True))
+
+
 def counted(values: pd.Series) -> str:
     """'named 30, ambiguous 4'"""
     return ", ".join(f"{value} {count}" for value, count in Counter(values).most_common())
@@ -251,6 +300,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--outside", type=int, default=4, help="datasets for each cause and size")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--rows", type=Path, help="also write every trial to this CSV file")
+    parser.add_argument(
+        "--growth", type=int, nargs="*", default=[64], help="training poses to time, such as 64 1000"
+    )
     options = parser.parse_args(arguments)
     asked = trials(options.singles, options.nulls, options.pairs, options.outside)
     start = time.perf_counter()
@@ -260,6 +312,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             found.append(row)
             if len(found) % 20 == 0 and sys.stderr.isatty():
                 print(f"\r{len(found)} of {len(asked)}", end="", file=sys.stderr)
+    if not found:
+        tell_growth(options.growth)
+        return
     rows = pd.DataFrame(found)
     if options.rows:
         rows.to_csv(options.rows, index=False)
@@ -267,6 +322,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if len(refused):
         print(f"{len(refused)} datasets were refused, the first: {refused['verdict'].iloc[0]}")
     tell(rows.drop(index=refused.index))
+    tell_growth(options.growth)
     print(f"{len(rows)} datasets in {time.perf_counter() - start:.0f} s")
 
 
