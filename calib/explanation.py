@@ -140,7 +140,16 @@ def _remains(diagnosis: Diagnosis) -> str:
     }[remains.noise_from]
     words = f"What is left is {remains.residual_mm:.4g} mm a coordinate; the noise is {remains.noise_mm:.4g} mm, {source}."
     if remains.structured:
-        words += f" It has order against {', '.join(remains.structured)} (p = {remains.inputs[0].p_value:.2g}): it is not noise."
+        first = remains.inputs[0]
+        place = (
+            f"the motion of {first.where}"
+            if first.where.startswith("joint")
+            else f"the {first.where} of the scanner's frame"
+        )
+        words += (
+            f" It has order against {', '.join(remains.structured)} (p = {first.p_value:.2g}), most in {place} against "
+            f"{first.input}: it is not noise."
+        )
     elif remains.inputs:
         closest = remains.inputs[0]
         words += f" It shows no order against any of {len(remains.inputs)} inputs (closest: {closest.input}, p = {closest.p_value:.2g})."
@@ -152,17 +161,22 @@ def _remains(diagnosis: Diagnosis) -> str:
 
 
 def _verdict(diagnosis: Diagnosis) -> str:
-    named = ", ".join(diagnosis.missing)
+    named = " and ".join(diagnosis.missing)
+    were = "was" if len(diagnosis.missing) == 1 else "were"
     return {
         "adequate": "Verdict: adequate. Nothing in the catalogue is missing beyond noise, and nothing else shows.",
-        "named": f"Verdict: {named} was missing, and with it nothing else shows.",
+        "named": f"Verdict: {named} {were} missing, and with {'it' if were == 'was' else 'them'} nothing else shows.",
         "ambiguous": "Verdict: ambiguous"
         + (f" after {named}" if named else "")
         + ". The set above holds the cause if the catalogue does.",
         "unexplained": "Verdict: unexplained. "
-        + (f"{named} helps, yet " if named else "No effect of the catalogue fits: ")
+        + (
+            f"{named} {'helps' if were == 'was' else 'help'}, yet "
+            if named
+            else "No effect of the catalogue fits: "
+        )
         + "something with a pattern is left. Look at the inputs named above; a loose part, a hose or a slip would show so.",
         "outliers": "Verdict: outliers. "
-        + (f"{named} was missing; " if named else "")
+        + (f"{named} {were} missing; " if named else "")
         + "apart from single poses nothing is left. Measure those poses again before you leave them out.",
     }[diagnosis.verdict]

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 DRAWS = 999
 STRUCTURE_LEVEL = 0.01
-OUTLIER_LEVEL = 0.005
+OUTLIER_LEVEL = 0.002
 SIGMA_DOUBT = 1.25  # a sigma that was declared, not measured, is believed to this factor
 _WIDTHS = (0.04, 0.12, 0.35)  # of the bumps, in shares of an input's range
 _CENTRES = 25
@@ -37,6 +37,7 @@ class InputTest:
 
     input: str
     p_value: float
+    where: str  # in what it shows most: an axis of the scanner's frame, or the motion of a joint
 
 
 @dataclass(frozen=True)
@@ -138,24 +139,20 @@ def _structure(
     both[np.repeat(outlier, 3)] = 0.0
     both /= np.maximum(np.linalg.norm(both, axis=0), 1e-300)
     channels = _channels(leftover, both)
-    scores = {
-        name: np.stack(
-            [
-                np.sum((bumps.T @ channel) ** 2, axis=0)
-                for bumps in _bumps(values)
-                for channel in _relevant(name, channels)
-            ]
+    standard, where = {}, {}
+    for name, values in inputs.items():
+        relevant = _relevant(name, channels)
+        score = np.stack(
+            [np.sum((bumps.T @ channels[c]) ** 2, axis=0) for c in relevant for bumps in _bumps(values)]
         )
-        for name, values in inputs.items()
-    }
-    standard = {}
-    for name, score in scores.items():
         mean, spread = score[:, 1:].mean(axis=1, keepdims=True), score[:, 1:].std(axis=1, keepdims=True)
-        standard[name] = np.max((score - mean) / np.maximum(spread, 1e-300), axis=0)
+        score = (score - mean) / np.maximum(spread, 1e-300)
+        standard[name] = np.max(score, axis=0)
+        where[name] = relevant[int(np.argmax(score[:, 0])) // (len(score) // len(relevant))]
     largest = np.max(np.stack([s[1:] for s in standard.values()]), axis=0)
-    draws = len(largest)
     tests = [
-        InputTest(name, float((1 + np.sum(largest >= s[0])) / (draws + 1))) for name, s in standard.items()
+        InputTest(name, float((1 + np.sum(largest >= score[0])) / (len(largest) + 1)), where[name])
+        for name, score in standard.items()
     ]
     order = sorted(range(len(tests)), key=lambda i: -list(standard.values())[i][0])
     return tuple(tests[i] for i in order)
@@ -184,21 +181,21 @@ def _channels(leftover: Leftover, values: Array) -> dict[str, Array]:
     for axis in range(3):
         total = np.zeros((len(poses), values.shape[1]))
         np.add.at(total, row, rows[:, axis])
-        out[f"axis{axis}"] = total
+        out["xyz"[axis]] = total
     for j, direction in enumerate(joint_directions(leftover)):
         total = np.zeros((len(poses), values.shape[1]))
         np.add.at(total, row, np.einsum("mi,mid->md", direction, rows))
-        out[f"joint{j}"] = total / max(float(np.sqrt(np.mean(direction**2))), 1e-300)
+        out[f"joint {j + 1}"] = total / max(float(np.sqrt(np.mean(direction**2))), 1e-300)
     return out
 
 
-def _relevant(name: str, channels: Mapping[str, Array]) -> list[Array]:
-    """The axes for every input; for a joint's own inputs its apparent motion as well."""
-    axes = [channel for key, channel in channels.items() if key.startswith("axis")]
+def _relevant(name: str, channels: Mapping[str, Array]) -> list[str]:
+    """The axes for every input; a joint's own motion for its own inputs, every joint's for time, load and the like."""
+    axes = [key for key in channels if not key.startswith("joint")]
     stem = name.rstrip("0123456789")
     if stem in ("q", "torque", "approach") and name != stem:
-        return [*axes, channels[f"joint{int(name.removeprefix(stem)) - 1}"]]
-    return axes
+        return [*axes, f"joint {name.removeprefix(stem)}"]
+    return axes if name in "xyz" else list(channels)
 
 
 def joint_directions(leftover: Leftover) -> list[Array]:

@@ -214,7 +214,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
             "noise_mm": remains.noise_mm,
             "noise_from": remains.noise_from,
             "residual_mm": remains.residual_mm,
-            "inputs": [{"input": test.input, "p_value": test.p_value} for test in remains.inputs],
+            "inputs": [asdict(test) for test in remains.inputs],
             "outlier_poses": remains.outlier_poses,
         },
         "explanation": explain(diagnosis),
