@@ -115,12 +115,16 @@ def _transmission_error(cell: Cell, rng: Rng) -> TrueEffect:
 
 def _strain_wave(cell: Cell, rng: Rng) -> TrueEffect:
     robot = cell.nominal
-    without = [joint.name or f"J{j + 1}" for j, joint in enumerate(robot.joints) if joint.gear_ratio is None]
+    without = [
+        joint.name or f"J{j + 1}"
+        for j, joint in enumerate(robot.joints)
+        if joint.is_revolute and joint.gear_ratio is None
+    ]
     if without:
         raise CalibError(
             f"robot {robot.name}: no gear_ratio for {', '.join(without)}; strain_wave needs them"
         )
-    ratio = np.array([joint.gear_ratio for joint in robot.joints], dtype=float)
+    ratio = np.array([joint.gear_ratio or 1.0 for joint in robot.joints])
     share = rng.uniform(0.2, 1.0, (robot.n_joints, 2))  # once a motor turn, twice
     wave = 1e-4 * share * np.exp(2j * np.pi * rng.random(share.shape))
 

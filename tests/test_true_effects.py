@@ -199,6 +199,22 @@ def test_missing_conditions_and_masses_are_said(rb5: Cell) -> None:
             drawn(name, Cell(bare, Truth.without_effects(bare, np.eye(4)), rb5.q, rb5.conditions))
 
 
+def test_a_sliding_joint_has_no_gear_and_carries_no_turn() -> None:
+    joints = tuple(
+        Joint(
+            a_mm=200.0, alpha_rad=0.5, d_mm=50.0, type=kind, min=-2.0, max=2.0, gear_ratio=ratio, mass_kg=1.0
+        )
+        for kind, ratio in (("revolute", 80.0), ("prismatic", None), ("revolute", 120.0))
+    )
+    robot = Robot("slide", joints, Tool(a_mm=40.0))
+    rng = np.random.default_rng(0)
+    cell = Cell(robot, Truth.without_effects(robot, np.eye(4)), random_poses(robot, 20, rng=rng))
+    for name in ("strain_wave", "transmission_error", "joint_compliance", "kinked_joint", "slip"):
+        turned = stands(cell, drawn(name, cell))
+        assert np.any(turned)
+        assert not np.any(turned[:, 1]), name
+
+
 # ---- loads ----------------------------------------------------------------------------------------------------------
 
 
