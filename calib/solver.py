@@ -25,7 +25,9 @@ Array = NDArray[np.float64]
 
 _NULL = 1e-10  # singular values below this share of the largest carry no information
 _FLOOR = 1e-9  # a residual this much below the first one is at the level of rounding
-_LOOSE = 0.05  # a smaller share in the directions nobody knows is the working point's curvature, not redundancy
+_LOOSE = (
+    0.05  # a smaller share in the directions nobody knows is the working point's curvature, not redundancy
+)
 _WEIGHINGS = 8  # how often prior and noise are weighed anew at the most
 _CONVERGED = (
     1e-12  # a full step would lower the cost by less than this share: no parameter moves by 1e-4 sigma
