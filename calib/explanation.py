@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.calibration import Calibration
 from calib.diagnosis import Diagnosis, Step
+from calib.next_poses import in_words, splitting_poses
 from calib.screening import Candidate
 
 MEASURE_NEXT: Mapping[str, str] = {
@@ -128,7 +129,12 @@ def _ambiguous(diagnosis: Diagnosis) -> str:
     if overlap:
         words += f" Of what {first.name} explains, others could explain as much ({overlap})."
     advice = [f"for {name}, {MEASURE_NEXT[name]}" for name in names if name in MEASURE_NEXT]
-    return words + (f" To tell them apart, measure: {'; '.join(advice)}." if advice else "")
+    words += f" To tell them apart, measure: {'; '.join(advice)}." if advice else ""
+    poses = splitting_poses(diagnosis, count=3)
+    if poses:
+        robot = diagnosis.calibration.dataset.robot
+        words += f" Poses at which they differ most, joints in degrees: {in_words(poses, robot.is_revolute)}."
+    return words
 
 
 def _remains(diagnosis: Diagnosis) -> str:

@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from calib import frames
 from calib.calibration import Calibration, redundancy
-from calib.dataset import Poses
 from calib.errors import FitError
-from calib.observations import Observations, linearise_points
+from calib.observations import Observations, conditions_at, linearise_points
 from calib.redundancy import Redundancy
 
 Array = NDArray[np.float64]
@@ -143,7 +142,7 @@ def prediction_covariance(calibration: Calibration, q: ArrayLike, setup: str | N
     parameter_rows = (root @ rotation @ by_x[rows]).reshape(-1, by_x.shape[-1])
     pseudo = np.linalg.pinv(frame_rows, rcond=1e-9)
     noise = calibration.fit.noise if np.isfinite(calibration.fit.noise) else 1.0
-    points_mm, by_q = model.linearise(x, _anywhere(calibration.dataset.poses, q))
+    points_mm, by_q = model.linearise(x, conditions_at(calibration.dataset.poses, q))
     motion = _motion(frames.apply(scanner_T_base, points_mm), centre)
     drag = rotation @ by_q - motion @ (pseudo @ parameter_rows)
     frame_covariance = noise**2 * pseudo @ pseudo.T
@@ -156,19 +155,3 @@ def _motion(points_mm: Array, centre_mm: Array) -> Array:
     """(N, 3, 6) a small translation of the points, then a small turn about the centre."""
     eye = np.broadcast_to(np.eye(3), (len(points_mm), 3, 3))
     return np.concatenate([eye, -frames.skew(points_mm - centre_mm)], axis=-1)
-
-
-def _anywhere(like: Poses, q: Array) -> Poses:
-    """Poses at joint vectors that no one measured, under the conditions of the first measured pose."""
-    poses = like.select(np.zeros(len(q), dtype=np.int64))
-    return Poses(
-        ids=tuple(f"q{i + 1}" for i in range(len(q))),
-        role=np.full(len(q), "test"),
-        q=q,
-        setup=poses.setup,
-        scan_names=poses.scan_names,
-        payload_kg=poses.payload_kg,
-        temperature_c=poses.temperature_c,
-        time_s=poses.time_s,
-        approach=poses.approach,
-    )

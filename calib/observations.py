@@ -136,3 +136,19 @@ def setup_references(poses: Poses, usable: NDArray[np.bool_]) -> dict[str, int]:
         if setup not in out or poses.role[i] == "reference":
             out[setup] = int(i)
     return out
+
+
+def conditions_at(like: Poses, q: Array) -> Poses:
+    """Poses at joint vectors that no one measured, under the conditions of the first measured pose."""
+    poses = like.select(np.zeros(len(q), dtype=np.int64))
+    return Poses(
+        ids=tuple(f"q{i + 1}" for i in range(len(q))),
+        role=np.full(len(q), "test"),
+        q=q,
+        setup=poses.setup,
+        scan_names=poses.scan_names,
+        payload_kg=poses.payload_kg,
+        temperature_c=poses.temperature_c,
+        time_s=poses.time_s,
+        approach=poses.approach,
+    )

@@ -292,13 +292,18 @@ def _cross_validated(leftover: Leftover, columns: Array, spread: Array) -> float
     shrunk = columns * spread
     inner = np.linalg.inv(np.eye(shrunk.shape[1]) + shrunk.T @ shrunk)
     left = residual - shrunk @ (inner @ (shrunk.T @ residual))
-    poses = leftover.residuals.observed.points.pose
-    sigma_mm = np.sqrt(np.trace(leftover.residuals.observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
+    observed = leftover.residuals.observed
+    sigma_mm = np.sqrt(np.trace(observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
+    order = np.argsort(observed.points.pose, kind="stable")
+    counts = np.unique(observed.points.pose, return_counts=True)[1]
+    starts = np.cumsum(counts) - counts
     total = 0.0
-    for pose in np.unique(poses):
-        points = np.flatnonzero(poses == pose)
-        rows = (3 * points[:, None] + np.arange(3)).ravel()
-        hat = leftover.basis[rows] @ leftover.basis[rows].T + shrunk[rows] @ inner @ shrunk[rows].T
-        error = np.linalg.lstsq(np.eye(len(rows)) - hat, left[rows], rcond=1e-9)[0]
-        total += float(np.sum((error * np.repeat(sigma_mm[points], 3)) ** 2))
+    for count in np.unique(counts):  # all poses with this many points at once
+        points = order[starts[counts == count][:, None] + np.arange(count)]  # (poses, count)
+        rows = (3 * points[:, :, None] + np.arange(3)).reshape(len(points), -1)
+        fitted, extra = leftover.basis[rows], shrunk[rows]
+        hat = fitted @ np.swapaxes(fitted, 1, 2) + extra @ inner @ np.swapaxes(extra, 1, 2)
+        # A pose that alone decides a direction leaves nothing to predict it by: the floor keeps it large, not infinite.
+        error = np.linalg.solve((1.0 + 1e-9) * np.eye(rows.shape[1]) - hat, left[rows][..., None])[..., 0]
+        total += float(np.sum((error * np.repeat(sigma_mm[points], 3, axis=1)) ** 2))
     return float(np.sqrt(total / len(residual)))

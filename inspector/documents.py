@@ -21,6 +21,7 @@ from calib.explanation import explain
 from calib.knowledge import correlated_pairs, known_sums
 from calib.learning import LearningCurve
 from calib.measurement import failed_searches
+from calib.next_poses import splitting_poses
 from calib.redundancy import Redundancy
 from calib.repeatability import repeats_frame
 from calib.screening import Candidate
@@ -217,6 +218,9 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
             "inputs": [asdict(test) for test in remains.inputs],
             "outlier_poses": remains.outlier_poses,
         },
+        "measure_next": [
+            {"q": pose.q, "separation_mm": pose.separation_mm} for pose in splitting_poses(diagnosis)
+        ],
         "explanation": explain(diagnosis),
     }
 

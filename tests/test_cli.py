@@ -332,3 +332,89 @@ def test_wrong_usage_is_one_line_too(
     assert captured.out == ""
     assert captured.err.count("\n") == 1
     assert says in captured.err
+
+
+@pytest.fixture(scope="module")
+def hidden_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("hidden") / "cell"
+    arguments = ["--robot", "rb5", "--poses", "64", "--seed", "21", "--effect", "transmission_error"]
+    assert main(["simulate", str(folder), *arguments]) == 0
+    return folder
+
+
+def test_diagnose_has_the_promised_keys_and_names_the_cause(
+    capsys: pytest.CaptureFixture[str], hidden_folder: Path
+) -> None:
+    document = run_json(capsys, "diagnose", hidden_folder)
+    assert document["verdict"] == "named"
+    assert document["missing"] == ["transmission_error"]
+    assert document["ambiguous_set"] == []
+    first, second = document["steps"]
+    assert first["effect"] is None
+    assert second["effect"] == "transmission_error"
+    assert second["test_rmse_mm"] < 0.7 * first["test_rmse_mm"]
+    assert second["p_value"] < 1e-6
+    assert second["log_evidence_margin"] > 3
+    best = document["candidates"][0]
+    assert best["effect"] == "transmission_error"
+    keys = {"p_value", "p_holm", "log_evidence", "explained_share", "cv_rmse_mm", "overlaps", "parameters"}
+    assert keys <= set(best)
+    assert {"name", "value", "sigma", "unit"} <= set(best["parameters"][0])
+    assert "scanner_scale" in {u["effect"] for u in document["untestable"]}
+    assert all(u["why"] and u["would_help"] for u in document["untestable"])
+    leftover = document["leftover"]
+    assert leftover["noise_from"] == "dataset"
+    assert leftover["noise_mm"] == pytest.approx(0.05)
+    assert {"input", "p_value"} <= set(leftover["inputs"][0])
+    assert leftover["outlier_poses"] == []
+    assert "transmission_error" in document["explanation"]
+    assert main(["diagnose", str(hidden_folder)]) == 0
+    assert "Verdict: transmission_error was missing" in capsys.readouterr().out
+
+
+def test_calibrate_with_the_effect_is_the_diagnosis_step(
+    capsys: pytest.CaptureFixture[str], hidden_folder: Path
+) -> None:
+    plain = run_json(capsys, "calibrate", hidden_folder)
+    with_effect = run_json(capsys, "calibrate", hidden_folder, "--effect", "transmission_error")
+    assert with_effect["effects"] == ["transmission_error"]
+    assert with_effect["test"]["rmse_mm"] < 0.7 * plain["test"]["rmse_mm"]
+    names = {p["name"] for p in with_effect["parameters"]} - {p["name"] for p in plain["parameters"]}
+    assert "transmission_error.J2.sin2_rad" in names
+    given = run_json(capsys, "diagnose", hidden_folder, "--effect", "transmission_error")
+    assert given["missing"] == []
+    assert given["verdict"] == "adequate"
+    assert "rust" in refused(capsys, "diagnose", hidden_folder, "--effect", "rust")
+    assert "approach" in refused(capsys, "calibrate", hidden_folder, "--effect", "backlash")
+
+
+def test_effects_lists_the_catalogue(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["effects", "--json"]) == 0
+    effects = json.loads(capsys.readouterr().out)["effects"]
+    assert {"joint_compliance", "axis_wobble", "scanner_scale"} <= {e["name"] for e in effects}
+    for effect in effects:
+        assert effect["equation"]
+        assert effect["needs"]
+        assert all(p["unit"] for p in effect["parameters"])
+    assert main(["effects"]) == 0
+    assert "transmission_error: theta_j += A sin(n q_j)" in capsys.readouterr().out
+
+
+def test_an_effects_file_is_used_and_a_bad_one_is_one_line(
+    capsys: pytest.CaptureFixture[str], hidden_folder: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "from calib.effects.base import Parameter\n\n\n"
+        "class Fan:\n"
+        '    parameters = (Parameter("x_mm", unit="mm", scale=0.1),)\n\n'
+        "    def apply(self, state, *, x_mm):\n"
+        "        return state.displace((x_mm * state.q_rad[:, :1] * [1.0, 0.0, 0.0]))\n"
+    )
+    document = run_json(capsys, "diagnose", hidden_folder, "--effects-file", path)
+    assert "fan" in {c["effect"] for c in document["candidates"]}
+    assert document["missing"] == ["transmission_error"]
+    path.write_text("def broken(:\n")
+    line = refused(capsys, "diagnose", hidden_folder, "--effects-file", path)
+    assert "line 1" in line
+    assert str(path) in line

@@ -20,6 +20,7 @@ from calib.errors import CalibError, FitError
 from calib.evidence import Problem, holm, weigh
 from calib.explanation import explain
 from calib.failure import failure_of
+from calib.next_poses import splitting_poses
 from calib.robot_file import builtin_robot
 from calib.screening import leftover_of, screen
 from calib.simulation import simulate_dataset
@@ -310,3 +311,21 @@ def test_the_explanation_says_what_an_engineer_asks() -> None:
     for part in ("joint_compliance", "stiffness", "Nm/rad", "test poses", "Verdict"):
         assert part in words
     assert {u.name for u in result.untestable} >= {"scanner_scale"}
+
+
+def test_an_ambiguous_set_comes_with_poses_that_split_it() -> None:
+    """Bending and joint compliance at half a sigma: measured where advised, the right one is told from the other."""
+    result = next(
+        r
+        for seed in range(10, 40)
+        if (r := diagnose(simulated(["link_bending"], seed=seed, sigmas=1.0))).verdict == "ambiguous"
+    )
+    poses = splitting_poses(result)
+    assert len(poses) == 5
+    assert [p.separation_mm for p in poses] == sorted((p.separation_mm for p in poses), reverse=True)
+    measured = result.calibration.dataset.poses.q
+    assert all(np.all((p.q >= measured.min(axis=0)) & (p.q <= measured.max(axis=0))) for p in poses)
+    words = explain(result)
+    assert "cannot tell which" in words
+    assert "Poses at which they differ most" in words
+    assert splitting_poses(diagnose(simulated(seed=8))) == ()

@@ -129,7 +129,8 @@ def _check(effect: Any, state: RobotState, where: str) -> None:
 
 def _applied(effect: Effect, state: RobotState, values: np.ndarray, label: str) -> np.ndarray:
     try:
-        after = apply_values(effect, state, values)
+        with np.errstate(all="ignore"):  # what is not finite is told below
+            after = apply_values(effect, state, values)
     except Exception as error:
         raise CalibError(f"{label}: `apply` fails with {type(error).__name__}: {_one_line(error)}") from None
     if not isinstance(after, RobotState):
