@@ -329,3 +329,25 @@ def test_an_ambiguous_set_comes_with_poses_that_split_it() -> None:
     assert "cannot tell which" in words
     assert "Poses at which they differ most" in words
     assert splitting_poses(diagnose(simulated(seed=8))) == ()
+
+
+@pytest.mark.parametrize("robot", ["rb5", "panda"])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_without_masses_gravity_is_still_named_and_fitted(robot: str, seed: int) -> None:
+    """Unknown mass moments in place of masses; payloads, which are known, vary in one of the two."""
+    dataset = simulate_dataset(
+        builtin_robot(robot),
+        rng=np.random.default_rng(seed),
+        effects=["joint_compliance"],
+        visible_sigmas=4.0,
+        conditions=bool(seed),
+        noise_mm=0.05,
+    ).dataset
+    joints = tuple(replace(joint, mass_kg=None, com_mm=None) for joint in dataset.robot.joints)
+    result = diagnose(replace(dataset, robot=replace(dataset.robot, joints=joints)))
+    assert result.missing == ("joint_compliance",), explain(result)
+    before, after = result.steps[0].calibration.after.test, result.calibration.after.test
+    assert before is not None
+    assert after is not None
+    assert after.rmse_mm < 0.4 * before.rmse_mm
+    assert "no masses" in explain(result)

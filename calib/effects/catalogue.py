@@ -53,7 +53,7 @@ def effects_for(dataset: Dataset) -> tuple[Family, ...]:
     revolute = [j for j in joints if robot.joints[j].is_revolute]
     centre, half = _field(dataset)
     return (
-        _joint_compliance(robot),
+        _joint_compliance(robot, poses),
         _needing_masses("link_bending", robot, tuple(LinkBending(j) for j in joints)),
         Family("transmission_error", tuple(TransmissionError(j, n) for j in revolute for n in (1, 2, 3))),
         _strain_wave(robot),
@@ -92,12 +92,15 @@ def families_from(effects: Sequence[Effect]) -> tuple[Family, ...]:
     return tuple(Family(name, tuple(e for e in effects if family_name(e) == name)) for name in names)
 
 
-def _joint_compliance(robot: Robot) -> Family:
+def _joint_compliance(robot: Robot, poses: Poses) -> Family:
     joints = range(robot.n_joints)
     if has_masses(robot):
         return Family("joint_compliance", tuple(JointCompliance(j) for j in joints))
+    varies = poses.payload_kg is not None and bool(np.ptp(poses.payload_kg[~poses.is_test]) > 0.0)
     members = tuple(
-        JointComplianceUnknownMasses(j, robot.n_joints + 1 - j if robot.joints[j].is_revolute else 1)
+        JointComplianceUnknownMasses(
+            j, places=robot.n_joints + 1 - j if robot.joints[j].is_revolute else 1, payload=varies
+        )
         for j in joints
     )
     note = "robot.toml has no masses: compliance times unknown masses is fitted"

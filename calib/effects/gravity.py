@@ -86,3 +86,15 @@ def unit_torques(state: RobotState, joint: int) -> Array:
         return (axis @ gravity)[:, None]
     places = frames[:, joint + 1 :, :3, 3] - origin[:, None]  # (N, K, 3)
     return np.asarray(np.einsum("ni,nki->nk", axis, np.cross(places * 1e-3, gravity)))
+
+
+def payload_torque(state: RobotState, joint: int) -> Array:
+    """(N,) torque of the payload alone about a joint, N m (a force, N, along a prismatic one)."""
+    frames, gravity = state.chain.base_T_frame, np.array(state.robot.gravity_m_s2)
+    axis, origin = frames[:, joint, :3, 2], frames[:, joint, :3, 3]
+    if state.poses.payload_kg is None:
+        return np.zeros(len(axis))
+    if not state.robot.joints[joint].is_revolute:
+        return np.asarray((axis @ gravity) * state.poses.payload_kg)
+    moment = np.cross((payload_place(state) - origin) * 1e-3, gravity) * state.poses.payload_kg[:, None]
+    return np.asarray(np.einsum("ni,ni->n", axis, moment))

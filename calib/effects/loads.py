@@ -32,26 +32,31 @@ class JointCompliance:
 class JointComplianceUnknownMasses:
     """The same where masses are not known: theta += sum over frames beyond of (c m) x torque of 1 kg there.
 
-    Linear still: each parameter is compliance times the mass that hangs at one frame.
+    Linear still: each parameter is compliance times the mass that hangs at one frame. A payload that varies is known,
+    so its torque comes with the compliance alone.
     """
 
     joint: int
     places: int  # frames beyond the joint, the tool point included
+    payload: bool  # whether it varies
     name = "joint_compliance"
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """One for each frame beyond the joint."""
-        return tuple(
+        """One for each frame beyond the joint, and the compliance where the payload tells it."""
+        masses = tuple(
             Parameter(
                 f"cm_at_{self.joint + 1 + k}", "rad kg/Nm", 2e-4, "compliance times the mass at a frame"
             )
             for k in range(self.places)
         )
+        return (*masses, *(JointCompliance.parameters if self.payload else ()))
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
         """The joint's error added."""
         torques = gravity.unit_torques(state, self.joint)  # (N, K)
+        if self.payload:
+            torques = np.column_stack([torques, gravity.payload_torque(state, self.joint)])
         return state.add_joint_error(self.joint, torques @ np.array(list(values.values())))
 
 
