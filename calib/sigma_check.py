@@ -61,3 +61,9 @@ def check_sigma(calibration: Calibration) -> SigmaCheck:
         low, high = (sigma * float(np.sqrt(freedom / chi2.ppf(share, freedom))) for share in (0.975, 0.025))
     declared = declared_sigma_mm(dataset) if is_declared else None
     return SigmaCheck(sigma, low, high, declared, freedom)
+
+
+def noise_floor_mm(calibration: Calibration) -> float | None:
+    """3D RMSE that the declared noise alone would leave, sqrt(3) sigma; None where the dataset declares none."""
+    declared = check_sigma(calibration).declared_mm
+    return None if declared is None else float(np.sqrt(3.0)) * declared

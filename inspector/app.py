@@ -20,6 +20,7 @@ from calib.errors import CalibError, DatasetError
 from inspector.panels.base import LOOKS, RESIDUALS
 from inspector.panels.corner import CornerPanel
 from inspector.panels.fit import FitPanel
+from inspector.panels.learn import LearnPanel
 from inspector.panels.planes import PlanesPanel
 from inspector.panels.redundancy import RedundancyPanel
 from inspector.panels.review import ReviewPanel
@@ -27,7 +28,7 @@ from inspector.panels.scans import ScansPanel
 from inspector.scene import LAYERS
 from inspector.server import LOOPBACK, InspectorServer, start_server, tell, url_of
 from inspector.stage import Stage
-from inspector.worker import Worker
+from inspector.worker import LongWork, Worker
 
 log = logging.getLogger(__name__)
 
@@ -41,6 +42,7 @@ class App:
         self._known = tuple(named)
         self._asking = threading.Lock()
         self._wanted = 0  # the pose asked for last
+        self._moves = 0  # changes of the model to go back (below 0) or forward
         self.stage = self._build(named)
         self.worker = Worker(self._failed)
         self.open(self._known[0])
@@ -61,18 +63,21 @@ class App:
             redundancy = RedundancyPanel(gui, self)
         with tabs.add_tab("Fit"):
             fit = FitPanel(gui, self)
+        with tabs.add_tab("Learn"):
+            learn = LearnPanel(gui, self)
         left.dock_left()
         left.set_width(290)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(440)
         return Stage(
             self.server, folders, review=review, scans=scans, planes=planes, corner=corner, redundancy=redundancy,
-            fit=fit, on_click=self.select, on_open=self._opened,
+            fit=fit, learn=learn, on_click=self.select, on_open=self._opened,
         )  # fmt: skip
 
     def close(self) -> None:
         """End the work and the server."""
         self.worker.stop()
+        self.stage.model.close()
         self.server.stop()
 
     def _failed(self, key: Hashable, error: Exception) -> None:
@@ -157,7 +162,37 @@ class App:
     def calibrate(self, residual: str) -> None:
         """Fit the robot's parameters to distances or positions."""
         if residual in RESIDUALS:
-            self.worker.submit("calibrate", lambda: self.stage.calibrate(residual))
+            self.worker.submit("calibrate", lambda: self.stage.model.calibrate(residual))
+
+    def find(self, start: bool) -> None:
+        """Look for what is missing, to the end; or stop looking."""
+        if start:
+            self.worker.submit("find", lambda: self.stage.model.find())
+        else:
+            self.worker.cancel("find")
+
+    def candidate(self) -> None:
+        """Show what is known of the candidate that is chosen now."""
+        self.worker.submit("candidate", lambda: self.stage.learn.update_choice(self.stage.now))
+
+    def add_effect(self, name: str) -> None:
+        """Add an effect to the model; a second press for the same effect adds nothing."""
+        self.worker.submit(("add", name), lambda: self.stage.model.add(name))
+
+    def remove_effect(self, name: str) -> None:
+        """Take an effect out of the model."""
+        self.worker.submit(("remove", name), lambda: self.stage.model.remove(name))
+
+    def move(self, by: int) -> None:
+        """Undo changes of the model, or redo them; three presses are three changes."""
+        with self._asking:
+            self._moves += by
+        self.worker.submit("move", self._move)
+
+    def _move(self) -> LongWork:
+        with self._asking:
+            by, self._moves = self._moves, 0
+        return self.stage.model.move(by)
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:

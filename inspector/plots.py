@@ -186,6 +186,56 @@ def pose_residuals(
     return fig
 
 
+def error_history(
+    labels: Sequence[str],
+    train_rmse_mm: ArrayLike,
+    test_rmse_mm: ArrayLike,
+    floor_mm: float | None,
+    *,
+    dark: bool = False,
+) -> go.Figure:
+    """3D RMSE after each change of the model, logarithmic, with the noise as a line. NaN leaves a gap."""
+    fig = go.Figure()
+    steps = np.arange(len(labels))
+    names = [escape(label) for label in labels]
+    shown: list[float] = []
+    for role, values in (("train", train_rmse_mm), ("test", test_rmse_mm)):
+        y = np.asarray(values, dtype=float)
+        y = np.where(y > 0, y, np.nan)
+        if not np.isfinite(y).any():
+            continue
+        shown += y[np.isfinite(y)].tolist()
+        fig.add_trace(
+            go.Scatter(
+                x=steps.tolist(), y=y.tolist(), customdata=names, mode="lines+markers", name=ROLE_WORDS[role],
+                line={"color": ROLE_COLOURS[role], "width": 2},
+                marker={"size": 8, "symbol": "circle" if role == "train" else "diamond"},
+                hovertemplate="%{customdata}<br>" + ROLE_WORDS[role] + " 3D RMSE %{y:.4g} mm<extra></extra>",
+            )
+        )  # fmt: skip
+    if floor_mm is not None and len(labels):
+        shown.append(floor_mm)
+        fig.add_trace(
+            go.Scatter(
+                x=[-0.3, len(labels) - 0.7], y=[floor_mm, floor_mm], mode="lines", name="noise alone",
+                line={"color": "#8A8F98", "width": 2, "dash": "dash"},
+                hovertemplate=f"noise alone: {floor_mm:.4g} mm<extra></extra>",
+            )
+        )  # fmt: skip
+    _style(fig, dark, margin={"l": 56, "r": 14, "t": 30, "b": 10})
+    ticks = _log_ticks(shown)
+    fig.update_yaxes(
+        type="log", title="3D RMSE, mm", automargin=True, tickvals=ticks, ticktext=[f"{t:g}" for t in ticks]
+    )
+    if shown:
+        fig.update_yaxes(range=[np.log10(min(shown) / 1.3), np.log10(max(shown) * 1.3)])
+    fig.update_xaxes(
+        tickvals=steps.tolist(), ticktext=names, range=[-0.3, len(labels) - 0.7], tickfont={"size": 10},
+        tickangle=-25 if len(labels) > 2 else 0, automargin=True,
+    )  # fmt: skip
+    return fig
+
+
 def _style(fig: go.Figure, dark: bool, margin: dict[str, int]) -> None:
     text = "#E8EAED" if dark else "#24292F"
     grid = "rgba(255,255,255,0.14)" if dark else "rgba(0,0,0,0.10)"

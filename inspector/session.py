@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -10,9 +10,34 @@ from calib.calibration import Calibration, calibrate, redundancy
 from calib.corners import CornerSearch, search_file
 from calib.dataset import Dataset
 from calib.dataset_file import load_dataset
-from calib.errors import DatasetError
+from calib.diagnosis import Diagnosis, diagnose
+from calib.effects.base import Effect
+from calib.effects.catalogue import effects_for
+from calib.errors import CalibError, DatasetError
 from calib.measurement import with_corners
 from calib.redundancy import Redundancy
+from calib.screening import Candidate, Screening, screen
+
+GEOMETRY = "link errors"
+
+
+@dataclass(frozen=True)
+class Added:
+    """An effect in the model, as the screening proposed it: the members that carry it, and their sizes."""
+
+    name: str
+    members: tuple[Effect, ...]
+    sizes: Mapping[str, float]  # by full parameter name
+
+
+@dataclass(frozen=True)
+class HistoryStep:
+    """One state of the model: what was done, and how far it is from the measurements after that."""
+
+    label: str
+    train_rmse_mm: float
+    test_rmse_mm: float  # nan without test poses
+    sigma_mm: float  # residual sigma of a coordinate; nan where no degree of freedom is left
 
 
 @dataclass(frozen=True)
@@ -23,6 +48,10 @@ class Session:
     searches: Mapping[str, CornerSearch] = field(default_factory=dict)  # by pose id
     redundancy: Redundancy | None = None
     calibration: Calibration | None = None
+    effects: tuple[Added, ...] = ()  # beyond the link errors
+    screening: Screening | None = None  # of everything not in this calibration's model
+    diagnosis: Diagnosis | None = None  # where it led to this calibration
+    history: tuple[HistoryStep, ...] = ()  # the nominal robot, the link errors, then each change of the model
 
     @property
     def measured(self) -> Dataset:
@@ -49,8 +78,11 @@ def with_search(session: Session, pose: int) -> Session:
         raise DatasetError(f"dataset {session.dataset.name}: it has no scans to search")
     search = search_file(path, session.dataset.jig, session.dataset.scanner.scan_sigma_mm)
     searches = {**session.searches, session.dataset.poses.ids[pose]: search}
-    calibration = session.calibration if session.dataset.points is not None else None
-    return replace(session, searches=searches, calibration=calibration)
+    if session.dataset.points is not None:
+        return replace(session, searches=searches)
+    return replace(
+        session, searches=searches, calibration=None, effects=(), screening=None, diagnosis=None, history=()
+    )
 
 
 def with_redundancy(session: Session, residual: str = "position") -> Session:
@@ -59,5 +91,96 @@ def with_redundancy(session: Session, residual: str = "position") -> Session:
 
 
 def with_calibration(session: Session, residual: str = "position") -> Session:
-    """Fit the five-parameter model to what is measured so far."""
-    return replace(session, calibration=calibrate(session.measured, residual=residual))
+    """Fit the five-parameter model, and the effects that were added, to what is measured so far."""
+    result = _fit(session, session.effects, residual)
+    label = session.history[-1].label if session.effects else GEOMETRY
+    start = HistoryStep("nominal", *_errors(result, before=True), float("nan"))
+    history = (*(session.history[:-1] if session.effects else (start,)), _step(label, result))
+    return replace(session, calibration=result, screening=None, diagnosis=None, history=history)
+
+
+def with_screening(session: Session) -> Session:
+    """Hold every effect of the catalogue against what the calibration left over."""
+    return replace(session, screening=screen(_calibrated(session), effects_for(session.measured)))
+
+
+def with_effect(session: Session, name: str) -> Session:
+    """Add an effect as the screening proposes it, and fit everything together again."""
+    if any(added.name == name for added in session.effects):
+        raise CalibError(f"effect {name} is in the model already")
+    ranked = {} if session.screening is None else {c.name: c for c in session.screening.candidates}
+    if name not in ranked:
+        raise CalibError(
+            f"effect {name} is not among the candidates: {', '.join(ranked) or 'none is ranked yet'}"
+        )
+    candidate = ranked[name]
+    if not candidate.members:
+        raise CalibError(
+            f"effect {name}: no part of it shows in what is left over, so there is nothing to add"
+        )
+    return _changed(session, (*session.effects, _added(candidate)), f"+ {name}")
+
+
+def without_effect(session: Session, name: str) -> Session:
+    """Take an effect out of the model, and fit the rest again."""
+    kept = tuple(added for added in session.effects if added.name != name)
+    if len(kept) == len(session.effects):
+        inside = ", ".join(added.name for added in session.effects) or "only the link errors"
+        raise CalibError(f"effect {name} is not in the model; there is {inside}")
+    return _changed(session, kept, f"− {name}")
+
+
+def with_diagnosis(session: Session, on_step: Callable[[str], None] | None = None) -> Session:
+    """Find what is missing from the link errors alone, to the end, and take the model that this leads to.
+
+    `on_step` hears a line of words before each stage; what it raises ends the work.
+    """
+    found = diagnose(session.measured, on_step=on_step)
+    first = found.steps[0].calibration
+    start = HistoryStep("nominal", *_errors(first, before=True), float("nan"))
+    steps = [_step(f"+ {s.effect}" if s.effect else GEOMETRY, s.calibration) for s in found.steps]
+    return replace(
+        session,
+        calibration=found.calibration,
+        effects=tuple(_added(s.candidate) for s in found.steps if s.candidate is not None),
+        screening=found.steps[-1].screening,
+        diagnosis=found,
+        history=(start, *steps),
+    )
+
+
+def _calibrated(session: Session) -> Calibration:
+    if session.calibration is None:
+        raise CalibError(f"dataset {session.dataset.name}: it is not calibrated yet")
+    return session.calibration
+
+
+def _added(candidate: Candidate) -> Added:
+    return Added(candidate.name, candidate.members, candidate.sizes)
+
+
+def _fit(session: Session, effects: tuple[Added, ...], residual: str) -> Calibration:
+    sizes: dict[str, float] = {}
+    for added in effects:
+        sizes |= added.sizes
+    members = [member for added in effects for member in added.members]
+    return calibrate(session.measured, residual=residual, effects=members, sizes=sizes)
+
+
+def _changed(session: Session, effects: tuple[Added, ...], label: str) -> Session:
+    result = _fit(session, effects, _calibrated(session).residual)
+    history = (*session.history, _step(label, result))
+    return replace(
+        session, calibration=result, effects=effects, screening=None, diagnosis=None, history=history
+    )
+
+
+def _step(label: str, result: Calibration) -> HistoryStep:
+    return HistoryStep(label, *_errors(result), result.sigma_mm)
+
+
+def _errors(result: Calibration, *, before: bool = False) -> tuple[float, float]:
+    """3D RMSE of training and test poses, mm."""
+    evaluation = result.before if before else result.after
+    train, test = evaluation.train, evaluation.test
+    return train.rmse_mm if train else float("nan"), test.rmse_mm if test else float("nan")

@@ -19,10 +19,12 @@ from calib.errors import CalibError, DatasetError, ScanError
 from calib.scan import Scan, load_scan
 from inspector import session as sessions
 from inspector.drawing import PLANE_LAYERS, draw_corners, draw_overview, draw_planes, draw_pose
+from inspector.modelling import Modelling
 from inspector.palette import role_colour
 from inspector.panels.base import FACTORS, LOOKS, WIDE_LOOKS, View, corner_of, put
 from inspector.panels.corner import CornerPanel
 from inspector.panels.fit import FitPanel
+from inspector.panels.learn import LearnPanel
 from inspector.panels.planes import PlanesPanel
 from inspector.panels.redundancy import RedundancyPanel
 from inspector.panels.review import LOOK_LAYERS, ReviewPanel
@@ -51,17 +53,19 @@ class Stage:
         corner: CornerPanel,
         redundancy: RedundancyPanel,
         fit: FitPanel,
+        learn: LearnPanel,
         on_click: Callable[[int], None],
         on_open: Callable[[], None],
     ) -> None:
         self._server = server
         self._folders = folders
         self.review, self.scans, self.planes, self.corner = review, scans, planes, corner
-        self.redundancy, self.fit = redundancy, fit
+        self.redundancy, self.fit, self.learn = redundancy, fit, learn
+        self.model = Modelling(self, learn)
         self._on_click, self._on_open = on_click, on_open
         self.scene = SceneView(server)
         self.view: View | None = None
-        self._name = ""
+        self.name = ""  # of the dataset on show
         self._sessions: dict[str, Session] = {}  # those opened before, so that returning to one is immediate
         self._scan: tuple[int, Scan] | None = None  # the selected pose's; no other is kept
         self._medians: dict[int, NDArray] = {}  # (3,) middle of each scan that was loaded, mm
@@ -95,11 +99,11 @@ class Stage:
         except CalibError:
             if self.view is None:
                 self.review.show_progress(0, 0, 0, running=False)
-            elif self._name:
-                put(self.review.dataset, self._name)
+            elif self.name:
+                put(self.review.dataset, self.name)
             raise
         old = self.view
-        self._name, self._scan, self._search_s = name, None, 0.0
+        self.name, self._scan, self._search_s = name, None, 0.0
         self._medians = {}
         self.view = View(session) if old is None else replace(old, session=session, pose=0, failures={})
         self._on_open()
@@ -130,15 +134,18 @@ class Stage:
         if self.now.session.calibration is None:
             self.fit.update(self.now, waiting="Calibrating …")
             yield
-            self.calibrate(str(self.fit.residual.value))
+            yield from self.model.calibrate(str(self.fit.residual.value))
+        else:
+            yield from self.model.rank()
 
     def stopped(self) -> None:
         """The user has stopped the search."""
         self._show_progress(running=False)
 
-    def _keep(self, session: Session) -> None:
+    def keep(self, session: Session) -> None:
+        """What is known of the dataset on show from now on."""
         self.view = replace(self.now, session=session)
-        self._sessions[self._name] = session
+        self._sessions[self.name] = session
 
     # ---- scans ------------------------------------------------------------------------------------------------------
 
@@ -159,7 +166,7 @@ class Stage:
         """Load one scan, search it where its corner is not measured, and draw it in the overview."""
         scan = self._load(pose)
         if self._to_search(pose):
-            self._keep(sessions.with_search(self.now.session, pose))
+            self.keep(sessions.with_search(self.now.session, pose))
         first = not self._medians
         self._medians[pose] = np.full(3, np.nan)
         if scan is not None and len(scan.points_mm):
@@ -229,7 +236,7 @@ class Stage:
         self.view = replace(self.now, pose=pose)
         session = self.now.session
         if session.dataset.points is not None and pose in session.waiting:
-            self._keep(sessions.with_search(session, pose))  # not needed for the fit, only to be looked at
+            self.keep(sessions.with_search(session, pose))  # not needed for the fit, only to be looked at
         self.draw_pose()
         self.fit.update_residuals(self.now)
 
@@ -254,6 +261,7 @@ class Stage:
         self.draw_pose()
         self.redundancy.update(self.now)
         self.fit.update(self.now, waiting="The fit starts when all corners are found.")
+        self.model.show()
 
     # ---- the view ---------------------------------------------------------------------------------------------------
 
@@ -271,6 +279,7 @@ class Stage:
             self.view = replace(self.view, dark=dark)
             self.redundancy.update(self.view)
             self.fit.update(self.view)
+            self.learn.update_figure(self.view)
 
     def layer(self, name: str, visible: bool) -> None:
         """Show or hide one layer."""
@@ -320,25 +329,19 @@ class Stage:
         elif self.now.pose in self._medians and np.isfinite(self._medians[self.now.pose]).all():
             self.scene.focus(self._medians[self.now.pose])
 
-    # ---- calibration ------------------------------------------------------------------------------------------------
+    # ---- the model --------------------------------------------------------------------------------------------------
 
     def analyse(self, residual: str) -> None:
         """Redundancy of the parameters for this kind of residual."""
-        self._keep(sessions.with_redundancy(self.now.session, residual))
+        self.keep(sessions.with_redundancy(self.now.session, residual))
         self.redundancy.update(self.now)
 
     def show_correlation(self) -> None:
         """The part of the matrix that is chosen now."""
         self.redundancy.update(self.now)
 
-    def calibrate(self, residual: str) -> None:
-        """Fit the parameters to this kind of residual."""
-        self.fit.busy(True)
-        try:
-            self._keep(sessions.with_calibration(self.now.session, residual))
-        except CalibError as error:
-            self.fit.update(self.now, waiting=str(error))
-            raise
-        finally:
-            self.fit.busy(False)
+    def show_model(self, session: Session) -> None:
+        """Another model of the same dataset, everywhere."""
+        self.keep(session)
         self.fit.update(self.now)
+        self.model.show()

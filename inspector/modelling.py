@@ -1,0 +1,189 @@
+"""Every change of the model: fits, effects added and removed, undo and redo. Runs on the worker's thread only.
+
+A fit is quick and done at once. Ranking the effects and the whole diagnosis take seconds: they are done aside, while
+the worker goes on with what else is asked for. Their result counts only if the model is still the one they began with.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Generator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, TypeVar
+
+from calib.errors import CalibError
+from inspector import session as sessions
+from inspector.panels.learn import LearnPanel
+from inspector.session import Session
+from inspector.worker import LongWork
+
+if TYPE_CHECKING:
+    from inspector.stage import Stage
+
+T = TypeVar("T")
+TURN_S = 0.02  # how long a look at work done aside takes; nothing else is done meanwhile
+
+
+class Stopped(Exception):
+    """Raised inside work aside that nobody waits for any more."""
+
+
+@dataclass
+class _Undo:
+    """The sessions before and after the one on show, of one dataset."""
+
+    past: list[Session] = field(default_factory=list)
+    future: list[Session] = field(default_factory=list)
+
+
+class Modelling:
+    """What changes the calibration of the session on show."""
+
+    def __init__(self, stage: Stage, learn: LearnPanel) -> None:
+        self._stage, self._learn = stage, learn
+        self._undo: dict[str, _Undo] = {}  # by dataset
+        self._aside = ThreadPoolExecutor(1, thread_name_prefix="inspector-aside")
+
+    def close(self) -> None:
+        """Let go of the thread."""
+        self._aside.shutdown(wait=False, cancel_futures=True)
+
+    @property
+    def _session(self) -> Session:
+        return self._stage.now.session
+
+    @property
+    def _steps(self) -> _Undo:
+        return self._undo.setdefault(self._stage.name, _Undo())
+
+    def show(self) -> None:
+        """The learning tab, as the session stands."""
+        steps = self._steps
+        self._learn.update(self._stage.now, undo=len(steps.past), redo=len(steps.future))
+
+    def _change(self, session: Session) -> None:
+        """A new model, with the way back to the one before."""
+        steps = self._steps
+        if self._session.calibration is not None:
+            steps.past.append(self._session)
+        steps.future.clear()
+        self._stage.show_model(session)
+
+    # ---- the link errors --------------------------------------------------------------------------------------------
+
+    def calibrate(self, residual: str) -> LongWork:
+        """Fit the parameters to this kind of residual, then rank what could be missing."""
+        self._stage.fit.busy(True)
+        try:
+            session = sessions.with_calibration(self._session, residual)
+        except CalibError as error:
+            self._stage.fit.update(self._stage.now, waiting=str(error))
+            raise
+        finally:
+            self._stage.fit.busy(False)
+        if self._session.calibration is None:  # points were found since: what was learnt before is of no use
+            self._undo.pop(self._stage.name, None)
+        self._change(session)
+        yield from self.rank()
+
+    # ---- effects ----------------------------------------------------------------------------------------------------
+
+    def rank(self) -> LongWork:
+        """Rank the effects against what is left, where that is not known yet."""
+        session = self._session
+        if session.calibration is None or session.screening is not None:
+            self.show()
+            return
+        self._learn.say("Ranking what could be missing …")
+        yield
+        try:
+            ranked = yield from self._beside(lambda: sessions.with_screening(session), session)
+        except CalibError as error:  # nothing that the user asked for: the tab says it
+            self._learn.say(str(error))
+            return
+        if ranked is not None:
+            self._stage.keep(replace(self._session, screening=ranked.screening))
+            self.show()
+
+    def add(self, name: str) -> LongWork:
+        """Add an effect to the model; nothing happens where it is in it already."""
+        if any(added.name == name for added in self._session.effects):
+            yield from self.rank()
+            return
+        if self._session.screening is None:
+            yield from self.rank()
+        self._change(sessions.with_effect(self._session, name))
+        yield
+        yield from self.rank()
+
+    def remove(self, name: str) -> LongWork:
+        """Take an effect out of the model; nothing happens where it is not in it."""
+        if all(added.name != name for added in self._session.effects):
+            yield from self.rank()
+            return
+        self._change(sessions.without_effect(self._session, name))
+        yield
+        yield from self.rank()
+
+    def move(self, by: int) -> LongWork:
+        """Go back by so many changes of the model (below 0), or forward again."""
+        steps = self._steps
+        session = self._session
+        for _ in range(abs(by)):
+            source, other = (steps.past, steps.future) if by < 0 else (steps.future, steps.past)
+            if not source:
+                break
+            other.append(session)
+            session = source.pop()
+        if session is not self._session:
+            now = self._session  # what was looked at meanwhile stays known
+            self._stage.show_model(replace(session, searches=now.searches, redundancy=now.redundancy))
+        yield
+        yield from self.rank()
+
+    def find(self) -> LongWork:
+        """The whole diagnosis, from the link errors alone."""
+        session = self._session
+        stop, said = threading.Event(), ["fitting the geometry"]
+
+        def on_step(words: str) -> None:
+            if stop.is_set():
+                raise Stopped
+            said.append(words)
+
+        shown = ""
+        self._learn.finding(True)
+        try:
+            work = self._beside(lambda: sessions.with_diagnosis(session, on_step), session)
+            while True:
+                if said[-1] != shown:
+                    shown = said[-1]
+                    self._learn.say(f"Looking for what is missing: {shown} …")
+                try:
+                    next(work)
+                except StopIteration as end:
+                    found = end.value
+                    break
+                yield
+            if found is not None:
+                now = self._session
+                self._change(replace(found, searches=now.searches, redundancy=now.redundancy))
+        finally:
+            stop.set()
+            self._learn.finding(False)
+            self.show()
+        yield from self.rank()  # where another change came in between
+
+    def _beside(self, compute: Callable[[], T], started: Session) -> Generator[None, None, T | None]:
+        """The result, once it is there; None where the model on show is not the one it began with any more."""
+        future: Future[T] = self._aside.submit(compute)
+        try:
+            while not future.done():
+                wait([future], TURN_S)
+                yield
+                if self._session.calibration is not started.calibration:
+                    return None
+            return future.result()
+        finally:
+            future.cancel()

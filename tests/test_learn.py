@@ -1,0 +1,196 @@
+"""The learning loop on the page, without a browser: add, see the error fall, undo, redo, find, many clicks."""
+
+from __future__ import annotations
+
+import contextlib
+import html
+import io
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hidden_dataset import HIDDEN, write_hidden
+from inspector.app import App, serving
+from inspector.cli import main
+from inspector.panels import words
+from inspector.panels.learn import FIND, REDO, REMOVE, UNDO
+from inspector.session import Session
+from wire_client import WireClient
+
+IDLE_S = 60.0
+ADD = "Add to the model"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_hidden(tmp_path_factory.mktemp("hidden"))
+
+
+@pytest.fixture
+def app(folder: Path) -> Iterator[App]:
+    with serving(folder, port=0) as running:
+        assert running.worker.wait_idle(IDLE_S)
+        yield running
+
+
+@pytest.fixture
+def page(app: App) -> Iterator[WireClient]:
+    with WireClient(app.server.get_port()) as client:
+        yield client
+
+
+def session(app: App) -> Session:
+    return app.stage.now.session
+
+
+def plain(page: WireClient) -> str:
+    return html.unescape(re.sub(r"<[^>]+>", " ", page.text()))
+
+
+def shows(page: WireClient, *parts: str) -> None:
+    page.wait(lambda p: all(part in plain(p) for part in parts), 30)
+
+
+def history(page: WireClient) -> dict[str, list[float]]:
+    """The curves of the error history, by name."""
+    for text in page.figures():
+        traces = json.loads(text).get("data", []) if text else []
+        if any(t.get("name") == "noise alone" for t in traces):
+            return {t["name"]: t["y"] for t in traces}
+    return {}
+
+
+def command(*arguments: object) -> dict[str, Any]:
+    """What the command prints as JSON."""
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        main([*map(str, arguments), "--json"])
+    document: dict[str, Any] = json.loads(out.getvalue())
+    return document
+
+
+def test_add_undo_redo_and_remove(app: App, page: WireClient) -> None:
+    start = history(page)
+    assert len(start["test"]) == 2
+    assert page.value("Effect") == HIDDEN  # the best comes first
+    page.click(ADD)
+    shows(page, f"+ {HIDDEN}: the test error fell", f"link errors + {HIDDEN}")
+    page.wait(lambda p: len(history(p)["test"]) == 3)
+    fallen = history(page)
+    assert fallen["test"][2] < 0.5 * fallen["test"][1]
+    assert fallen["test"][:2] == start["test"]
+    assert words.millimetres(session(app).history[-1].test_rmse_mm) in plain(page)
+    page.set("Model", UNDO)
+    page.wait(lambda p: history(p) == start)
+    page.set("Model", REDO)
+    page.wait(lambda p: history(p) == fallen)
+    page.set("Effect", HIDDEN)
+    page.set("Model", REMOVE)
+    shows(page, f"\u2212 {HIDDEN}: the test error rose", "It was needed")
+    assert not page.notifications
+
+
+def test_find_gives_what_the_command_gives(folder: Path, app: App, page: WireClient) -> None:
+    told = command("diagnose", folder)
+    page.click(FIND)
+    page.wait(lambda p: "Verdict: " in plain(p), 60)
+    assert app.worker.wait_idle(IDLE_S)
+    text = plain(page)
+    for paragraph in told["explanation"].split("\n\n"):
+        assert paragraph in text
+    assert told["missing"] == [HIDDEN]
+    curves = history(page)
+    assert curves["test"][1:] == pytest.approx([s["test_rmse_mm"] for s in told["steps"]])
+    assert curves["training"][1:] == pytest.approx([s["train_rmse_mm"] for s in told["steps"]])
+    assert page.has(FIND)  # it is not looking any more
+    page.set("Model", UNDO)  # the diagnosis is one change
+    page.wait(lambda p: len(history(p)["test"]) == 2)
+    assert "Verdict: " not in plain(page)
+
+
+def test_the_ranking_is_the_commands_too(folder: Path, page: WireClient) -> None:
+    candidates = command("diagnose", folder, "--max-steps", 0)["candidates"]
+    shows(page, "What could be missing")
+    assert set(page.props("Effect")["options"]) == {c["effect"] for c in candidates}
+    assert page.props("Effect")["options"][0] == candidates[0]["effect"] == HIDDEN
+    text = plain(page)
+    assert f"{candidates[0]['log_evidence']:.1f}" in text
+    assert words.millimetres(candidates[0]["cv_rmse_mm"]) in text
+    for parameter in candidates[0]["parameters"]:
+        assert parameter["name"].partition(".")[2] in text
+    assert "scanner_scale: a scale error of the scanner equals" in text
+
+
+def test_fifty_quick_clicks_add_it_once(app: App, page: WireClient) -> None:
+    for _ in range(50):
+        page.click(ADD)
+    shows(page, f"+ {HIDDEN}: the test error fell")
+    assert app.worker.wait_idle(IDLE_S)
+    assert [added.name for added in session(app).effects] == [HIDDEN]
+    assert session(app).screening is not None
+    for _ in range(50):
+        page.set("Model", UNDO)
+    page.wait(lambda p: len(history(p)["test"]) == 2)
+    for _ in range(50):
+        page.set("Model", REDO)
+    page.wait(lambda p: len(history(p)["test"]) == 3)
+    assert app.worker.wait_idle(IDLE_S)
+    assert not page.notifications
+
+
+def test_two_pages_see_one_session_and_one_may_leave(app: App, page: WireClient) -> None:
+    with WireClient(app.server.get_port()) as other:
+        other.click(ADD)
+        page.click(ADD)
+        for seen in (page, other):
+            shows(seen, f"link errors + {HIDDEN}")
+        assert app.worker.wait_idle(IDLE_S)
+        other.click(FIND)
+    page.wait(lambda p: "Verdict: " in plain(p), 60)
+    assert [added.name for added in session(app).effects] == [HIDDEN]
+    with WireClient(app.server.get_port()) as late:
+        shows(late, "Verdict: ", f"link errors + {HIDDEN}")
+
+
+def test_an_effect_that_does_not_help_is_shown_as_such(app: App, page: WireClient) -> None:
+    page.click(ADD)
+    shows(page, f"+ {HIDDEN}: the test error fell")
+    assert app.worker.wait_idle(IDLE_S)
+    screening = session(app).screening
+    assert screening is not None
+    useless = next(c.name for c in screening.candidates if c.members)
+    page.set("Effect", useless)
+    shows(page, f"Effect {useless}")
+    page.click(ADD)
+    page.wait(lambda p: len(history(p)["test"]) == 4)
+    old, new = (step.test_rmse_mm for step in session(app).history[-2:])
+    helped = new < 0.99 * old
+    assert ("It does not help" in plain(page)) != helped
+
+
+def test_the_page_goes_on_while_the_program_looks(app: App, page: WireClient) -> None:
+    page.click(FIND)
+    page.wait(lambda p: p.has("Stop looking"))
+    page.trigger("Next pose")
+    shows(page, "2 of 45")
+    if page.has("Stop looking"):
+        page.click("Stop looking")
+    page.wait(lambda p: p.has(FIND), 30)
+    assert app.worker.wait_idle(IDLE_S)
+    assert not page.notifications
+
+
+def test_unlisted_effects_are_told_or_ignored(app: App, page: WireClient) -> None:
+    before = session(app)
+    page.send(type="GuiUpdateMessage", uuid=page.find("Effect"), updates={"value": "<b>none</b>"})
+    app.add_effect("<b>none</b>")
+    page.wait(lambda p: p.notifications)
+    assert "not among the candidates" in page.notifications[-1]["props"]["body"]
+    assert "<b>none" not in page.text()
+    app.remove_effect("no such effect")
+    assert app.worker.wait_idle(IDLE_S)
+    assert session(app) is before
