@@ -101,7 +101,7 @@ def robotkinecal(problem, variant):  # type: ignore[no-untyped-def]
     """SerialRobotKineCal with positions, in metres as in its examples.
 
     "mm": in millimetres, where its tolerance is finer. It knows one base frame only: with several places its iterations
-    alternate with fitting the places' frames.
+    alternate with fitting the places' frames until the training error no longer falls, and the best is kept.
     """
     import roboticstoolbox as rtb
     from robotkinecal import SerialRobotKineCal
@@ -137,15 +137,20 @@ def robotkinecal(problem, variant):  # type: ignore[no-untyped-def]
         result = calibration.solve()
         note = f"{result.nb_iterations_executed} iterations, converged {result.has_converged}"
     else:
-        last, note = rmse(), "200 rounds"
-        for round_ in range(200):
+        best, note = rmse(), "30 rounds"
+        for round_ in range(30):
+            kept = (
+                list(calibration.joint_screw_axis),
+                SE3(calibration.zero_conf_EE_pose.A.copy(), check=False),
+            )
             calibration.set_observations(list(q), list(unit * in_base(problem["points"], predict(q), setup)))
             calibration.solve(max_iterations=1)
             now = rmse()
-            if abs(last - now) < 1e-5 * last:
-                note = f"{round_ + 1} rounds"
+            if now >= best * (1.0 - 1e-5):
+                calibration.joint_screw_axis, calibration.zero_conf_EE_pose = kept
+                note = f"stopped after {round_ + 1} rounds, when the error was {now:.3g} mm; the best is kept"
                 break
-            last = now
+            best = now
     seconds = time.perf_counter() - began
     return predict, seconds, 4 * calibration.N_JOINTS + 3, note
 
