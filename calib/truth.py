@@ -114,8 +114,8 @@ def scanner_T_target(truth: Truth, q: ArrayLike, conditions: Conditions = STANDA
 
 
 def jig_side(robot: Robot) -> float:
-    """+1 or -1: to which side of the tool frame's z axis the jig points."""
-    return -1.0 if robot.tool.d_mm < 0 else 1.0
+    """+1 or -1: to which side of the tool frame's z axis the jig points; +1 for a tool without length but an error."""
+    return -1.0 if robot.tool.d_mm < -10.0 else 1.0
 
 
 def truth_document(truth: Truth, nominal: Robot, **more: Any) -> dict[str, Any]:

@@ -396,6 +396,19 @@ def test_scanner_laws(rb5: Cell) -> None:
     np.testing.assert_allclose(rb5.moved_mm(FieldBump(shift, p[3], 150.0))[3], shift, atol=1e-12)
 
 
+def test_error_of_a_tool_without_length_does_not_turn_the_jig_round() -> None:
+    cell = cell_of("panda")
+    for d_mm in (0.4, -0.4):
+        robot = replace(cell.nominal, tool=replace(cell.nominal.tool, d_mm=d_mm))
+        truth = Truth.without_effects(robot, cell.truth.base_T_scanner)
+        seen = scanner_T_target(truth, cell.q)
+        p = seen[:, :3, 3]
+        ray = p / np.linalg.norm(p, axis=1)[:, None]
+        wanted = 0.4 * (1.0 + np.sum(seen[:, :3, 2] * ray, axis=1)[:, None]) * ray
+        moved = scanner_T_target(truth.with_effects(IncidenceBias(0.4)), cell.q)[:, :3, 3] - p
+        np.testing.assert_allclose(moved, wanted, atol=1e-11)
+
+
 def test_drifting_scanner_moves_as_a_rigid_body(rb5: Cell) -> None:
     v, w = (
         np.array([1e-4, -2e-4, 0.0]),
