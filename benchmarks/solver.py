@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import os
-from dataclasses import replace
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -44,6 +43,7 @@ from calib.redundancy import analyse
 from calib.residuals import PositionResiduals, make_residuals
 from calib.robot import Robot
 from calib.solver import Fit, solve
+from calib.true_loads import JointCompliance
 from calib.truth import Truth
 
 # ---------------------------------------------------------------- exact data
@@ -147,7 +147,7 @@ def missing_with(count: int, label: str, mm: float, rad: float) -> None:
         rng = np.random.default_rng([2, k])
         _, robot = heavy_arm(k, rng)
         truth = Truth.without_effects(off_by(robot, rng, mm=mm, rad=rad), anywhere(rng))
-        truth = replace(truth, joint_compliance_rad_per_nm=np.full(robot.n_joints, 1e-4))
+        truth = truth.with_effects(JointCompliance(np.full(robot.n_joints, 1e-4)))
         dataset = measured(robot, truth, random_q(robot, 64, rng), rng, noise_mm=NOISE_MM, test=13)
         model, observed = geometric_model(robot), Observations.of(dataset)
         nominal = held_out_mm(model, np.zeros(len(model.parameters)), dataset)
