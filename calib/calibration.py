@@ -175,6 +175,8 @@ def calibrate(
     nominal = geometric_model(dataset.robot)
     observed = place_scanner(observed, nominal, np.zeros(len(nominal.parameters)))
     residuals = make_residuals(residual, model, observed)
+    rows = len(residuals.residual(np.zeros(len(model.parameters))))
+    _require_equations(dataset, observed, residual, rows - residuals.degrees_spent, rank=0)
     weights = None
     if robust:
         if residual == "distance":
@@ -184,14 +186,11 @@ def calibrate(
         )
     else:
         fit = solve(residuals, prior=prior)
-    spent = residuals.degrees_spent
-    if fit.rows - spent <= fit.rank:
-        rows_a_pose = 1 if residual == "distance" else 3
-        knowable = structural_rank(dataset.robot)
+    _require_equations(dataset, observed, residual, fit.rows - residuals.degrees_spent, fit.rank)
+    if fit.rank == 0:
         raise FitError(
-            f"dataset {dataset.name}: {len(np.unique(observed.points.pose))} training poses give {fit.rows - spent} "
-            f"equations, the arm has {knowable} knowable parameters; measure at least "
-            f"{int(np.ceil((knowable + spent) / rows_a_pose)) + 2} different poses, better three times as many"
+            f"dataset {dataset.name}: the training poses tell nothing of the arm's parameters; they are all alike, or "
+            "the points do not depend on the joints: measure poses that differ"
         )
     evaluations = [evaluate(model, step.x, dataset) for step in fit.iterations]
     return Calibration(
@@ -203,6 +202,22 @@ def calibrate(
         after=evaluations[-1],
         steps=tuple(_step(evaluation) for evaluation in evaluations),
         weights=weights,
+    )
+
+
+def _require_equations(
+    dataset: Dataset, observed: Observations, kind: str, equations: int, rank: int
+) -> None:
+    """Raise FitError where poses give no more equations than directions to settle, with the number that would do."""
+    if equations > rank:
+        return
+    knowable = structural_rank(dataset.robot)
+    spent = 0 if kind == "distance" else 6 * len(np.unique(observed.setup))
+    needed = int(np.ceil((knowable + spent) / (1 if kind == "distance" else 3))) + 2
+    raise FitError(
+        f"dataset {dataset.name}: {len(np.unique(observed.points.pose))} training poses give {max(equations, 0)} "
+        f"equations, the arm has {knowable} knowable parameters; measure at least {needed} different poses, better "
+        "three times as many"
     )
 
 
@@ -274,4 +289,10 @@ def redundancy(dataset: Dataset, *, residual: str = "position") -> Redundancy:
         of_setup = np.flatnonzero(setup == name)
         points = kinematics.target_points(robot, q[of_setup])
         blocks.append(_distance_columns(points, by[of_setup]))
-    return analyse(np.concatenate(blocks), names, units)
+    columns = np.concatenate(blocks)
+    if len(columns) < 2:
+        raise FitError(
+            f"dataset {dataset.name}: its training poses give {len(columns)} distances between different places of one "
+            "setup; two or more are needed"
+        )
+    return analyse(columns, names, units)

@@ -14,6 +14,10 @@ from calib.measurement import failed_searches, with_corners
 from calib.repeatability import Repeats, find_repeats, pooled_sigma_mm
 
 
+HOPELESS = 100.0
+"""A residual this many times the declared sigma is no calibrated arm, whatever the improvement."""
+
+
 @dataclass(frozen=True)
 class Finding:
     """One link of the chain. `passed` is None for what is told, not judged."""
@@ -130,12 +134,15 @@ def _fit(calibration: Calibration, max_test_rmse_mm: float | None) -> list[Findi
         )
     if np.isfinite(fit.noise):
         meaning = ""
-        if fit.noise > 1.5:
+        hopeless = fit.noise > HOPELESS
+        if hopeless:
+            meaning = ": the model does not describe these data; check joint signs, units and the order of the poses"
+        elif fit.noise > 1.5:
             meaning = ": more than noise is left; something is missing from the model, or sigma was declared too small"
         findings.append(
             Finding(
                 "residual",
-                None,
+                False if hopeless else None,
                 f"{calibration.sigma_mm:.4g} mm a coordinate, {fit.noise:.3g} times the declared sigma{meaning}",
             )
         )

@@ -237,7 +237,7 @@ def _candidate(
         else np.zeros(0)
     )
     information = columns.T @ columns / leftover.sigma**2 + np.diag(1.0 / np.maximum(spread, 1e-9) ** 2)
-    sigma = np.sqrt(np.diag(np.linalg.inv(information))) if active else np.zeros(0)
+    sigma = np.sqrt(np.maximum(np.diag(np.linalg.inv(information)), 0.0)) if active else np.zeros(0)
     values: list[Value] = []
     sizes: dict[str, float] = {}
     for i in active:

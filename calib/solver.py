@@ -28,6 +28,7 @@ _FLOOR = 1e-9  # a residual this much below the first one is at the level of rou
 _LOOSE = (
     0.05  # a smaller share in the directions nobody knows is the working point's curvature, not redundancy
 )
+_SILENT = 1e-6  # a whole tolerance moves the residual by less than this many sigmas: nothing is told
 _WEIGHINGS = 8  # how often prior and noise are weighed anew at the most
 _CONVERGED = (
     1e-12  # a full step would lower the cost by less than this share: no parameter moves by 1e-4 sigma
@@ -160,7 +161,8 @@ class _Descent:
         self.history = [Iteration(self.z * self.scales, self.cost, 0.0)]
         self.converged, self.reason = False, ""
         self._linearise()
-        self.rank = int(np.sum(self.singular_values() > 1e-9 * self.singular_values()[0]))
+        s = self.singular_values()
+        self.rank = int(np.sum(s > max(1e-9 * float(s[0]), _SILENT)))
 
     def _linearise(self) -> None:
         at = self.residuals.linearise(self.z * self.scales)

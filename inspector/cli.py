@@ -38,6 +38,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("inspector: stopped", file=sys.stderr)
         return 130
+    except Exception as error:
+        if os.environ.get("INSPECTOR_DEBUG"):
+            raise
+        words = " ".join(f"{type(error).__name__}: {error}".split())
+        print(
+            f"inspector: internal error, {words}; INSPECTOR_DEBUG=1 shows where, please report it",
+            file=sys.stderr,
+        )
+        return 2
 
 
 class _Parser(argparse.ArgumentParser):

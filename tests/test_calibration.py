@@ -180,6 +180,10 @@ def test_all_poses_alike_are_refused() -> None:
     stands = same.with_points(Points(same.points.pose, noise + np.array([1.0, 2.0, 3.0]), same.points.target))
     verdict = check(stands)
     assert not any(f.name == "fit" and f.passed for f in verdict.findings)
+    with pytest.raises(FitError, match="tell nothing of the arm's parameters"):
+        calibrate(stands)
+    with pytest.raises(FitError, match="distances between different places"):
+        redundancy(stands, residual="distance")
 
 
 def test_a_fit_that_made_it_worse_is_not_exported() -> None:
@@ -244,6 +248,16 @@ def test_repeats_are_found_and_pooled() -> None:
     assert [r.count for r in found] == [4] * 16
     assert pooled_sigma_mm(found) == pytest.approx(0.03, rel=0.2)
     assert find_repeats(dataset) == ()
+
+
+def test_data_of_another_arm_fail_the_check_whatever_the_improvement() -> None:
+    dataset = simulated()
+    assert dataset.points is not None
+    points = dataset.points
+    scattered = np.random.default_rng(0).normal(size=points.xyz_mm.shape) * 300.0
+    verdict = check(dataset.with_points(Points(points.pose, scattered, points.target)))
+    assert not verdict.passed
+    assert "does not describe these data" in " ".join(verdict.reasons)
 
 
 def test_check_passes_fails_and_says_why() -> None:
