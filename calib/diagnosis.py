@@ -25,7 +25,9 @@ LEVEL = 0.01
 MARGIN = 3.0
 FLOOR = 3.0
 FEW = 0.1  # share of poses that may stand out and still be called outliers
-WORSE = 1.02  # a named effect may not raise the test poses' error beyond this
+WORSE = 2.0  # standard errors by which a named effect may not raise the test poses' squared error
+RIVAL = 0.5  # share of what one effect explains that another must be able to make to be in its way
+AHEAD = 4  # members of a tied set that are tried with a successor
 
 VERDICTS = ("adequate", "named", "ambiguous", "unexplained", "outliers")
 
@@ -141,16 +143,14 @@ def diagnose(
         convincing = [c for c in screening.candidates if c.p_holm < LEVEL and c.log_evidence > FLOOR]
         if not convincing:
             break
-        best = convincing[0]
-        rivals = [c for c in screening.candidates if c is not best]
-        margin = best.log_evidence - rivals[0].log_evidence if rivals else None
-        if margin is not None and margin <= MARGIN:
-            ambiguous = tuple(
-                c.name
-                for c in screening.candidates
-                if best.log_evidence - c.log_evidence <= MARGIN and c.log_evidence > 0
-            )
-            break
+        best, margin, tied = _leader(screening)
+        if tied:
+            tell(f"looking one step ahead of {', '.join(c.name for c in tied)}")
+            ahead = _look_ahead(tied, fit, added, families)
+            if ahead is None:
+                ambiguous = tuple(c.name for c in tied)
+                break
+            best, margin = ahead
         tell(f"adding {best.name}")
         one = _Added(best, margin)
         trial = fit([*added, one])
@@ -212,12 +212,56 @@ def without_poses(dataset: Dataset, pose_ids: Sequence[str]) -> Dataset:
     return dataset.with_points(dataset.points.select(~np.isin(dataset.points.pose, out)))
 
 
+def _leader(screening: Screening) -> tuple[Candidate, float | None, tuple[Candidate, ...]]:
+    """The best candidate, its lead over the best real rival, and the set that cannot be told apart, () with a clear lead.
+
+    A rival is real if it could make most of what the best one explains. One that explains something else is no rival: it
+    may be a second cause, and its turn comes.
+    """
+    best = screening.candidates[0]
+    rivals = [c for c in screening.candidates[1:] if best.overlaps.get(c.name, 0.0) > RIVAL]
+    margin = best.log_evidence - rivals[0].log_evidence if rivals else None
+    tied = [c for c in rivals if best.log_evidence - c.log_evidence <= MARGIN and c.log_evidence > 0.0]
+    return best, margin, (best, *tied) if tied else ()
+
+
+def _look_ahead(
+    tied: Sequence[Candidate],
+    fit: Callable[[Sequence[_Added]], Calibration],
+    added: Sequence[_Added],
+    families: Sequence[Family],
+) -> tuple[Candidate, float] | None:
+    """Whether one of a tied set leads clearly once the next effect is in too, as when two causes are hidden.
+
+    The evidence of each with its best successor is compared; None where none leads by the margin, or where nothing
+    convincing comes after any.
+    """
+    totals = []
+    followed = False
+    for candidate in tied[:AHEAD]:
+        after = screen(fit([*added, _Added(candidate, None)]), families).candidates
+        following = [c for c in after if c.p_holm < LEVEL and c.log_evidence > FLOOR]
+        followed |= bool(following)
+        totals.append(candidate.log_evidence + (following[0].log_evidence if following else 0.0))
+    order = np.argsort(totals)[::-1]
+    lead = totals[order[0]] - totals[order[1]]
+    return (tied[int(order[0])], float(lead)) if followed and lead > MARGIN else None
+
+
 def _worse(before: Calibration, after: Calibration) -> bool:
-    """Whether the test poses are predicted worse, or the fit failed."""
+    """Whether the test poses are predicted worse beyond their scatter, or the fit failed.
+
+    Paired over test points: the mean change of the squared error against its standard error.
+    """
     if not after.fit.converged:
         return True
-    old, new = before.after.test, after.after.test
-    return old is not None and new is not None and new.rmse_mm > WORSE * old.rmse_mm
+    rows = before.after.is_test[before.after.pose]
+    if rows.sum() < 3:
+        return False
+    change = np.sum(after.after.error_mm[rows] ** 2, axis=1) - np.sum(
+        before.after.error_mm[rows] ** 2, axis=1
+    )
+    return bool(change.mean() > WORSE * change.std(ddof=1) / np.sqrt(len(change)))
 
 
 def _still_needed(

@@ -85,7 +85,7 @@ DESCRIPTIONS = (
     Description(
         "scanner_distortion",
         "z += k1 u + k2 u^2, radial k r^3 about the field's middle",
-        (("depth1", "mm"), ("depth2", "mm"), ("radial", "mm")),
+        (("depth1", "mm"), ("depth2", "mm"), ("radial", "mm"), ("decentre", "mm")),
         "points spread over the field",
     ),
     Description(

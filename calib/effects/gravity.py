@@ -58,7 +58,7 @@ def moment_about(state: RobotState, origin_mm: Array, beyond: int) -> Array:
     """Gravity's moment (N, 3) in N m about a point (N, 3), of what frames after `beyond` carry; base frame."""
     gravity = np.array(state.robot.gravity_m_s2)
     total = np.zeros((len(state.poses), 3))
-    for frame, mass_kg, place_mm in hanging_masses(state):
+    for frame, mass_kg, place_mm in state.hanging_masses:
         if frame > beyond:
             total += np.cross((place_mm - origin_mm) * 1e-3, gravity) * mass_kg[:, None]
     return total
@@ -73,7 +73,7 @@ def joint_torques(state: RobotState) -> Array:
         if joint.is_revolute:
             out[:, j] = np.einsum("ni,ni->n", axis, moment_about(state, origin, j))
         else:
-            mass = sum((m for frame, m, _ in hanging_masses(state) if frame > j), np.zeros(1))
+            mass = sum((m for frame, m, _ in state.hanging_masses if frame > j), np.zeros(1))
             out[:, j] = (axis @ gravity) * mass
     return out
 

@@ -25,7 +25,9 @@ class JointCompliance:
 
     def apply(self, state: RobotState, *, c_rad_per_nm: float) -> RobotState:
         """The joint's error added, for the torque at the state that comes in."""
-        return state.add_joint_error(self.joint, c_rad_per_nm * state.gravity_torques_nm[:, self.joint])
+        return state.add_joint_error(
+            self.joint, c_rad_per_nm * state.loaded.gravity_torques_nm[:, self.joint]
+        )
 
 
 @dataclass(frozen=True)
@@ -54,9 +56,9 @@ class JointComplianceUnknownMasses:
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
         """The joint's error added."""
-        torques = gravity.unit_torques(state, self.joint)  # (N, K)
+        torques = gravity.unit_torques(state.loaded, self.joint)  # (N, K)
         if self.payload:
-            torques = np.column_stack([torques, gravity.payload_torque(state, self.joint)])
+            torques = np.column_stack([torques, gravity.payload_torque(state.loaded, self.joint)])
         return state.add_joint_error(self.joint, torques @ np.array(list(values.values())))
 
 
@@ -71,7 +73,7 @@ class GravityBacklash:
     def apply(self, state: RobotState, *, b_rad: float) -> RobotState:
         """The joint's error added."""
         return state.add_joint_error(
-            self.joint, 0.5 * b_rad * np.sign(state.gravity_torques_nm[:, self.joint])
+            self.joint, 0.5 * b_rad * np.sign(state.loaded.gravity_torques_nm[:, self.joint])
         )
 
 
@@ -93,7 +95,7 @@ class LinkBending:
 
     def apply(self, state: RobotState, *, c_rad_per_nm: float) -> RobotState:
         """Turn about x, y and z of the link's end (alpha and beta of its row, theta of the next), and its shift."""
-        link, frames = self.joint, state.chain.base_T_frame
+        link, frames = self.joint, state.loaded.chain.base_T_frame
         root_mm, end = frames[:, link, :3, 3], frames[:, link + 1]
         span_mm = end[:, :3, 3] - root_mm
         length_mm = np.linalg.norm(span_mm, axis=1, keepdims=True)
@@ -102,8 +104,8 @@ class LinkBending:
         def across(moment: Array) -> Array:
             return np.asarray(moment - np.sum(moment * along, axis=1, keepdims=True) * along)
 
-        at_root = across(gravity.moment_about(state, root_mm, link + 1))
-        at_end = across(gravity.moment_about(state, end[:, :3, 3], link + 1))
+        at_root = across(gravity.moment_about(state.loaded, root_mm, link + 1))
+        at_end = across(gravity.moment_about(state.loaded, end[:, :3, 3], link + 1))
         weight_n = (state.robot.joints[link].mass_kg or 0.0) * np.array(state.robot.gravity_m_s2)
         own = np.cross(0.5e-3 * span_mm, weight_n)
         share = c_rad_per_nm * (length_mm >= 1.0)
@@ -130,7 +132,7 @@ class BaseCompliance:
 
     def apply(self, state: RobotState, *, cx_rad_per_nm: float, cy_rad_per_nm: float) -> RobotState:
         """The base turned."""
-        moment = gravity.moment_about(state, np.zeros((len(state.poses), 3)), 0)
+        moment = gravity.moment_about(state.loaded, np.zeros((len(state.poses), 3)), 0)
         return state.turn_base(moment * np.array([cx_rad_per_nm, cy_rad_per_nm, 0.0]))
 
 
@@ -145,7 +147,7 @@ class ToolSag:
 
     def apply(self, state: RobotState, *, x_mm: float, y_mm: float, z_mm: float) -> RobotState:
         """The target displaced."""
-        rotation = state.chain.base_T_flange[:, :3, :3]
+        rotation = state.loaded.chain.base_T_flange[:, :3, :3]
         gravity_vector = np.array(state.robot.gravity_m_s2)
         down = gravity_vector / max(float(np.linalg.norm(gravity_vector)), 1e-12)
         in_tool = np.einsum("nji,j->ni", rotation, down) * np.array([x_mm, y_mm, z_mm])

@@ -18,7 +18,8 @@ Vector = tuple[float, float, float]
 class ScannerDistortion:
     """Depth and radial errors about the middle of the measured field.
 
-    With u = (p - centre) / half: depth z += k1 u_z + k2 u_z^2, radial (x, y) += k (u_x^2 + u_y^2) (u_x, u_y). Never
+    With u = (p - centre) / half: depth z += k1 u_z + k2 u_z^2, radial (x, y) += k r^2 (u_x, u_y), r^2 = u_x^2 + u_y^2.
+    Where the true middle lies is not known; two more columns, the radial term's change with it, let it move. Never
     divided by z: another instrument's z may cross zero.
     """
 
@@ -29,16 +30,35 @@ class ScannerDistortion:
         Parameter("depth1_mm", "mm", 0.1, "depth error at the edge of the field, linear"),
         Parameter("depth2_mm", "mm", 0.1, "depth error at the edge of the field, quadratic"),
         Parameter("radial_mm", "mm", 0.1, "radial error at the edge of the field"),
+        Parameter(
+            "decentre_x_mm", "mm", 0.1, "radial error times the middle's shift along x, over half the field"
+        ),
+        Parameter(
+            "decentre_y_mm", "mm", 0.1, "radial error times the middle's shift along y, over half the field"
+        ),
     )
 
-    def apply(self, state: RobotState, *, depth1_mm: float, depth2_mm: float, radial_mm: float) -> RobotState:
+    def apply(
+        self,
+        state: RobotState,
+        *,
+        depth1_mm: float,
+        depth2_mm: float,
+        radial_mm: float,
+        decentre_x_mm: float,
+        decentre_y_mm: float,
+    ) -> RobotState:
         """What is reported, moved."""
         if state.seen is None:
             return state
         u = (state.seen.scanner_mm - np.array(self.centre_mm)) / self.half_mm
         out = np.zeros_like(u)
         out[:, 2] = depth1_mm * u[:, 2] + depth2_mm * u[:, 2] ** 2
-        out[:, :2] = radial_mm * np.sum(u[:, :2] ** 2, axis=1)[:, None] * u[:, :2]
+        across = u[:, :2]
+        square = np.sum(across**2, axis=1)[:, None]
+        shift = np.array([decentre_x_mm, decentre_y_mm])
+        # d(r^2 u) along the shift: r^2 s + 2 (u . s) u
+        out[:, :2] = radial_mm * square * across + square * shift + 2.0 * (across @ shift)[:, None] * across
         return state.displace_in_scanner(out)
 
 
@@ -86,7 +106,7 @@ class IncidenceBias:
             return state
         ray = state.seen.scanner_mm / np.maximum(np.linalg.norm(state.seen.scanner_mm, axis=1), 1e-9)[:, None]
         axis = np.einsum(
-            "nij,nj->ni", state.seen.scanner_T_base[:, :3, :3], state.chain.base_T_flange[:, :3, 2]
+            "nij,nj->ni", state.seen.scanner_T_base[:, :3, :3], state.loaded.chain.base_T_flange[:, :3, 2]
         )
         cosine = np.abs(np.einsum("ni,ni->n", ray, axis))
         return state.displace_in_scanner(b_mm * (1.0 - cosine)[:, None] * ray)

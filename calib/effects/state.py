@@ -41,6 +41,7 @@ class RobotState:
         default_factory=dict
     )  # further targets, last joint's frame, (3,)
     seen: Seen | None = None
+    _loaded: list[RobotState] = field(default_factory=list, compare=False, repr=False)  # see `loaded`
 
     @classmethod
     def nominal(cls, robot: Robot, poses: Poses, seen: Seen | None = None) -> RobotState:
@@ -96,6 +97,22 @@ class RobotState:
     def chain(self) -> kinematics.Chain:
         """The forward pass at this state, the base's turn left out: effects read where axes and links are."""
         return kinematics.forward(self.table, self.poses.q, self.robot.is_revolute)
+
+    @property
+    def loaded(self) -> RobotState:
+        """The state at which loads are worked out: the first that an effect asked for, link errors in it.
+
+        States that come of this one share it. Deflections of 1e-3 rad change a torque by 1e-3 of itself, so working it
+        out anew after every joint's deflection would cost much and change nothing that can be measured.
+        """
+        if not self._loaded:
+            self._loaded.append(self)
+        return self._loaded[0]
+
+    @cached_property
+    def hanging_masses(self) -> list[tuple[int, Array, Array]]:
+        """What hangs on the arm, see `gravity.hanging_masses`."""
+        return gravity.hanging_masses(self)
 
     @cached_property
     def gravity_torques_nm(self) -> Array:
