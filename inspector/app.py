@@ -15,10 +15,11 @@ from pathlib import Path
 
 import viser
 
-from calib.dataset_file import find_datasets
+from calib.dataset_file import find_datasets, load_dataset
 from calib.errors import CalibError, DatasetError
 from inspector.panels.base import LOOKS, RESIDUALS
 from inspector.panels.corner import CornerPanel
+from inspector.panels.failure import FailurePanel
 from inspector.panels.fit import FitPanel
 from inspector.panels.learn import LearnPanel
 from inspector.panels.planes import PlanesPanel
@@ -31,6 +32,8 @@ from inspector.stage import Stage
 from inspector.worker import LongWork, Worker
 
 log = logging.getLogger(__name__)
+SCAN_TABS = ("Scans", "Planes", "Corner", "Redundancy", "Fit", "Learn", "Where it fails")
+POINT_TABS = ("Learn", "Where it fails", "Fit", "Redundancy", "Scans", "Planes", "Corner")
 
 
 class App:
@@ -53,25 +56,30 @@ class App:
         with left.add_tab("Review", icon=viser.Icon.LIST_SEARCH):
             review = ReviewPanel(gui, self, tuple(folders))
         tabs = gui.add_tab_group()
-        with tabs.add_tab("Scans"):
+        # Tabs cannot be moved or hidden later: where there is no scan to look at first, the model comes first.
+        names = SCAN_TABS if has_scans(next(iter(folders.values()))) else POINT_TABS
+        tab = {name: tabs.add_tab(name) for name in names}
+        with tab["Scans"]:
             scans = ScansPanel(gui, self)
-        with tabs.add_tab("Planes"):
+        with tab["Planes"]:
             planes = PlanesPanel(gui, self)
-        with tabs.add_tab("Corner"):
+        with tab["Corner"]:
             corner = CornerPanel(gui, self)
-        with tabs.add_tab("Redundancy"):
+        with tab["Redundancy"]:
             redundancy = RedundancyPanel(gui, self)
-        with tabs.add_tab("Fit"):
+        with tab["Fit"]:
             fit = FitPanel(gui, self)
-        with tabs.add_tab("Learn"):
+        with tab["Learn"]:
             learn = LearnPanel(gui, self)
+        with tab["Where it fails"]:
+            failure = FailurePanel(gui, self)
         left.dock_left()
         left.set_width(290)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(440)
         return Stage(
             self.server, folders, review=review, scans=scans, planes=planes, corner=corner, redundancy=redundancy,
-            fit=fit, learn=learn, on_click=self.select, on_open=self._opened,
+            fit=fit, learn=learn, failure=failure, on_click=self.select, on_open=self._opened,
         )  # fmt: skip
 
     def close(self) -> None:
@@ -105,6 +113,12 @@ class App:
         """Select a pose by its index."""
         self._want(lambda _: pose)
 
+    def select_id(self, pose_id: str) -> None:
+        """Select a pose by its id."""
+        view = self.stage.view
+        if view is not None and pose_id in view.session.dataset.poses.ids:
+            self.select(view.session.dataset.poses.index(pose_id))
+
     def step(self, by: int) -> None:
         """Go on to the next poses or back; ten presses are ten poses."""
         self._want(lambda current: current + by)
@@ -134,6 +148,14 @@ class App:
     def factor(self, factor: float) -> None:
         """How much larger the uncertainty is drawn."""
         self.worker.submit("factor", lambda: self.stage.change(factor=factor))
+
+    def arrows(self, factor: float) -> None:
+        """How much longer residuals are drawn."""
+        self.worker.submit("arrows", lambda: self.stage.change_arrows(factor))
+
+    def failure(self) -> None:
+        """Show what is left over against what is chosen now."""
+        self.worker.submit("failure", lambda: self.stage.failure.update(self.stage.now))
 
     def grey_rejected(self, grey: bool) -> None:
         """Grey for the plane groups that were not chosen, or each in its own colour."""
@@ -193,6 +215,14 @@ class App:
         with self._asking:
             by, self._moves = self._moves, 0
         return self.stage.model.move(by)
+
+
+def has_scans(folder: Path) -> bool:
+    """Whether a dataset has scans to look at; a folder that cannot be read tells its reason when it is opened."""
+    try:
+        return load_dataset(folder).scan_folder is not None
+    except CalibError:
+        return True
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
+import viser
 from numpy.typing import NDArray
 
+from calib.observations import Observations
 from calib.scan import Scan
-from inspector.palette import role_colour
+from inspector.palette import rgb, role_colour
 from inspector.panels import words
-from inspector.panels.base import View, corner_of
+from inspector.panels.base import FACTORS, View, corner_of
 from inspector.panels.corner import ellipsoid_words
 from inspector.panels.planes import group_colours
-from inspector.scene import SceneView
+from inspector.scene import M_PER_MM, SceneView, to_scene
 from inspector.shapes import jig_edges, spread
 
 AROUND_JIG = 1.8  # edges of the jig
+ELLIPSOID_MM = 12.0
+ARROW_SHARE = 0.0014  # of the field: radius of a residual's arrow
 PLANE_LAYERS = {"sets", "rejected", "groups"}
 
 
@@ -104,3 +108,71 @@ def draw_corners(scene: SceneView, view: View, on_click: Callable[[int], None]) 
         lambda instance: on_click(found[instance][0]),
     )
     return xyz
+
+
+def draw_residuals(scene: SceneView, view: View) -> None:
+    """An arrow from each measured point to where the model predicts it, `view.arrows` times too long, which is said."""
+    calibration = view.session.calibration
+    if calibration is None:
+        scene.draw("residuals", lambda api, name: [])
+        return
+    result, poses = calibration.after, calibration.dataset.poses
+    measured = Observations.of(calibration.dataset, np.ones(len(poses), dtype=bool)).points
+    here = poses.setup[result.pose] == poses.setup[view.pose]
+    start, error, pose = measured.xyz_mm[here], result.error_mm[here], result.pose[here]
+    seen = np.linalg.norm(error, axis=1) > 0
+    start, error, pose = start[seen], error[seen], pose[seen]
+
+    def make(api: viser.SceneApi, name: str) -> list[viser.SceneNodeHandle]:
+        if not len(start):
+            return []
+        size = ARROW_SHARE * float(np.linalg.norm(np.ptp(start, axis=0)) + 50.0) * M_PER_MM
+        arrows = to_scene(np.stack([start, start + view.arrows * error], axis=1))
+        colours = np.array([rgb(role_colour(str(poses.role[i]))) for i in pose], dtype=np.uint8)
+        top = np.array([start[:, 0].mean(), start[:, 1].min(), start[:, 2].mean()]) - [0, 20.0, 0]
+        longest = float(np.linalg.norm(error, axis=1).max())
+        return [
+            api.add_arrows(
+                f"{name}/arrows", arrows, colours, shaft_radius=size,
+                head_radius=2.5 * size, head_length=5.0 * size,
+            ),
+            api.add_label(
+                f"{name}/label", f"residuals × {view.arrows:g}, longest {words.length(longest)}",
+                position=tuple(to_scene(top).astype(float)), font_screen_scale=0.85, anchor="bottom-center",
+            ),
+        ]  # fmt: skip
+
+    scene.draw("residuals", make)
+
+
+def fitting_arrows(view: View) -> float:
+    """The enlargement by which most residuals are drawn a twelfth as long as the field that they lie in."""
+    calibration = view.session.calibration
+    if calibration is None or calibration.dataset.points is None:
+        return view.arrows
+    error = np.percentile(np.linalg.norm(calibration.after.error_mm, axis=1), 90)
+    field = float(np.linalg.norm(np.ptp(calibration.dataset.points.xyz_mm, axis=0)))
+    return float(max((f for f in FACTORS if f * error <= field / 12), default=FACTORS[0]))
+
+
+def fitting_ellipsoids(view: View) -> float:
+    """The enlargement by which the first known corner's uncertainty is drawn about a centimetre large."""
+    known = (corner_of(view, i) for i in range(len(view.session.dataset.poses)))
+    covariance = next((found[1] for found in known if found is not None), None)
+    if covariance is None:
+        return view.factor
+    sigma_mm = float(np.sqrt(np.trace(covariance)))
+    return float(max((f for f in FACTORS if f * sigma_mm <= ELLIPSOID_MM), default=FACTORS[0]))
+
+
+def middle_of(view: View, medians: Mapping[int, NDArray]) -> tuple[NDArray, float]:
+    """Middle (3,) of all corners, or of the scans' `medians`, from here, and a radius that holds nearly all, mm."""
+    setups = view.session.dataset.poses.setup
+    here = [i for i in range(len(setups)) if setups[i] == setups[view.pose]]
+    corners = [corner[0] for i in here if (corner := corner_of(view, i)) is not None]
+    points = [m for i, m in medians.items() if i in here and np.isfinite(m).all()]
+    known = np.array(corners or points).reshape(-1, 3)  # a scan's middle is that of its background
+    if not len(known):
+        return np.array([0.0, 0.0, 700.0]), 100.0
+    middle = (known.min(axis=0) + known.max(axis=0)) / 2
+    return middle, spread(known, middle)

@@ -61,6 +61,7 @@ class Modelling:
         """The learning tab, as the session stands."""
         steps = self._steps
         self._learn.update(self._stage.now, undo=len(steps.past), redo=len(steps.future))
+        self._stage.failure.update(self._stage.now)
 
     def _change(self, session: Session) -> None:
         """A new model, with the way back to the one before."""
@@ -103,7 +104,7 @@ class Modelling:
             self._learn.say(str(error))
             return
         if ranked is not None:
-            self._stage.keep(replace(self._session, screening=ranked.screening))
+            self._stage.keep(replace(self._session, screening=ranked.screening, failure=ranked.failure))
             self.show()
 
     def add(self, name: str) -> LongWork:

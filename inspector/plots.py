@@ -236,6 +236,57 @@ def error_history(
     return fig
 
 
+def residual_against(
+    x: ArrayLike,
+    y: ArrayLike,
+    ids: Sequence[str],
+    *,
+    x_title: str,
+    y_title: str,
+    band: tuple[float, float],
+    smooth: tuple[ArrayLike, ArrayLike] | None = None,
+    selected: str | None = None,
+    dark: bool = False,
+) -> go.Figure:
+    """What is left at each pose against one input, the noise band behind it. x, y  # (N,), NaN y is left out."""
+    at, values = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    names = [escape(name) for name in ids]
+    fig = go.Figure()
+    if np.isfinite(band).all():
+        fig.add_hrect(y0=band[0], y1=band[1], fillcolor="rgba(138,143,152,0.22)", line_width=0, layer="below")
+        fig.add_trace(
+            go.Scatter(
+                x=[None], y=[None], mode="markers", name="noise, 95 %",
+                marker={"size": 11, "symbol": "square", "color": "rgba(138,143,152,0.45)"},
+            )
+        )  # fmt: skip
+    fig.add_trace(
+        go.Scatter(
+            x=at.tolist(), y=values.tolist(), customdata=names, mode="markers", name=ROLE_WORDS["train"],
+            marker={
+                "size": [12 if name == selected else 7 for name in ids], "color": ROLE_COLOURS["train"],
+                "line": {
+                    "color": "#FFFFFF" if dark else "#111111",
+                    "width": [2.5 if name == selected else 0 for name in ids],
+                },
+            },
+            hovertemplate=f"pose %{{customdata}}<br>{escape(x_title)} %{{x:.5g}}<br>"
+            + f"{escape(y_title)} %{{y:.4g}}<extra></extra>",
+        )
+    )  # fmt: skip
+    if smooth is not None:
+        fig.add_trace(
+            go.Scatter(
+                x=np.asarray(smooth[0], dtype=float).tolist(), y=np.asarray(smooth[1], dtype=float).tolist(),
+                mode="lines", name="running median", line={"color": "#CC79A7", "width": 3}, hoverinfo="skip",
+            )
+        )  # fmt: skip
+    _style(fig, dark, margin={"l": 56, "r": 12, "t": 30, "b": 42})
+    fig.update_xaxes(title=escape(x_title), automargin=True)
+    fig.update_yaxes(title=escape(y_title), automargin=True, zeroline=True)
+    return fig
+
+
 def _style(fig: go.Figure, dark: bool, margin: dict[str, int]) -> None:
     text = "#E8EAED" if dark else "#24292F"
     grid = "rgba(255,255,255,0.14)" if dark else "rgba(0,0,0,0.10)"

@@ -22,11 +22,23 @@ OVERVIEW_POINTS = 3_000  # of each other scan, at most
 OVERVIEW_TOTAL = 200_000
 DRAWN_SETS = 2_000
 DOT_MM = 5.0  # diameter of a corner in the scene
+DOT_SHARE = 0.005  # of the field that the corners lie in, where that is more
 DRAWN_GROUPS = 40
 NUMBERED_GROUPS = 6  # and the chosen ones
 
 ROOT = "/scene"
-LAYERS = ("overview", "scan", "faces", "sets", "rejected", "groups", "corner", "corners", "scanner")
+LAYERS = (
+    "overview",
+    "scan",
+    "faces",
+    "sets",
+    "rejected",
+    "groups",
+    "corner",
+    "corners",
+    "residuals",
+    "scanner",
+)
 
 
 def to_scene(points_mm: ArrayLike) -> NDArray:
@@ -58,6 +70,13 @@ class SceneView:
             if old.name not in names:
                 old.remove()
         self._drawn[layer] = list(nodes)
+
+    def draw(
+        self, layer: str, make: Callable[[viser.SceneApi, str], Sequence[viser.SceneNodeHandle]]
+    ) -> None:
+        """Fill a layer with the nodes that `make` adds below the name it is given."""
+        with self._server.atomic():
+            self._replace(layer, make(self._scene, f"{ROOT}/{layer}"))
 
     def _cloud(
         self, name: str, points_mm: NDArray, colours: ArrayLike, size_m: float
@@ -151,25 +170,15 @@ class SceneView:
         rest, on_face = face_of < 0, face_of >= 0
         colours = np.array([rgb(c) for c in FACE_COLOURS], dtype=np.uint8)
         with self._server.atomic():
-            self._replace(
-                "scan",
-                [self._cloud(f"{ROOT}/scan/points", points[rest], rgb(self._scan_colour), self._point_m)]
-                if rest.any()
-                else [],
-            )
-            self._replace(
-                "faces",
-                [
-                    self._cloud(
-                        f"{ROOT}/faces/points",
-                        points[on_face],
-                        colours[face_of[on_face]],
-                        self._point_m * 1.25,
-                    )
-                ]
-                if on_face.any()
-                else [],
-            )
+            on_none, ink = [], rgb(self._scan_colour)
+            if rest.any():
+                on_none = [self._cloud(f"{ROOT}/scan/points", points[rest], ink, self._point_m)]
+            self._replace("scan", on_none)
+            on_faces = []
+            if on_face.any():
+                inks = colours[face_of[on_face]]
+                on_faces = [self._cloud(f"{ROOT}/faces/points", points[on_face], inks, self._point_m * 1.25)]
+            self._replace("faces", on_faces)
         return len(kept)
 
     # ---- sample sets and plane groups -------------------------------------------------------------------------------
@@ -298,10 +307,11 @@ class SceneView:
         if len(xyz_mm):
             rgbs = np.array([rgb(c) for c in colours], dtype=np.uint8)
             at = to_scene(xyz_mm)
+            dot_mm = max(DOT_MM, DOT_SHARE * float(np.linalg.norm(np.ptp(xyz_mm, axis=0))))
             unit = np.tile([1.0, 0, 0, 0], (len(at), 1))
-            nodes.append(self._cloud(f"{ROOT}/corners/points", xyz_mm, rgbs, DOT_MM * M_PER_MM))
+            nodes.append(self._cloud(f"{ROOT}/corners/points", xyz_mm, rgbs, dot_mm * M_PER_MM))
             # Points cannot be clicked, and a lit sphere this small is mostly highlight: unseen spheres take the clicks.
-            radius = np.full((len(at), 3), 0.8 * DOT_MM * M_PER_MM)
+            radius = np.full((len(at), 3), 0.8 * dot_mm * M_PER_MM)
             dots = self._scene.add_batched_meshes_simple(
                 f"{ROOT}/corners/dots", *unit_sphere(6, 8), unit, at, batched_scales=radius, opacity=0.004, lod="off",
                 cast_shadow=False, receive_shadow=False,

@@ -14,6 +14,7 @@ from calib.diagnosis import Diagnosis, diagnose
 from calib.effects.base import Effect
 from calib.effects.catalogue import effects_for
 from calib.errors import CalibError, DatasetError
+from calib.failure import Failure, failure_of
 from calib.measurement import with_corners
 from calib.redundancy import Redundancy
 from calib.screening import Candidate, Screening, screen
@@ -50,6 +51,7 @@ class Session:
     calibration: Calibration | None = None
     effects: tuple[Added, ...] = ()  # beyond the link errors
     screening: Screening | None = None  # of everything not in this calibration's model
+    failure: Failure | None = None  # where the calibration is off; known with the screening
     diagnosis: Diagnosis | None = None  # where it led to this calibration
     history: tuple[HistoryStep, ...] = ()  # the nominal robot, the link errors, then each change of the model
 
@@ -64,6 +66,16 @@ class Session:
         if self.dataset.scan_folder is None:
             return ()
         return tuple(i for i, pose_id in enumerate(self.dataset.poses.ids) if pose_id not in self.searches)
+
+    @property
+    def needed(self) -> tuple[int, ...]:
+        """Poses whose corner has to come from their scan; where points.csv has them, scans are only looked at."""
+        return self.waiting if self.dataset.points is None else ()
+
+    @property
+    def scans(self) -> int:
+        """How many poses have a scan."""
+        return 0 if self.dataset.scan_folder is None else len(self.dataset.poses)
 
 
 def open_session(folder: Path) -> Session:
@@ -81,7 +93,14 @@ def with_search(session: Session, pose: int) -> Session:
     if session.dataset.points is not None:
         return replace(session, searches=searches)
     return replace(
-        session, searches=searches, calibration=None, effects=(), screening=None, diagnosis=None, history=()
+        session,
+        searches=searches,
+        calibration=None,
+        effects=(),
+        screening=None,
+        failure=None,
+        diagnosis=None,
+        history=(),
     )
 
 
@@ -96,12 +115,14 @@ def with_calibration(session: Session, residual: str = "position") -> Session:
     label = session.history[-1].label if session.effects else GEOMETRY
     start = HistoryStep("nominal", *_errors(result, before=True), float("nan"))
     history = (*(session.history[:-1] if session.effects else (start,)), _step(label, result))
-    return replace(session, calibration=result, screening=None, diagnosis=None, history=history)
+    return replace(session, calibration=result, screening=None, failure=None, diagnosis=None, history=history)
 
 
 def with_screening(session: Session) -> Session:
     """Hold every effect of the catalogue against what the calibration left over."""
-    return replace(session, screening=screen(_calibrated(session), effects_for(session.measured)))
+    calibration = _calibrated(session)
+    screening = screen(calibration, effects_for(session.measured))
+    return replace(session, screening=screening, failure=failure_of(calibration, screening.leftover))
 
 
 def with_effect(session: Session, name: str) -> Session:
@@ -144,6 +165,7 @@ def with_diagnosis(session: Session, on_step: Callable[[str], None] | None = Non
         calibration=found.calibration,
         effects=tuple(_added(s.candidate) for s in found.steps if s.candidate is not None),
         screening=found.steps[-1].screening,
+        failure=failure_of(found.calibration, found.steps[-1].screening.leftover),
         diagnosis=found,
         history=(start, *steps),
     )
@@ -171,7 +193,13 @@ def _changed(session: Session, effects: tuple[Added, ...], label: str) -> Sessio
     result = _fit(session, effects, _calibrated(session).residual)
     history = (*session.history, _step(label, result))
     return replace(
-        session, calibration=result, effects=effects, screening=None, diagnosis=None, history=history
+        session,
+        calibration=result,
+        effects=effects,
+        screening=None,
+        failure=None,
+        diagnosis=None,
+        history=history,
     )
 
 

@@ -18,11 +18,22 @@ from numpy.typing import NDArray
 from calib.errors import CalibError, DatasetError, ScanError
 from calib.scan import Scan, load_scan
 from inspector import session as sessions
-from inspector.drawing import PLANE_LAYERS, draw_corners, draw_overview, draw_planes, draw_pose
+from inspector.drawing import (
+    PLANE_LAYERS,
+    draw_corners,
+    draw_overview,
+    draw_planes,
+    draw_pose,
+    draw_residuals,
+    fitting_arrows,
+    fitting_ellipsoids,
+    middle_of,
+)
 from inspector.modelling import Modelling
 from inspector.palette import role_colour
-from inspector.panels.base import FACTORS, LOOKS, WIDE_LOOKS, View, corner_of, put
+from inspector.panels.base import LOOKS, WIDE_LOOKS, View, corner_of, put
 from inspector.panels.corner import CornerPanel
+from inspector.panels.failure import FailurePanel
 from inspector.panels.fit import FitPanel
 from inspector.panels.learn import LearnPanel
 from inspector.panels.planes import PlanesPanel
@@ -31,11 +42,10 @@ from inspector.panels.review import LOOK_LAYERS, ReviewPanel
 from inspector.panels.scans import ScansPanel
 from inspector.scene import LAYERS, SceneView
 from inspector.session import Session
-from inspector.shapes import spread
 from inspector.worker import LongWork
 
 LOOK_DISTANCE_MM = {"Scan": 330.0, "Planes": 240.0, "Corner": 170.0}
-ELLIPSOID_MM = 12.0
+POINTS_LOOK = "All corners"  # where there are no scans to look at
 BRAND = (0, 114, 178)
 
 
@@ -54,13 +64,14 @@ class Stage:
         redundancy: RedundancyPanel,
         fit: FitPanel,
         learn: LearnPanel,
+        failure: FailurePanel,
         on_click: Callable[[int], None],
         on_open: Callable[[], None],
     ) -> None:
         self._server = server
         self._folders = folders
         self.review, self.scans, self.planes, self.corner = review, scans, planes, corner
-        self.redundancy, self.fit, self.learn = redundancy, fit, learn
+        self.redundancy, self.fit, self.learn, self.failure = redundancy, fit, learn, failure
         self.model = Modelling(self, learn)
         self._on_click, self._on_open = on_click, on_open
         self.scene = SceneView(server)
@@ -111,8 +122,10 @@ class Stage:
         self.scene.clear_overview()
         self.review.set_poses(self.now)
         self._choose_factor()
+        if session.calibration is not None:
+            self.change_arrows(fitting_arrows(self.now))
         self.redraw()
-        self.look(self._look)
+        self.look(self._look if session.dataset.scan_folder is not None else POINTS_LOOK)
         yield
         yield from self.process()
 
@@ -149,10 +162,6 @@ class Stage:
 
     # ---- scans ------------------------------------------------------------------------------------------------------
 
-    def _total(self) -> int:
-        dataset = self.now.session.dataset
-        return sum(dataset.scan_path(i) is not None for i in range(len(dataset.poses)))
-
     def _next_scan(self, tried: set[int]) -> int | None:
         """The next scan to work on: the selected pose's first, then on from there."""
         dataset = self.now.session.dataset
@@ -165,14 +174,14 @@ class Stage:
     def _work_on(self, pose: int) -> None:
         """Load one scan, search it where its corner is not measured, and draw it in the overview."""
         scan = self._load(pose)
-        if self._to_search(pose):
+        if pose in self.now.session.needed:
             self.keep(sessions.with_search(self.now.session, pose))
         first = not self._medians
         self._medians[pose] = np.full(3, np.nan)
         if scan is not None and len(scan.points_mm):
             self._medians[pose] = np.median(scan.points_mm, axis=0)
             colour = role_colour(str(self.now.session.dataset.poses.role[pose]))
-            draw_overview(self.scene, self.now, pose, scan, colour, self._total())
+            draw_overview(self.scene, self.now, pose, scan, colour, self.now.session.scans)
         if first:
             self._choose_factor()
             self.look(self._look)
@@ -201,14 +210,9 @@ class Stage:
 
     def _choose_factor(self) -> None:
         """Enlarge the ellipsoids so that the first corner's is about a centimetre large."""
-        known = [
-            c for i in range(len(self.now.session.dataset.poses)) if (c := corner_of(self.now, i)) is not None
-        ]
-        if known and known[0][1] is not None:
-            sigma_mm = float(np.sqrt(np.trace(known[0][1])))
-            factor = max((f for f in FACTORS if f * sigma_mm <= ELLIPSOID_MM), default=FACTORS[0])
-            put(self.review.factor, str(factor))
-            self.view = replace(self.now, factor=float(factor))
+        factor = fitting_ellipsoids(self.now)
+        put(self.review.factor, f"{factor:g}")
+        self.view = replace(self.now, factor=factor)
 
     def _show_progress(self, *, running: bool) -> None:
         searches = self.now.session.searches
@@ -216,16 +220,11 @@ class Stage:
         measured = self.now.session.dataset.points is not None
         self.review.show_progress(
             len(searches),
-            0 if measured else self._total(),
+            0 if measured else self.now.session.scans,
             failed,
             running=running,
             seconds=self._search_s or None,
         )
-
-    def _to_search(self, pose: int) -> bool:
-        """Whether the pose's corner has to come from its scan; where points.csv has it the scan is for looking at."""
-        session = self.now.session
-        return session.dataset.points is None and pose in session.waiting
 
     # ---- poses ------------------------------------------------------------------------------------------------------
 
@@ -239,6 +238,7 @@ class Stage:
             self.keep(sessions.with_search(session, pose))  # not needed for the fit, only to be looked at
         self.draw_pose()
         self.fit.update_residuals(self.now)
+        self.failure.update(self.now)
 
     def draw_pose(self) -> None:
         """Everything that belongs to the selected pose."""
@@ -250,6 +250,7 @@ class Stage:
             setups = view.session.dataset.poses.setup
             self.scene.hide_in_overview(view.pose, lambda i: bool(setups[i] != setups[view.pose]))
             draw_corners(self.scene, view, self._on_click)
+            draw_residuals(self.scene, view)
         self.review.update(view)
         self.scans.update(view, scan, self._drawn)
         self.planes.update(view)
@@ -270,6 +271,12 @@ class Stage:
         self.view = replace(self.now, **what)  # type: ignore[arg-type]
         self.draw_pose()
 
+    def change_arrows(self, factor: float) -> None:
+        """Draw residuals so many times too long."""
+        self.view = replace(self.now, arrows=factor)
+        put(self.review.arrows, f"{factor:g}")
+        draw_residuals(self.scene, self.now)
+
     def dark(self, dark: bool) -> None:
         """Dark or light, with new figures: they do not follow the page by themselves."""
         self.theme(dark=dark)
@@ -280,6 +287,7 @@ class Stage:
             self.redundancy.update(self.view)
             self.fit.update(self.view)
             self.learn.update_figure(self.view)
+            self.failure.update(self.view)
 
     def layer(self, name: str, visible: bool) -> None:
         """Show or hide one layer."""
@@ -297,7 +305,7 @@ class Stage:
         if self.view is None:
             return
         draw_planes(self.scene, self.view, self._visible)
-        middle, radius = self._middle()
+        middle, radius = middle_of(self.now, self._medians)
         self._focus()
         self.scene.look(LOOK_DISTANCE_MM.get(what, max(450.0, 2.2 * radius + 250.0)), middle)
 
@@ -306,24 +314,11 @@ class Stage:
         for name in LAYERS:
             self.scene.show(name, name in self._visible)
 
-    def _middle(self) -> tuple[NDArray, float]:
-        """Middle (3,) of all scans or points from here, and the radius around it that holds nearly all, mm."""
-        view = self.now
-        setups = view.session.dataset.poses.setup
-        here = [i for i in range(len(setups)) if setups[i] == setups[view.pose]]
-        corners = [corner[0] for i in here if (corner := corner_of(view, i)) is not None]
-        points = [m for i, m in self._medians.items() if i in here and np.isfinite(m).all()]
-        known = np.array(corners or points).reshape(-1, 3)  # a scan's middle is that of its background
-        if not len(known):
-            return np.array([0.0, 0.0, 700.0]), 100.0
-        middle = (known.min(axis=0) + known.max(axis=0)) / 2
-        return middle, spread(known, middle)
-
     def _focus(self) -> None:
         """The middle of everything for the overview, else the corner of the selected pose."""
         found = corner_of(self.now, self.now.pose)
         if self._look in WIDE_LOOKS:
-            self.scene.focus(self._middle()[0])
+            self.scene.focus(middle_of(self.now, self._medians)[0])
         elif found is not None:
             self.scene.focus(found[0])
         elif self.now.pose in self._medians and np.isfinite(self._medians[self.now.pose]).all():
@@ -342,6 +337,10 @@ class Stage:
 
     def show_model(self, session: Session) -> None:
         """Another model of the same dataset, everywhere."""
+        first = self.now.session.calibration is None
         self.keep(session)
+        if first:  # and then no more, so that arrows shrink as the error falls
+            self.change_arrows(fitting_arrows(self.now))
+        draw_residuals(self.scene, self.now)
         self.fit.update(self.now)
         self.model.show()

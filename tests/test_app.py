@@ -80,13 +80,22 @@ def figure(page: WireClient, kind: str) -> list[dict[str, object]]:
 
 
 def test_a_folder_of_datasets_opens_at_the_first_and_works_through_it(app: App, page: WireClient) -> None:
-    assert page.tabs() == ["Review", "Scans", "Planes", "Corner", "Redundancy", "Fit", "Learn"]
+    assert page.tabs() == [
+        "Review",
+        "Scans",
+        "Planes",
+        "Corner",
+        "Redundancy",
+        "Fit",
+        "Learn",
+        "Where it fails",
+    ]
     assert page.props("Dataset")["options"] == ["cell", "points"]
     assert len(session(app).searches) == POSES
     shows(page, f"{POSES - 1} of {POSES} corners found", "1 failed")
     assert session(app).redundancy is not None
     assert session(app).calibration is not None
-    assert len([f for f in page.figures() if json.loads(f or "{}").get("data")]) == 4
+    assert len([f for f in page.figures() if json.loads(f or "{}").get("data")]) == 5
 
 
 def test_a_single_dataset_opens_too_and_a_wrong_path_is_one_clear_error(folder: Path, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hidden_dataset import HIDDEN, write_hidden
@@ -18,6 +19,7 @@ from inspector.app import App, serving
 from inspector.cli import main
 from inspector.panels import words
 from inspector.panels.learn import FIND, REDO, REMOVE, UNDO
+from inspector.scene import ROOT
 from inspector.session import Session
 from wire_client import WireClient
 
@@ -194,3 +196,82 @@ def test_unlisted_effects_are_told_or_ignored(app: App, page: WireClient) -> Non
     app.remove_effect("no such effect")
     assert app.worker.wait_idle(IDLE_S)
     assert session(app) is before
+
+
+# ---- where it fails -------------------------------------------------------------------------------------------------
+
+
+def scatter(page: WireClient) -> dict[str, Any]:
+    """The points of the plot of what is left, and its axes' titles."""
+    for text in page.figures():
+        figure = json.loads(text) if text else {}
+        named = {t.get("name"): t for t in figure.get("data", [])}
+        if "running median" in named or "noise, 95 %" in named:
+            layout = figure["layout"]
+            return {
+                **named["training"],
+                "titles": (layout["xaxis"]["title"]["text"], layout["yaxis"]["title"]["text"]),
+            }
+    return {}
+
+
+def test_the_residual_is_drawn_against_what_is_chosen(app: App, page: WireClient) -> None:
+    failure = session(app).failure
+    assert failure is not None
+    page.wait(lambda p: scatter(p).get("titles") == ("joint 1 angle, °", "error length, mm"))
+    assert scatter(page)["y"] == pytest.approx(failure.error_length_mm.tolist())
+    assert len(page.props("Against")["options"]) == len(failure.inputs)
+    page.set("Against", "temperature, °C")
+    page.set("Show", "apparent motion of joint 3, m°")
+    page.wait(lambda p: scatter(p)["titles"] == ("temperature, °C", "apparent motion of joint 3, m°"))
+    drawn = scatter(page)
+    assert drawn["x"] == pytest.approx(failure.inputs["temperature_c"].tolist())
+    degrees = 1000 * 180 / 3.141592653589793
+    assert drawn["y"] == pytest.approx((degrees * failure.apparent_joint_error[:, 2]).tolist())
+
+
+def test_a_pose_chosen_among_the_worst_is_selected_everywhere(app: App, page: WireClient) -> None:
+    failure = session(app).failure
+    assert failure is not None
+    worst = failure.worst(1)[0]
+    page.set("Worst poses", page.props("Worst poses")["options"][1])
+    page.wait(lambda p: p.value("Pose").startswith(f"{worst} "))
+    page.wait(
+        lambda p: (
+            [
+                name
+                for name, width in zip(
+                    scatter(p)["customdata"], scatter(p)["marker"]["line"]["width"], strict=True
+                )
+                if width
+            ]
+            == [worst]
+        )
+    )
+    page.trigger("Previous pose")
+    page.wait(lambda p: not p.value("Worst poses").startswith(f"{worst} "))
+
+
+def test_arrows_go_from_measured_to_predicted_and_say_how_far_they_exaggerate(
+    app: App, page: WireClient
+) -> None:
+    result = session(app).calibration
+    assert result is not None
+    assert result.dataset.points is not None
+    factor = float(page.value("Residuals ×"))
+    name = f"{ROOT}/residuals"
+    page.wait(lambda p: f"{name}/arrows" in p.scene and p.scene[name]["visible"])
+    drawn = np.asarray(page.scene[f"{name}/arrows"]["props"]["points"]).reshape(-1, 2, 3) * 1000
+    np.testing.assert_allclose(drawn[:, 0], result.dataset.points.xyz_mm, atol=1e-2)
+    np.testing.assert_allclose((drawn[:, 1] - drawn[:, 0]) / factor, result.after.error_mm, atol=1e-3)
+    assert f"residuals × {factor:g}, longest" in page.scene[f"{name}/label"]["props"]["text"]
+    page.click(ADD)
+    shows(page, f"+ {HIDDEN}: the test error fell")
+    assert app.worker.wait_idle(IDLE_S)
+    assert float(page.value("Residuals ×")) == factor  # so that arrows shrink
+    page.set("Residuals ×", "10")
+    page.wait(lambda p: "residuals × 10," in p.scene[f"{name}/label"]["props"]["text"])
+
+
+def test_datasets_of_points_come_with_the_model_first(page: WireClient) -> None:
+    assert page.tabs()[:4] == ["Review", "Learn", "Where it fails", "Fit"]

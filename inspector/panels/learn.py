@@ -192,13 +192,14 @@ def ranking_html(screening: Screening, chosen: str) -> str:
     return (
         tables.heading("What could be missing from this model")
         + tables.table(
-            ("effect", "log evidence", "p (Holm)", "explains, %", "CV, mm"),
+            ("effect", "evidence", "p (Holm)", "share, %", "CV, mm"),
             rows,
             mark=names.index(chosen) if chosen in names else None,
         )
         + tables.note(
-            "Log evidence above 3 and p below 0.01 speak for an effect; a lead of less than 3 over the next leaves it "
-            "open. CV: error a coordinate when each pose is predicted from the others, "
+            "Log evidence above 3 and p below 0.01 (Holm-corrected) speak for an effect; a lead of less than 3 over "
+            "the next leaves it open. Share: how much of what is left it explains. CV: error a coordinate when each "
+            "pose is predicted from the others, "
             f"{words.millimetres(screening.cv_rmse_mm)} mm without any of them."
         )
     )

@@ -19,6 +19,7 @@ LAYER_WORDS = {
     "corner": "This corner",
     "overview": "All scans",
     "corners": "All corners",
+    "residuals": "Residuals",
     "scanner": "Scanner",
 }
 LOOK_LAYERS = {
@@ -26,7 +27,7 @@ LOOK_LAYERS = {
     "Scan": {"scan", "faces", "corner"},
     "Planes": {"faces", "sets", "rejected", "groups"},
     "Corner": {"faces", "corner"},
-    "All corners": {"corner", "corners", "scanner"},
+    "All corners": {"corner", "corners", "residuals", "scanner"},
 }
 PREVIOUS, NEXT = "◀ Previous", "Next ▶"
 
@@ -59,6 +60,10 @@ class ReviewPanel:
                 "Ellipsoids ×", tuple(str(f) for f in FACTORS), initial_value="1000",
                 hint="how many times larger than one standard deviation the uncertainty is drawn",
             )  # fmt: skip
+            self.arrows = gui.add_dropdown(
+                "Residuals ×", tuple(str(f) for f in FACTORS), initial_value="100",
+                hint="how many times longer than they are residuals are drawn, measured to predicted",
+            )  # fmt: skip
         gui.add_html(tables.note("Keys: N next, P previous, 1–5 views, D dark"))
         self._problem = gui.add_html("")
         self._connect(gui)
@@ -76,6 +81,13 @@ class ReviewPanel:
         self.factor.on_update(
             lambda e: (
                 a.factor(float(one_of(e.target.value, [str(f) for f in FACTORS], "1000")))
+                if by_page(e)
+                else None
+            )
+        )
+        self.arrows.on_update(
+            lambda e: (
+                a.arrows(float(one_of(e.target.value, [str(f) for f in FACTORS], "100")))
                 if by_page(e)
                 else None
             )

@@ -1,0 +1,150 @@
+"""Tab Where it fails: what is left over against anything that it may depend on, and the worst poses."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from calib.failure import Failure, running_median
+from calib.robot import Robot
+from inspector import tables
+from inspector.panels import words
+from inspector.panels.base import Actions, View, by_page, hidden_plot, put
+from inspector.plots import residual_against
+
+NOTE = (
+    "What is left over at the training poses, against anything it may depend on. Noise has no order: points that "
+    "follow a line or a wave, or that leave the grey band together, show what is missing."
+)
+LENGTH = "error length"
+AXES = {f"error in {axis} of the scanner": k for k, axis in enumerate("xyz")}
+UNITS = {"payload_kg": "kg", "temperature_c": "°C", "time_s": "s", "x": "mm", "y": "mm", "z": "mm"}
+NAMES = {
+    "payload_kg": "payload",
+    "temperature_c": "temperature",
+    "time_s": "time",
+    "order": "order of measuring",
+}
+NONE = "–"
+WORST = 8
+
+
+class FailurePanel:
+    """One plot of what is left, and the poses that are off the most."""
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
+        self._actions = actions
+        gui.add_html(tables.note(NOTE))
+        self.against = gui.add_dropdown(
+            "Against", (NONE,), hint="joint angles, torques, conditions, place, order"
+        )
+        self.what = gui.add_dropdown(
+            "Show", (NONE,), hint="apparent motion: what joint k alone would have to do"
+        )
+        self._plot = hidden_plot(gui, 0.75)
+        self._state = gui.add_html(tables.note("Not calibrated yet."))
+        self.worst = gui.add_dropdown("Worst poses", (NONE,), hint="selects the pose, everywhere on the page")
+        self._table = gui.add_html("")
+        self._ids: dict[str, str] = {}  # pose id by label
+        self.against.on_update(lambda e: actions.failure() if by_page(e) else None)
+        self.what.on_update(lambda e: actions.failure() if by_page(e) else None)
+        self.worst.on_update(lambda e: self._chosen(str(e.target.value)) if by_page(e) else None)
+
+    def _chosen(self, label: str) -> None:
+        if label in self._ids:
+            self._actions.select_id(self._ids[label])
+
+    def update(self, view: View) -> None:
+        """The session's residual."""
+        failure = view.session.failure
+        self._plot.visible = failure is not None
+        if failure is None:
+            self._state.content = tables.note("Nothing to show yet, or too few poses to judge by.")
+            self._table.content = ""
+            return
+        robot = view.session.dataset.robot
+        inputs = {input_title(name, robot): name for name in failure.inputs}
+        joints = {joint_title(j, robot): j for j in range(robot.n_joints)}
+        _offer(self.against, tuple(inputs))
+        _offer(self.what, (LENGTH, *AXES, *joints))
+        title, what = str(self.against.value), str(self.what.value)
+        x = turned(inputs[title], failure.inputs[inputs[title]], robot)
+        y, y_title, band = shown(failure, what, joints.get(what), robot)
+        self._plot.figure = residual_against(
+            x, y, failure.pose_ids, x_title=title, y_title=y_title, band=band,
+            smooth=running_median(x, y) if len(np.unique(x)) > 4 else None, selected=view.pose_id, dark=view.dark,
+        )  # fmt: skip
+        self._state.content = tables.note(
+            f"Grey: where noise alone ({words.length(failure.noise_mm)} a coordinate) leaves 19 of 20 poses. "
+            "Outlined: the selected pose."
+        )
+        self._show_worst(failure, view)
+
+    def _show_worst(self, failure: Failure, view: View) -> None:
+        length = dict(zip(failure.pose_ids, failure.error_length_mm, strict=True))
+        worst = failure.worst(WORST)
+        labels = {pose_id: f"{pose_id} · {length[pose_id]:.3f} mm" for pose_id in worst}
+        self._ids = {label: pose_id for pose_id, label in labels.items()}
+        options = (NONE, *labels.values())
+        if options != tuple(self.worst.options):
+            self.worst.options = options
+        put(self.worst, labels.get(view.pose_id, NONE))
+        error = dict(zip(failure.pose_ids, failure.error_mm, strict=True))
+        rows = [(i, f"{length[i]:.4f}", *(f"{e:+.4f}" for e in error[i])) for i in worst]
+        self._table.content = tables.heading("Worst training poses, mm") + tables.table(
+            ("pose", "length", "x", "y", "z"),
+            rows,
+            mark=worst.index(view.pose_id) if view.pose_id in worst else None,
+        )
+
+
+def _offer(handle: viser.GuiDropdownHandle[str], options: tuple[str, ...]) -> None:
+    """These options; what was chosen stays chosen where it is still there."""
+    before = str(handle.value)
+    if options != tuple(handle.options):
+        handle.options = options
+    put(handle, before if before in options else options[0])
+
+
+def input_title(name: str, robot: Robot) -> str:
+    """ "q3" -> "joint 3 angle, °": an input with its unit."""
+    stem = name.rstrip("0123456789")
+    number = name.removeprefix(stem)
+    if number and stem == "q":
+        turns = robot.joints[int(number) - 1].is_revolute
+        return f"joint {number} angle, °" if turns else f"joint {number} position, mm"
+    if number and stem == "torque":
+        return f"joint {number} gravity torque, Nm"
+    if number and stem == "approach":
+        return f"joint {number} approach (−1 or 1)"
+    if name in ("x", "y", "z"):
+        return f"place {name} in the scanner's frame, mm"
+    return NAMES.get(name, name) + (f", {UNITS[name]}" if name in UNITS else "")
+
+
+def turned(name: str, values: NDArray, robot: Robot) -> NDArray:
+    """Joint angles in degrees, everything else as it is."""
+    stem = name.rstrip("0123456789")
+    number = name.removeprefix(stem)
+    angle = bool(number) and stem == "q" and robot.joints[int(number) - 1].is_revolute
+    return np.degrees(values) if angle else values
+
+
+def joint_title(joint: int, robot: Robot) -> str:
+    """What the apparent motion of a joint is called."""
+    return f"apparent motion of joint {joint + 1}, {'m°' if robot.joints[joint].is_revolute else 'mm'}"
+
+
+def shown(
+    failure: Failure, what: str, joint: int | None, robot: Robot
+) -> tuple[NDArray, str, tuple[float, float]]:
+    """The values to plot, their name with the unit, and the band that noise alone fills."""
+    if joint is not None:
+        scale = float(np.degrees(1.0)) * 1000.0 if robot.joints[joint].is_revolute else 1.0
+        half = 2.0 * scale * failure.joint_noise(joint)
+        return scale * failure.apparent_joint_error[:, joint], what, (-half, half)
+    if what in AXES:
+        half = 2.0 * failure.noise_mm
+        return failure.error_mm[:, AXES[what]], f"{what}, mm", (-half, half)
+    return failure.error_length_mm, f"{LENGTH}, mm", (0.0, failure.length_noise_mm)
