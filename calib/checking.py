@@ -13,7 +13,6 @@ from calib.dataset import Dataset
 from calib.measurement import failed_searches, with_corners
 from calib.repeatability import Repeats, find_repeats, pooled_sigma_mm
 
-
 HOPELESS = 100.0
 """A residual this many times the declared sigma is no calibrated arm, whatever the improvement."""
 

@@ -213,14 +213,16 @@ def without_poses(dataset: Dataset, pose_ids: Sequence[str]) -> Dataset:
 
 
 def _leader(screening: Screening) -> tuple[Candidate, float | None, tuple[Candidate, ...]]:
-    """The best candidate, its lead over the best real rival, and the set that cannot be told apart, () with a clear lead.
+    """The best candidate, its lead over the best rival, and the set that cannot be told apart, () where it leads.
 
-    A rival is real if it could make most of what the best one explains. One that explains something else is no rival: it
-    may be a second cause, and its turn comes.
+    A rival is real if it could make most of what the best one explains. One that explains something else is no rival:
+    it may be a second cause, and its turn comes.
     """
     best = screening.candidates[0]
-    rivals = [c for c in screening.candidates[1:] if best.overlaps.get(c.name, 0.0) > RIVAL]
-    margin = best.log_evidence - rivals[0].log_evidence if rivals else None
+    others = screening.candidates[1:]
+    rivals = [c for c in others if best.overlaps.get(c.name, 0.0) > RIVAL]
+    nearest = (*rivals, *others)[:1]
+    margin = best.log_evidence - nearest[0].log_evidence if nearest else None
     tied = [c for c in rivals if best.log_evidence - c.log_evidence <= MARGIN and c.log_evidence > 0.0]
     return best, margin, (best, *tied) if tied else ()
 

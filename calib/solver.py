@@ -94,7 +94,15 @@ def solve(
     if not prior:
         descent.run(weight=0.0)
         return descent.fit(weight=0.0)
-    weight = 1.0
+    weight = descent.first_weight()
+    while descent.steps < max_iterations:
+        # One step for one weight: the prior follows the residual down. A weight far below the residual would let
+        # near-redundant directions run away, and what they gain there is lost again when it is weighed anew.
+        descent.run(weight, steps=1)
+        noise = descent.noise(weight)
+        if descent.reason or not noise > 1e-9 or abs(noise - weight) <= 0.05 * weight:
+            break
+        weight = min(noise, max(descent.promised_noise(), 0.01 * weight))
     for _ in range(_WEIGHINGS):
         descent.run(weight)
         noise = descent.noise(weight)
@@ -179,15 +187,34 @@ class _Descent:
             np.vstack([self.jacobian, prior]), np.concatenate([self.residual, weight * self.z])
         )
 
-    def run(self, weight: float) -> None:
-        """Go down to the minimum of |residual|^2 + weight^2 |z|^2."""
+    @property
+    def steps(self) -> int:
+        return len(self.history) - 1
+
+    def first_weight(self) -> float:
+        """What the residual shows at the start; 1 where no degree of freedom is left."""
+        noise = self.noise(1.0)
+        return noise if np.isfinite(noise) and noise > 0.0 else 1.0
+
+    def promised_noise(self) -> float:
+        """Residual sigma that a full step would leave, were the problem linear: without what the prior adds."""
+        factors = self._factors(0.0)
+        left = len(self.residual) - self.residuals.degrees_spent - len(factors.s)
+        return float(np.sqrt(max(self.cost - factors.possible_drop, 0.0) / left)) if left > 0 else np.inf
+
+    def run(self, weight: float, steps: int | None = None) -> None:
+        """Go down to the minimum of |residual|^2 + weight^2 |z|^2, or `steps` steps towards it."""
         radius = np.inf
+        last = None if steps is None else self.steps + steps
+        self._stop(False, "")
         while True:
             factors = self._factors(weight)
             objective = self.cost + weight**2 * float(self.z @ self.z)
             if factors.possible_drop <= _CONVERGED * objective:
                 return self._stop(True, "the gradient vanishes")
-            if len(self.history) > self.limit:
+            if self.steps == last:
+                return None
+            if self.steps >= self.limit:
                 return self._stop(False, f"the limit of {self.limit} iterations was reached")
             step, drop, predicted, cost = self._try(factors, radius, weight, objective)
             while not (drop > 0.0 and drop >= 1e-4 * predicted):

@@ -141,6 +141,25 @@ def test_noise_and_a_missing_effect_do_not_make_it_diverge(seed: int, joints: in
                 assert np.abs(fit.x / [p.scale for p in fit.parameters]).max() < 100.0
 
 
+@pytest.mark.parametrize("seed", [1, 6, 11])
+@pytest.mark.parametrize("kind", ["position", "distance"])
+def test_a_missing_effect_is_settled_in_few_steps_near_the_nominal_arm(kind: str, seed: int) -> None:
+    """A residual of ten declared sigmas: with the prior weighed by the declared one, corrections of ten and more
+    tolerances are tried, and a hundred steps are not enough."""
+    rng = np.random.default_rng(seed)
+    robot = park_arm("panda")
+    true = perturbed(robot, rng, mm=0.3, rad=0.002)
+    dataset = dataset_of(robot, true, rng)
+    sag = 0.01 * np.sin(dataset.poses.q)
+    points = elementary_points(true, dataset.poses.q + sag) + 0.05 * rng.normal(size=(64, 3))
+    assert dataset.points is not None
+    bent = dataset.with_points(type(dataset.points)(dataset.points.pose, points, dataset.points.target))
+    fit = solve(make_residuals(kind, geometric_model(robot), Observations.of(bent)))
+    assert fit.converged
+    assert len(fit.iterations) - 1 <= 12
+    assert max(np.abs(i.x / [p.scale for p in fit.parameters]).max() for i in fit.iterations) < 10.0
+
+
 def test_estimates_lie_within_their_sigmas() -> None:
     """What the data can know: normalised errors of parameters that are not redundant, over 40 arms."""
     robot = park_arm("rb5")
