@@ -230,9 +230,32 @@ def error_history(
     if shown:
         fig.update_yaxes(range=[np.log10(min(shown) / 1.3), np.log10(max(shown) * 1.3)])
     fig.update_xaxes(
-        tickvals=steps.tolist(), ticktext=names, range=[-0.3, len(labels) - 0.7], tickfont={"size": 10},
+        tickvals=steps.tolist(), ticktext=names, zeroline=False, range=[-0.3, len(labels) - 0.7], tickfont={"size": 10},
         tickangle=-25 if len(labels) > 2 else 0, automargin=True,
     )  # fmt: skip
+    return fig
+
+
+def added_variable(explained: ArrayLike, residual: ArrayLike, name: str, *, dark: bool = False) -> go.Figure:
+    """What is left over against what an effect makes of it, in noise sigmas, with the line on which they agree. (R,)"""
+    x, y = np.asarray(explained, dtype=float), np.asarray(residual, dtype=float)
+    fig = go.Figure()
+    fig.add_trace(
+        go.Scatter(
+            x=x.tolist(), y=y.tolist(), mode="markers", name="a coordinate of a training point",
+            marker={"size": 5, "color": ROLE_COLOURS["train"], "opacity": 0.8},
+            hovertemplate=f"{escape(name)} makes %{{x:.2f}} σ<br>left over %{{y:.2f}} σ<extra></extra>",
+        )
+    )  # fmt: skip
+    ends = [float(x.min(initial=0.0)), float(x.max(initial=0.0))]
+    fig.add_trace(
+        go.Scatter(
+            x=ends, y=ends, mode="lines", name="agreement", line={"color": "#CC79A7", "width": 2}, hoverinfo="skip"
+        )
+    )  # fmt: skip
+    _style(fig, dark, margin={"l": 56, "r": 12, "t": 30, "b": 42})
+    fig.update_xaxes(title=f"what {escape(name)} would make, σ", automargin=True)
+    fig.update_yaxes(title="left over, σ", automargin=True)
     return fig
 
 

@@ -287,6 +287,7 @@ class Stage:
             self.redundancy.update(self.view)
             self.fit.update(self.view)
             self.learn.update_figure(self.view)
+            self.learn.update_choice(self.view)
             self.failure.update(self.view)
 
     def layer(self, name: str, visible: bool) -> None:

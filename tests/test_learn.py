@@ -127,6 +127,17 @@ def test_the_ranking_is_the_commands_too(folder: Path, page: WireClient) -> None
     assert "scanner_scale: a scale error of the scanner equals" in text
 
 
+def test_the_residual_against_what_the_candidate_makes_of_it(app: App, page: WireClient) -> None:
+    screening = session(app).screening
+    assert screening is not None
+    best = screening.candidates[0]
+    figures = [json.loads(text) for text in page.figures() if text]
+    points = next(f["data"][0] for f in figures if [t.get("name") for t in f["data"]][1:] == ["agreement"])
+    assert points["x"] == pytest.approx(best.explained.tolist())
+    assert points["y"] == pytest.approx(screening.leftover.residual.tolist())
+    assert np.corrcoef(points["x"], points["y"])[0, 1] > 0.9
+
+
 def test_fifty_quick_clicks_add_it_once(app: App, page: WireClient) -> None:
     for _ in range(50):
         page.click(ADD)

@@ -14,7 +14,7 @@ from calib.sigma_check import noise_floor_mm
 from inspector import tables
 from inspector.panels import words
 from inspector.panels.base import Actions, View, by_page, hidden_plot, put
-from inspector.plots import error_history
+from inspector.plots import added_variable, error_history
 from inspector.session import Session
 
 NOTE = (
@@ -55,6 +55,7 @@ class LearnPanel:
         self._verdict = gui.add_html("")
         self._ranking = gui.add_html("")
         self._chosen = gui.add_html("")
+        self._variable = hidden_plot(gui, 0.7)
         self._untestable = gui.add_html("")
         self.find.on_click(lambda _: actions.find(self.find.label == FIND))
         self.choice.on_update(lambda e: actions.candidate() if by_page(e) else None)
@@ -104,13 +105,19 @@ class LearnPanel:
     def update_choice(self, view: View) -> None:
         """The ranking with the chosen effect marked, and what is known of that."""
         screening, name = view.session.screening, str(self.choice.value)
+        candidate = None if screening is None else _named(screening, name)
+        self._variable.visible = candidate is not None and bool(candidate.members)
         if screening is None:
             self._ranking.content = self._chosen.content = ""
             return
         inside = [added.name for added in view.session.effects]
         self._ranking.content = ranking_html(screening, name)
-        candidate = next((c for c in screening.candidates if c.name == name), None)
         self._chosen.content = "" if name == NONE else chosen_html(name, candidate, name in inside)
+
+        if candidate is not None and candidate.members:
+            self._variable.figure = added_variable(
+                candidate.explained, screening.leftover.residual, name, dark=view.dark
+            )
 
     def _offer(self, session: Session) -> None:
         """All that can be added or removed; what was chosen stays chosen, so that a second press adds nothing more."""
@@ -123,6 +130,10 @@ class LearnPanel:
         if options != tuple(self.choice.options):
             self.choice.options = options
         put(self.choice, before if before in options and before != NONE else options[0])
+
+
+def _named(screening: Screening, name: str) -> Candidate | None:
+    return next((c for c in screening.candidates if c.name == name), None)
 
 
 def state_html(session: Session, undo: int, redo: int) -> str:
@@ -231,7 +242,8 @@ def chosen_html(name: str, candidate: Candidate | None, inside: bool) -> str:
         out
         + tables.table(("estimated parameter", "value", "sigma", "unit"), rows, height="260px")
         + tables.note(
-            "Linear estimates from what is left over; a fit with the effect in the model settles them."
+            "Linear estimates from what is left over; a fit with the effect in the model settles them. Below: each "
+            "coordinate that is left over against what the effect would make of it. Points along the line speak for it."
         )
     )
 
