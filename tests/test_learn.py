@@ -86,6 +86,12 @@ def test_add_undo_redo_and_remove(app: App, page: WireClient) -> None:
     assert fallen["test"][2] < 0.5 * fallen["test"][1]
     assert fallen["test"][:2] == start["test"]
     assert words.millimetres(session(app).history[-1].test_rmse_mm) in plain(page)
+    shows(page, "It is in the model. Fitted together")
+    result = session(app).calibration
+    assert result is not None
+    fitted = [row for row in result.to_frame().to_dict("records") if row["name"].startswith(HIDDEN)]
+    assert fitted
+    assert all(f"{row['value']:.3g}" in plain(page) for row in fitted)
     page.set("Model", UNDO)
     page.wait(lambda p: history(p) == start)
     page.set("Model", REDO)

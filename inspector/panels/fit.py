@@ -133,12 +133,13 @@ def parameters_html(result: Calibration) -> str:
         nominal, value, change, sigma = (
             math.degrees(row[key]) if angle else row[key] for key in ("nominal", "value", "change", "sigma")
         )
+        # Link errors are read beside the data sheet's four decimals; an effect's sizes run from 1e-6 to 1.
+        few = "" if "." in str(row["name"]) else ".4f"
         rows.append(
             (
                 parameter_label(str(row["name"])),
-                f"{nominal:.4f}",
-                f"{value:.4f}",
-                f"{change:+.4f}",
+                *(f"{v:{few or '.3g'}}" for v in (nominal, value)),
+                f"{change:+{few or '.3g'}}",
                 f"{sigma:.2g}" + ("" if row["known"] else " *"),
                 "°" if angle else row["unit"],
             )

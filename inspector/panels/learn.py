@@ -6,6 +6,7 @@ import math
 
 import viser
 
+from calib.calibration import Calibration
 from calib.diagnosis import Diagnosis
 from calib.effects.descriptions import DESCRIPTIONS
 from calib.explanation import MEASURE_NEXT, explain
@@ -112,7 +113,9 @@ class LearnPanel:
             return
         inside = [added.name for added in view.session.effects]
         self._ranking.content = ranking_html(screening, name)
-        self._chosen.content = "" if name == NONE else chosen_html(name, candidate, name in inside)
+        self._chosen.content = "" if name == NONE else chosen_html(name, candidate)
+        if name in inside and view.session.calibration is not None:
+            self._chosen.content += fitted_html(view.session.calibration, name)
 
         if candidate is not None and candidate.members:
             self._variable.figure = added_variable(
@@ -216,12 +219,10 @@ def ranking_html(screening: Screening, chosen: str) -> str:
     )
 
 
-def chosen_html(name: str, candidate: Candidate | None, inside: bool) -> str:
+def chosen_html(name: str, candidate: Candidate | None) -> str:
     """What the chosen effect is, its estimated parameters, what it may be confused with, how to be sure."""
     described = next((d for d in DESCRIPTIONS if d.name == name), None)
     out = tables.heading(f"Effect {name}")
-    if inside:
-        out += tables.note("It is in the model: the tab Fit lists its fitted parameters.")
     facts: list[tuple[str, object]] = []
     if described is not None:
         facts += [("equation", described.equation), ("needs", described.needs)]
@@ -245,6 +246,18 @@ def chosen_html(name: str, candidate: Candidate | None, inside: bool) -> str:
             "Linear estimates from what is left over; a fit with the effect in the model settles them. Below: each "
             "coordinate that is left over against what the effect would make of it. Points along the line speak for it."
         )
+    )
+
+
+def fitted_html(calibration: Calibration, name: str) -> str:
+    """The parameters of an effect that is in the model, as they were fitted."""
+    rows = [
+        (row["name"].partition(".")[2], f"{row['value']:.3g}", f"{row['sigma']:.1g}", row["unit"])
+        for row in calibration.to_frame().to_dict("records")
+        if str(row["name"]).startswith(f"{name}.")
+    ]
+    return tables.note("It is in the model. Fitted together with everything else:") + tables.table(
+        ("fitted parameter", "value", "sigma", "unit"), rows, height="260px"
     )
 
 
