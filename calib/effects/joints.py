@@ -33,7 +33,7 @@ class TransmissionError:
     """
 
     joint: int
-    order: int
+    order: float
     name = "transmission_error"
 
     @cached_property
@@ -47,21 +47,11 @@ class TransmissionError:
 
 
 @dataclass(frozen=True)
-class StrainWave:
+class StrainWave(TransmissionError):
     """Ripple of a strain wave gear: as `TransmissionError`, n = gear ratio or twice that."""
 
-    joint: int
     order: float
     name = "strain_wave"
-
-    @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Sine and cosine."""
-        return _harmonic(self.order, 3e-4)
-
-    def apply(self, state: RobotState, **values: float) -> RobotState:
-        """The joint's error added."""
-        return _periodic_error(state, self.joint, self.order, values)
 
 
 @dataclass(frozen=True)
