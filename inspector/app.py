@@ -16,7 +16,7 @@ from pathlib import Path
 import viser
 
 from calib.dataset_file import find_datasets, load_dataset
-from calib.errors import CalibError, DatasetError
+from calib.errors import CalibError
 from inspector.panels.base import LOOKS, RESIDUALS
 from inspector.panels.corner import CornerPanel
 from inspector.panels.failure import FailurePanel
@@ -241,9 +241,8 @@ def serving(path: Path, *, host: str = LOOPBACK, port: int = 8080) -> Iterator[A
         DatasetError: no dataset at `path`.
         ServerError: the address cannot be served on.
     """
-    folders = find_datasets(path)
-    if not folders:
-        raise DatasetError(f"{path}: no dataset here; a dataset is a folder with a dataset.toml")
+    # Those with scans first: a page that opens on one shows the whole way, from scan to model.
+    folders = sorted(find_datasets(path), key=lambda folder: not has_scans(folder))
     server = start_server(host, port, label="Calibration inspector")
     app = App(server, folders)
     try:
