@@ -18,7 +18,7 @@ from calib.evaluation import Evaluation, Figures, evaluate
 from calib.model import Model, geometric_model
 from calib.observations import Observations, place_scanner
 from calib.redundancy import Redundancy, analyse
-from calib.residuals import make_residuals
+from calib.residuals import RESIDUAL_KINDS, make_residuals
 from calib.robot import Robot
 from calib.robust import solve_robustly
 from calib.solver import Fit, solve
@@ -271,8 +271,10 @@ def redundancy(dataset: Dataset, *, residual: str = "position") -> Redundancy:
     """Which parameters say the same at the dataset's training poses, for the nominal robot (Park 2022 section 3).
 
     "position" looks at the tool point in the base frame, as Park does; "distance" at the rows of Jang eq (14), to
-    which d1, theta1 and beta1 are invisible.
+    which d1, theta1 and beta1 are invisible; "pairs" can tell no more than those.
     """
+    if residual not in RESIDUAL_KINDS:
+        raise FitError(f"no residual named {residual!r}; there are {', '.join(RESIDUAL_KINDS)}")
     robot = dataset.robot
     poses = dataset.poses
     rows = [poses.reference, *(int(i) for i in np.flatnonzero(poses.role == "train"))]
@@ -281,8 +283,6 @@ def redundancy(dataset: Dataset, *, residual: str = "position") -> Redundancy:
     names, units = robot.parameter_names, robot.parameter_units
     if residual == "position":
         return analyse(by.reshape(-1, len(names)), names, units)
-    if residual != "distance":
-        make_residuals(residual, Model(robot, ()), Observations.of(dataset))  # raises with the known names
     setup = poses.setup[rows]
     blocks = []
     for name in np.unique(setup):

@@ -14,8 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calib.errors import DatasetError
-
 Array = NDArray[np.float64]
 
 PARAMETER_KINDS = ("a", "alpha", "d", "theta", "beta")
@@ -135,18 +133,6 @@ class Robot:
         rows = [dict(zip(_ROW_FIELDS, map(float, row), strict=True)) for row in table]
         joints = tuple(replace(joint, **row) for joint, row in zip(self.joints, rows[:-1], strict=True))  # type: ignore[arg-type]
         return replace(self, joints=joints, tool=replace(self.tool, **rows[-1]))  # type: ignore[arg-type]
-
-    def target_offset_mm(self, name: str) -> Array | None:
-        """A further target's place in the last joint's frame (3,); None for "jig", which the tool row describes."""
-        if name == "jig":
-            return None
-        for target in self.targets:
-            if target.name == name:
-                return np.array(target.xyz_mm)
-        known = ", ".join(["jig", *(target.name for target in self.targets)])
-        raise DatasetError(
-            f"robot {self.name}: no target named {name!r}; it has {known}; add a [[targets]] entry to robot.toml"
-        )
 
 
 _ROW_FIELDS = ("a_mm", "alpha_rad", "d_mm", "theta_rad", "beta_rad")

@@ -1,8 +1,12 @@
-"""Settings that all tests share. The browser's fixtures are in browser_support.py."""
+"""What all tests share: settings, and one browser a module."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
 
 # Before any test loads numpy: BLAS threads that wait for each other cost more than they save on small matrices.
 for _variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
@@ -13,3 +17,12 @@ from hypothesis import settings  # noqa: E402
 # No deadline: a slow machine is not a wrong result. In CI the drawn inputs are the same on every run.
 settings.register_profile("project", deadline=None, print_blob=True, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("project")
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    """A headless Chromium; see browser_support.py for what happens where there is none."""
+    from browser_support import browser  # the browser's driver is needed by few tests
+
+    with browser() as running:
+        yield running

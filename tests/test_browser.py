@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import viser
 
-from browser_support import browser, colours_in, need_chromium, node_drawn, open_page
+from browser_support import colours_in, need_chromium, node_drawn, open_page
 from inspector.app import App, serving
 from inspector.panels import words
 from inspector.panels.review import NEXT, PREVIOUS
@@ -19,12 +19,6 @@ from tiny_dataset import BROKEN, HOSTILE, POSES, write_tiny
 pytestmark = pytest.mark.browser
 IDLE_S = 90.0
 MS = 30_000
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    with browser() as running:
-        yield running
 
 
 @pytest.fixture(scope="module")

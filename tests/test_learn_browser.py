@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from browser_support import browser, node_drawn, open_page
+from browser_support import node_drawn, open_page
 from hidden_dataset import HIDDEN, write_hidden
 from inspector.app import App, serving
 from inspector.panels import words
@@ -20,12 +20,6 @@ from test_learn import ADD, command
 pytestmark = pytest.mark.browser
 IDLE_S = 90.0
 MS = 30_000
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    with browser() as running:
-        yield running
 
 
 @pytest.fixture(scope="module")
