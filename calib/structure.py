@@ -16,9 +16,13 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
-from calib.dataset import Dataset
+from calib.dataset import Dataset, Poses
 from calib.effects.gravity import has_masses
+from calib.effects.state import RobotState
+from calib.model import Model
+from calib.observations import Observations
 from calib.repeatability import find_repeats, pooled_sigma_mm
+from calib.robot import Robot
 from calib.screening import Leftover
 
 Array = NDArray[np.float64]
@@ -64,10 +68,14 @@ class Remains:
         return self.lack_of_fit_p is not None and self.lack_of_fit_p < 0.01
 
 
-def inputs_of(dataset: Dataset, leftover: Leftover) -> dict[str, Array]:
+def inputs_of(leftover: Leftover) -> dict[str, Array]:
     """Everything a residual may depend on, by name, one value a used pose (N,)."""
     poses, _ = leftover.residuals.observed.used_poses
-    robot, state = dataset.robot, leftover.state
+    return inputs_at(leftover.residuals.model.robot, poses, leftover.state)
+
+
+def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]:
+    """As `inputs_of`, of any poses (N) with the arm's state there; what never changes is left out."""
     inputs = {f"q{j + 1}": poses.q[:, j] for j in range(robot.n_joints)}
     if has_masses(robot):
         torques = state.gravity_torques_nm
@@ -107,7 +115,7 @@ def examine(dataset: Dataset, leftover: Leftover, *, draws: int = DRAWS) -> Rema
         noise_mm=noise_mm,
         noise_from=source,
         residual_mm=residual_mm,
-        inputs=_structure(dataset, leftover, noise, outliers[row]),
+        inputs=_structure(leftover, noise, outliers[row]),
         outlier_poses=tuple(poses.ids[i] for i in np.flatnonzero(outliers)),
     )
 
@@ -130,11 +138,9 @@ def _outliers(leftover: Leftover, noise: Array) -> NDArray[np.bool_]:
     return np.asarray(ours / np.median(ours) > limit)
 
 
-def _structure(
-    dataset: Dataset, leftover: Leftover, noise: Array, outlier: NDArray[np.bool_]
-) -> tuple[InputTest, ...]:
+def _structure(leftover: Leftover, noise: Array, outlier: NDArray[np.bool_]) -> tuple[InputTest, ...]:
     """Westfall-Young corrected p of each input."""
-    inputs = inputs_of(dataset, leftover)
+    inputs = inputs_of(leftover)
     both = np.column_stack([leftover.residual, noise])
     both[np.repeat(outlier, 3)] = 0.0
     both /= np.maximum(np.linalg.norm(both, axis=0), 1e-300)
@@ -201,9 +207,13 @@ def _relevant(name: str, channels: Mapping[str, Array]) -> list[str]:
 def joint_directions(leftover: Leftover) -> list[Array]:
     """For each joint (M, 3): how its motion moves the measured points, whitened, mm (or mm/rad) over sigma."""
     residuals = leftover.residuals
-    model, observed = residuals.model, residuals.observed
+    return directions_at(residuals.model, leftover.x, residuals.observed, leftover.base_to_residual)
+
+
+def directions_at(model: Model, x: Array, observed: Observations, base_to_residual: Array) -> list[Array]:
+    """As `joint_directions`, of any observations whose scanner is placed. base_to_residual  # (M, 3, 3)"""
     poses, row = observed.used_poses
-    by_x = model.linearise(leftover.x, poses, seen=observed.seen())[1]
+    by_x = model.linearise(x, poses, seen=observed.seen())[1]
     names = [p.name for p in model.parameters]
     out = []
     for j, joint in enumerate(model.robot.joints):
@@ -211,7 +221,7 @@ def joint_directions(leftover: Leftover) -> list[Array]:
         name = f"{kind}{j + 1}"
         if name in names:
             column = by_x[row][:, :, [names.index(name)]]
-            out.append((leftover.base_to_residual @ column)[..., 0])
+            out.append((base_to_residual @ column)[..., 0])
         else:
             out.append(np.zeros((len(row), 3)))
     return out

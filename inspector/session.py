@@ -122,7 +122,7 @@ def with_screening(session: Session) -> Session:
     """Hold every effect of the catalogue against what the calibration left over."""
     calibration = _calibrated(session)
     screening = screen(calibration, effects_for(session.measured))
-    return replace(session, screening=screening, failure=failure_of(calibration, screening.leftover))
+    return replace(session, screening=screening, failure=failure_of(calibration))
 
 
 def with_effect(session: Session, name: str) -> Session:
@@ -165,7 +165,7 @@ def with_diagnosis(session: Session, on_step: Callable[[str], None] | None = Non
         calibration=found.calibration,
         effects=tuple(_added(s.candidate) for s in found.steps if s.candidate is not None),
         screening=found.steps[-1].screening,
-        failure=failure_of(found.calibration, found.steps[-1].screening.leftover),
+        failure=failure_of(found.calibration),
         diagnosis=found,
         history=(start, *steps),
     )

@@ -261,9 +261,9 @@ def test_where_it_fails_shows_the_joint_that_fails() -> None:
     moved = target_jacobian(dataset.robot, q)[..., column] * error[:, None] @ frame[:3, :3].T
     hidden = dataset.with_points(replace(dataset.points, xyz_mm=dataset.points.xyz_mm + moved))
     failure = failure_of(calibrate(hidden))
-    train = ~dataset.poses.is_test
-    r = np.corrcoef(failure.apparent_joint_error[:, 1], error[train])[0, 1]
-    assert r > 0.8
+    assert failure.pose_ids == dataset.poses.ids
+    for of_role in (failure.is_test, ~failure.is_test):
+        assert np.corrcoef(failure.apparent_joint_error[of_role, 1], error[of_role])[0, 1] > 0.8
     frame_of = failure.to_frame()
     assert {"pose", "error_mm", "apparent_2", "q2", "torque2", "temperature_c"} <= set(frame_of.columns)
     assert failure.worst(3)[0] == frame_of.sort_values("error_mm").iloc[-1]["pose"]
