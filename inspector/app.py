@@ -29,11 +29,10 @@ from inspector.panels.scans import ScansPanel
 from inspector.scene import LAYERS
 from inspector.server import LOOPBACK, InspectorServer, start_server, tell, url_of
 from inspector.stage import Stage
+from inspector.tabs import add_tabs
 from inspector.worker import LongWork, Worker
 
 log = logging.getLogger(__name__)
-SCAN_TABS = ("Scans", "Planes", "Corner", "Redundancy", "Fit", "Learn", "Where it fails")
-POINT_TABS = ("Learn", "Where it fails", "Fit", "Redundancy", "Scans", "Planes", "Corner")
 
 
 class App:
@@ -55,10 +54,7 @@ class App:
         left = gui.add_panel()
         with left.add_tab("Review", icon=viser.Icon.LIST_SEARCH):
             review = ReviewPanel(gui, self, tuple(folders))
-        tabs = gui.add_tab_group()
-        # Tabs cannot be moved or hidden later: where there is no scan to look at first, the model comes first.
-        names = SCAN_TABS if has_scans(next(iter(folders.values()))) else POINT_TABS
-        tab = {name: tabs.add_tab(name) for name in names}
+        tab = add_tabs(gui, scans_first=has_scans(next(iter(folders.values()))))
         with tab["Scans"]:
             scans = ScansPanel(gui, self)
         with tab["Planes"]:
@@ -69,7 +65,7 @@ class App:
             redundancy = RedundancyPanel(gui, self)
         with tab["Fit"]:
             fit = FitPanel(gui, self)
-        with tab["Learn"]:
+        with tab["What is missing"]:
             learn = LearnPanel(gui, self)
         with tab["Where it fails"]:
             failure = FailurePanel(gui, self)

@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from inspector.tabs import STEPS
+
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 FLAGS = (  # software rendering in a container without GPU, sandbox or much shared memory
     "--use-gl=angle",
@@ -57,8 +59,15 @@ def open_page(running: Any, url: str, width: int = 1280, height: int = 720) -> A
     page.problems = []
     page.on("pageerror", lambda error: page.problems.append(str(error)))
     page.goto(f"{url}/?fixedDpr=1&hideViserLogo")
-    page.get_by_role("tab", name="Scans").wait_for(timeout=60_000)
+    page.get_by_role("tab", name="Measure").wait_for(timeout=60_000)
     return page
+
+
+def open_tab(page: Any, name: str) -> None:
+    """Open a tab of the right panel, its step first."""
+    step = next(step for step, inside in STEPS.items() if name in (step, *inside))
+    for label in dict.fromkeys((step, name)):
+        page.get_by_role("tab", name=label, exact=True).click()
 
 
 def node_drawn(page: Any, name: str, timeout_ms: float = 30_000) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import viser
 
-from browser_support import colours_in, need_chromium, node_drawn, open_page
+from browser_support import colours_in, need_chromium, node_drawn, open_page, open_tab
 from inspector.app import App, serving
 from inspector.panels import words
 from inspector.panels.review import NEXT, PREVIOUS
@@ -47,24 +47,20 @@ def test_without_a_browser_ci_fails_and_others_skip_with_the_reason(
         need_chromium()
 
 
-def tab(page: Any, name: str) -> None:
-    page.get_by_role("tab", name=name, exact=True).click()
-
-
 def says(page: Any, text: str) -> None:
     page.get_by_text(text).locator("visible=true").first.wait_for(timeout=MS)
 
 
 def test_the_page_opens_and_says_how_far_the_search_has_come(page: Any, app: App) -> None:
     names = [t.inner_text().strip() for t in page.get_by_role("tab").all()]
-    assert {"Scans", "Planes", "Corner", "Redundancy", "Fit"} <= set(names)
+    assert {"Measure", "Model", "Learn", "Scans", "Planes", "Corner"} <= set(names)
     assert app.worker.wait_idle(IDLE_S)
     says(page, f"{POSES - 1} of {POSES} corners found")
 
 
 def test_scans_tab_and_the_scene_show_the_scan(page: Any, app: App) -> None:
     assert app.worker.wait_idle(IDLE_S)
-    tab(page, "Scans")
+    open_tab(page, "Scans")
     says(page, "p01.ply")
     node_drawn(page, f"{ROOT}/faces/points")
     node_drawn(page, f"{ROOT}/overview/7")
@@ -76,7 +72,7 @@ def test_scans_tab_and_the_scene_show_the_scan(page: Any, app: App) -> None:
 
 
 def test_next_and_previous_by_button_and_by_key(page: Any) -> None:
-    tab(page, "Scans")
+    open_tab(page, "Scans")
     page.get_by_role("button", name=NEXT).click()
     says(page, f"2 of {POSES}")
     says(page, "p02.ply")
@@ -90,7 +86,7 @@ def test_next_and_previous_by_button_and_by_key(page: Any) -> None:
 
 
 def test_planes_tab_shows_the_filters_counts(page: Any, app: App) -> None:
-    tab(page, "Planes")
+    open_tab(page, "Planes")
     assert app.stage.view is not None
     search = app.stage.view.search
     assert search is not None
@@ -104,7 +100,7 @@ def test_planes_tab_shows_the_filters_counts(page: Any, app: App) -> None:
 
 
 def test_corner_tab_shows_the_corner(page: Any, app: App) -> None:
-    tab(page, "Corner")
+    open_tab(page, "Corner")
     assert app.stage.view is not None
     search = app.stage.view.search
     assert search is not None
@@ -126,7 +122,7 @@ def test_a_failed_scan_is_explained(page: Any, app: App) -> None:
 
 
 def test_redundancy_tab_has_the_heatmap_and_the_groups(page: Any) -> None:
-    tab(page, "Redundancy")
+    open_tab(page, "Redundancy")
     says(page, "a6 and aTCP always act together (r = 1): keep a6")
     image = page.locator(".js-plotly-plot .heatmaplayer image").last
     image.wait_for(timeout=MS)
@@ -139,7 +135,7 @@ def test_redundancy_tab_has_the_heatmap_and_the_groups(page: Any) -> None:
 
 
 def test_fit_tab_has_curves_table_and_bars(page: Any, app: App) -> None:
-    tab(page, "Fit")
+    open_tab(page, "Fit")
     assert app.stage.view is not None
     result = app.stage.view.session.calibration
     assert result is not None
@@ -154,7 +150,7 @@ def test_fit_tab_has_curves_table_and_bars(page: Any, app: App) -> None:
 
 def test_nothing_is_cut_off_sideways(page: Any) -> None:
     for name in ("Scans", "Planes", "Corner", "Redundancy", "Fit"):
-        tab(page, name)
+        open_tab(page, name)
         page.wait_for_timeout(200)
         wide = page.evaluate(
             """() => [...document.querySelectorAll('table')].filter(t => t.offsetParent)
@@ -164,7 +160,7 @@ def test_nothing_is_cut_off_sideways(page: Any) -> None:
 
 
 def test_dark_mode_turns_the_figures_too(page: Any, app: App) -> None:
-    tab(page, "Fit")
+    open_tab(page, "Fit")
 
     def ink() -> str:
         return str(
@@ -186,7 +182,7 @@ def test_names_from_files_run_nothing(page: Any, app: App) -> None:
     app.open("points")
     assert app.worker.wait_idle(IDLE_S)
     app.select(1)
-    tab(page, "Corner")
+    open_tab(page, "Corner")
     says(page, f"Pose {HOSTILE}")
     assert page.evaluate("() => window.pwned === undefined")
     assert page.locator("b", has_text="p2").count() == 0

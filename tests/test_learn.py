@@ -291,4 +291,4 @@ def test_arrows_go_from_measured_to_predicted_and_say_how_far_they_exaggerate(
 
 
 def test_datasets_of_points_come_with_the_model_first(page: WireClient) -> None:
-    assert page.tabs()[:4] == ["Review", "Learn", "Where it fails", "Fit"]
+    assert page.tabs()[:4] == ["Review", "Learn", "Model", "Measure"]
