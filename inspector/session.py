@@ -6,29 +6,20 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from calib.calibration import Calibration, calibrate, redundancy
+from calib.adding import Added, calibrate_with, proposed
+from calib.calibration import Calibration, redundancy
 from calib.corners import CornerSearch, search_file
 from calib.dataset import Dataset
 from calib.dataset_file import load_dataset
 from calib.diagnosis import Diagnosis, diagnose
-from calib.effects.base import Effect
 from calib.effects.catalogue import effects_for
 from calib.errors import CalibError, DatasetError
 from calib.failure import Failure, failure_of
 from calib.measurement import with_corners
 from calib.redundancy import Redundancy
-from calib.screening import Candidate, Screening, screen
+from calib.screening import Screening, screen
 
 GEOMETRY = "link errors"
-
-
-@dataclass(frozen=True)
-class Added:
-    """An effect in the model, as the screening proposed it: the members that carry it, and their sizes."""
-
-    name: str
-    members: tuple[Effect, ...]
-    sizes: Mapping[str, float]  # by full parameter name
 
 
 @dataclass(frozen=True)
@@ -39,6 +30,9 @@ class HistoryStep:
     train_rmse_mm: float
     test_rmse_mm: float  # nan without test poses
     sigma_mm: float  # residual sigma of a coordinate; nan where no degree of freedom is left
+    effects: tuple[Added, ...] = ()  # what was in the model then, beyond the link errors
+    residual: str = "position"  # what was fitted
+    left_out: tuple[str, ...] = ()  # poses that stand out, which a diagnosis did without
 
 
 @dataclass(frozen=True)
@@ -111,10 +105,13 @@ def with_redundancy(session: Session, residual: str = "position") -> Session:
 
 def with_calibration(session: Session, residual: str = "position") -> Session:
     """Fit the five-parameter model, and the effects that were added, to what is measured so far."""
-    result = _fit(session, session.effects, residual)
+    result = calibrate_with(session.measured, session.effects, residual=residual)
     label = session.history[-1].label if session.effects else GEOMETRY
     start = HistoryStep("nominal", *_errors(result, before=True), float("nan"))
-    history = (*(session.history[:-1] if session.effects else (start,)), _step(label, result))
+    history = (
+        *(session.history[:-1] if session.effects else (start,)),
+        _step(label, result, session.effects),
+    )
     return replace(session, calibration=result, screening=None, failure=None, diagnosis=None, history=history)
 
 
@@ -129,17 +126,7 @@ def with_effect(session: Session, name: str) -> Session:
     """Add an effect as the screening proposes it, and fit everything together again."""
     if any(added.name == name for added in session.effects):
         raise CalibError(f"effect {name} is in the model already")
-    ranked = {} if session.screening is None else {c.name: c for c in session.screening.candidates}
-    if name not in ranked:
-        raise CalibError(
-            f"effect {name} is not among the candidates: {', '.join(ranked) or 'none is ranked yet'}"
-        )
-    candidate = ranked[name]
-    if not candidate.members:
-        raise CalibError(
-            f"effect {name}: no part of it shows in what is left over, so there is nothing to add"
-        )
-    return _changed(session, (*session.effects, _added(candidate)), f"+ {name}")
+    return _changed(session, (*session.effects, proposed(session.screening, name)), f"+ {name}")
 
 
 def without_effect(session: Session, name: str) -> Session:
@@ -159,11 +146,16 @@ def with_diagnosis(session: Session, on_step: Callable[[str], None] | None = Non
     found = diagnose(session.measured, on_step=on_step)
     first = found.steps[0].calibration
     start = HistoryStep("nominal", *_errors(first, before=True), float("nan"))
-    steps = [_step(f"+ {s.effect}" if s.effect else GEOMETRY, s.calibration) for s in found.steps]
+    added = tuple(Added.of(s.candidate) for s in found.steps if s.candidate is not None)
+    left_out = _left_out(session.measured, first.dataset)
+    steps = [
+        replace(_step(f"+ {s.effect}" if s.effect else GEOMETRY, s.calibration, added[:k]), left_out=left_out)
+        for k, s in enumerate(found.steps)
+    ]
     return replace(
         session,
         calibration=found.calibration,
-        effects=tuple(_added(s.candidate) for s in found.steps if s.candidate is not None),
+        effects=added,
         screening=found.steps[-1].screening,
         failure=failure_of(found.calibration),
         diagnosis=found,
@@ -177,21 +169,9 @@ def _calibrated(session: Session) -> Calibration:
     return session.calibration
 
 
-def _added(candidate: Candidate) -> Added:
-    return Added(candidate.name, candidate.members, candidate.sizes)
-
-
-def _fit(session: Session, effects: tuple[Added, ...], residual: str) -> Calibration:
-    sizes: dict[str, float] = {}
-    for added in effects:
-        sizes |= added.sizes
-    members = [member for added in effects for member in added.members]
-    return calibrate(session.measured, residual=residual, effects=members, sizes=sizes)
-
-
 def _changed(session: Session, effects: tuple[Added, ...], label: str) -> Session:
-    result = _fit(session, effects, _calibrated(session).residual)
-    history = (*session.history, _step(label, result))
+    result = calibrate_with(session.measured, effects, residual=_calibrated(session).residual)
+    history = (*session.history, _step(label, result, effects))
     return replace(
         session,
         calibration=result,
@@ -203,8 +183,16 @@ def _changed(session: Session, effects: tuple[Added, ...], label: str) -> Sessio
     )
 
 
-def _step(label: str, result: Calibration) -> HistoryStep:
-    return HistoryStep(label, *_errors(result), result.sigma_mm)
+def _left_out(whole: Dataset, used: Dataset) -> tuple[str, ...]:
+    """Measured poses of a dataset that a part of it has no points of."""
+    assert whole.points is not None
+    assert used.points is not None
+    missing = set(whole.points.pose.tolist()) - set(used.points.pose.tolist())
+    return tuple(whole.poses.ids[i] for i in sorted(missing))
+
+
+def _step(label: str, result: Calibration, effects: tuple[Added, ...]) -> HistoryStep:
+    return HistoryStep(label, *_errors(result), result.sigma_mm, effects, result.residual)
 
 
 def _errors(result: Calibration, *, before: bool = False) -> tuple[float, float]:
