@@ -19,6 +19,11 @@ class Face:
     rms_mm: float  # robust: of the inliers' heights over the plane
     inliers: NDArray  # (points,) indices into the scan's points
     group: int  # index into CornerSearch.groups
+    axes: NDArray  # (2, 3) unit e_1, e_2 in the plane; with the normal they are perpendicular, of either hand
+    # (3, 3) covariance of (h, s_1, s_2): the plane's height at centre_mm along the normal (mm) and its slopes along the
+    # axes (rad; mixed terms mm rad). To first order the true normal is normal - s_1 e_1 - s_2 e_2, and the true height
+    # over this plane at centre_mm + u e_1 + v e_2 is h + s_1 u + s_2 v.
+    covariance: NDArray
 
 
 @dataclass(frozen=True)
@@ -28,6 +33,9 @@ class Corner:
     xyz_mm: NDArray  # (3,)
     covariance_mm2: NDArray  # (3, 3)
     faces: tuple[Face, Face, Face]
+    plane_covariance: (
+        NDArray  # (9, 9) of the three faces' (h, s_1, s_2) in turn; faces share a smooth scanner error
+    )
 
     def sigma_mm(self) -> float:
         """Standard deviation of the apex, all three axes together: sqrt(trace of the covariance)."""
@@ -42,11 +50,11 @@ def intersect(normals: NDArray, offsets_mm: NDArray) -> NDArray:
     return np.linalg.solve(normals, offsets_mm[..., None])[..., 0]
 
 
-def intersection_covariance(normals: NDArray, height_variances_mm2: NDArray) -> NDArray:
-    """Covariance (3, 3) of the intersection: N^-1 diag(s_i^2) N^-T.
+def intersection_covariance(normals: NDArray, height_covariance_mm2: NDArray) -> NDArray:
+    """Covariance (3, 3) of the intersection: N^-1 H N^-T.
 
-    s_i^2 is the variance of plane i's height **at the apex**, so a plane's tilt is in it with its lever: to first
-    order a plane moves the apex by its height there and by nothing else.
+    H (3, 3) is the covariance of the planes' heights **at the apex**, so a plane's tilt is in it with its lever: to
+    first order a plane moves the apex by its height there and by nothing else.
     """
     inverse = np.linalg.inv(normals)
-    return (inverse * height_variances_mm2) @ inverse.T
+    return np.asarray(inverse @ height_covariance_mm2 @ inverse.T)

@@ -51,7 +51,9 @@ def test_covariance_is_what_shifted_planes_do_to_the_point() -> None:
     normals[0] = (normals[0] + 0.2 * normals[1]) / np.linalg.norm(normals[0] + 0.2 * normals[1])
     sigmas = np.array([0.1, 0.02, 0.3])
     moved = intersect(normals[None], rng.standard_normal((200_000, 3)) * sigmas)
-    np.testing.assert_allclose(np.cov(moved.T), intersection_covariance(normals, sigmas**2), atol=0.0015)
+    np.testing.assert_allclose(
+        np.cov(moved.T), intersection_covariance(normals, np.diag(sigmas**2)), atol=0.0015
+    )
 
 
 def filled(width: float, height: float, count: int = 3000) -> np.ndarray:
