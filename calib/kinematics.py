@@ -49,50 +49,49 @@ def forward(table: ArrayLike, q: ArrayLike, is_revolute: ArrayLike) -> Chain:
     """Run the chain.
 
     Args:
-        table: (n + 1, 5), or (N, n + 1, 5) where poses differ; rows a, alpha, d, theta, beta in mm and rad.
+        table: (n + 1, 5), or (1 or N, n + 1, 5) where poses differ; rows a, alpha, d, theta, beta in mm and rad.
         q: (N, n) rad, mm for prismatic joints.
         is_revolute: (n,) bool.
     """
-    q = np.asarray(q, dtype=float)
-    is_revolute = np.asarray(is_revolute, dtype=bool)
+    table, q = np.asarray(table, dtype=float), np.asarray(q, dtype=float)
+    table = table[None] if table.ndim == 2 else table
     n_poses, n_joints = q.shape
-    table = np.broadcast_to(np.asarray(table, dtype=float), (n_poses, n_joints + 1, 5))
-    a, alpha, d, theta, beta = np.moveaxis(table, -1, 0)  # each (N, n + 1)
-    theta, d = theta.copy(), d.copy()
-    theta[:, :-1] += np.where(is_revolute, q, 0.0)
-    d[:, :-1] += np.where(is_revolute, 0.0, q)
+    # The poses lie last in memory: each operation is then one sweep over all of them.
+    a, alpha, d, theta, beta = np.ascontiguousarray(table.T)  # each (n + 1, 1 or N)
+    driven = np.zeros((n_joints + 1, n_poses))  # the tool row has no q
+    driven[:-1] = q.T
+    turns = np.append(np.asarray(is_revolute, dtype=bool), False)[:, None]
+    theta, d = theta + np.where(turns, driven, 0.0), d + np.where(turns, 0.0, driven)
 
-    local = _link_transforms(a, alpha, d, theta, beta)
-    base_T_frame = np.empty((n_poses, n_joints + 2, 4, 4))
-    base_T_frame[:, 0] = np.eye(4)
+    local = _link_transforms(a, alpha, d, theta, beta)  # (4, 4, n + 1, N)
+    frames = np.empty((n_joints + 2, 4, 4, n_poses))
+    frames[0] = np.eye(4)[:, :, None]
     for i in range(n_joints + 1):
-        base_T_frame[:, i + 1] = base_T_frame[:, i] @ local[:, i]
-    previous = base_T_frame[:, :-1]
-    turned_x = (
-        np.cos(theta)[..., None] * previous[..., :3, 0] + np.sin(theta)[..., None] * previous[..., :3, 1]
-    )
-    return Chain(base_T_frame, turned_x)
+        np.einsum("ijn,jkn->ikn", frames[i], local[:, :, i], out=frames[i + 1])
+    x, y = frames[:-1, :3, 0], frames[:-1, :3, 1]
+    turned_x = np.cos(theta)[:, None] * x + np.sin(theta)[:, None] * y
+    return Chain(np.moveaxis(frames, -1, 0), np.moveaxis(turned_x, -1, 0))
 
 
 def _link_transforms(a: Array, alpha: Array, d: Array, theta: Array, beta: Array) -> Array:
-    """Jang eq (3), multiplied out; arguments (...,), result (..., 4, 4)."""
+    """Jang eq (3), multiplied out; arguments (...,), which broadcast, result (4, 4, ...)."""
     ct, st = np.cos(theta), np.sin(theta)
     ca, sa = np.cos(alpha), np.sin(alpha)
     cb, sb = np.cos(beta), np.sin(beta)
-    out = np.zeros((*theta.shape, 4, 4))
-    out[..., 0, 0] = ct * cb - st * sa * sb
-    out[..., 0, 1] = -st * ca
-    out[..., 0, 2] = ct * sb + st * sa * cb
-    out[..., 0, 3] = a * ct
-    out[..., 1, 0] = st * cb + ct * sa * sb
-    out[..., 1, 1] = ct * ca
-    out[..., 1, 2] = st * sb - ct * sa * cb
-    out[..., 1, 3] = a * st
-    out[..., 2, 0] = -ca * sb
-    out[..., 2, 1] = sa
-    out[..., 2, 2] = ca * cb
-    out[..., 2, 3] = d
-    out[..., 3, 3] = 1.0
+    out = np.zeros((4, 4, *theta.shape))
+    out[0, 0] = ct * cb - st * sa * sb
+    out[0, 1] = -st * ca
+    out[0, 2] = ct * sb + st * sa * cb
+    out[0, 3] = a * ct
+    out[1, 0] = st * cb + ct * sa * sb
+    out[1, 1] = ct * ca
+    out[1, 2] = st * sb - ct * sa * cb
+    out[1, 3] = a * st
+    out[2, 0] = -ca * sb
+    out[2, 1] = sa
+    out[2, 2] = ca * cb
+    out[2, 3] = d
+    out[3, 3] = 1.0
     return out
 
 
