@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,9 @@ import numpy as np
 from calib.calibration import Calibration, calibrate, structural_rank
 from calib.corners import CornerSearch
 from calib.dataset import Dataset
+from calib.diagnosis import Diagnosis, diagnose
+from calib.errors import FitError
+from calib.explanation import verdict_words
 from calib.measurement import failed_searches, with_corners
 from calib.repeatability import Repeats, find_repeats, pooled_sigma_mm
 
@@ -34,6 +37,7 @@ class Check:
     findings: tuple[Finding, ...]
     calibration: Calibration | None
     repeats: tuple[Repeats, ...]
+    diagnosis: Diagnosis | None = None  # where the fit leaves enough to judge a cause by
 
     @property
     def passed(self) -> bool:
@@ -56,12 +60,14 @@ def check(
     *,
     residual: str = "position",
     max_test_rmse_mm: float | None = None,
+    on_step: Callable[[str], None] | None = None,
 ) -> Check:
-    """Judge a dataset from its corners to its held-out error.
+    """Judge a dataset from its corners to its held-out error, and tell what is missing from the model.
 
     Args:
         searches: of the scans, by pose id, where the points come from them.
         max_test_rmse_mm: what the 3D error of the test poses may be; without it, it has to be less than before.
+        on_step: hears a line of words before each stage of the diagnosis.
     """
     findings = [Finding("dataset", None, warning) for warning in dataset.warnings]
     if searches:
@@ -77,7 +83,7 @@ def check(
                 f"{pooled_sigma_mm(repeats):.4f} mm",
             )
         )
-    calibration = None
+    calibration = diagnosis = None
     different = len(np.unique(np.round(dataset.poses.q[~dataset.poses.is_test], 9), axis=0))
     knowable = structural_rank(dataset.robot)
     if 3 * different - 6 <= knowable:
@@ -91,7 +97,12 @@ def check(
     else:
         calibration = calibrate(dataset, residual=residual)
         findings += _fit(calibration, max_test_rmse_mm)
-    return Check(dataset, tuple(findings), calibration, repeats)
+        try:
+            diagnosis = diagnose(dataset, on_step=on_step)
+            findings.append(Finding("diagnosis", None, verdict_words(diagnosis).removeprefix("Verdict: ")))
+        except FitError as error:  # a fit that leaves no equation to judge by is told of, it is no failure
+            findings.append(Finding("diagnosis", None, f"not tried: {error}"))
+    return Check(dataset, tuple(findings), calibration, repeats, diagnosis)
 
 
 def _corners(searches: Mapping[str, CornerSearch]) -> Finding:

@@ -45,7 +45,7 @@ def explain(diagnosis: Diagnosis) -> str:
             "not added. Either it stands in for another cause, or the test poses differ from the others."
         )
     parts.append(_remains(diagnosis))
-    parts.append(_verdict(diagnosis))
+    parts.append(verdict_words(diagnosis))
     return "\n\n".join(part for part in parts if part)
 
 
@@ -166,7 +166,8 @@ def _remains(diagnosis: Diagnosis) -> str:
     return words
 
 
-def _verdict(diagnosis: Diagnosis) -> str:
+def verdict_words(diagnosis: Diagnosis) -> str:
+    """The verdict alone, a sentence or two."""
     named = " and ".join(diagnosis.missing)
     were = "was" if len(diagnosis.missing) == 1 else "were"
     return {

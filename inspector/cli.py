@@ -17,7 +17,7 @@ from calib.correction import WHATS
 from calib.errors import CalibError
 from calib.residuals import RESIDUAL_KINDS
 from calib.robot_file import BUILTIN_ROBOTS
-from inspector import commands
+from inspector import commands, fit_commands
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -85,39 +85,25 @@ def _parser() -> argparse.ArgumentParser:
     _add_residual(sub)
     _add_json(sub)
 
-    sub = command("calibrate", commands.run_calibrate, "fit the five-parameter model")
-    _add_residual(sub)
+    sub = command("calibrate", fit_commands.run_calibrate, "fit the five-parameter model")
     sub.add_argument("--out", type=Path, metavar="FILE", help="write the calibrated robot.toml")
     sub.add_argument("--force", action="store_true", help="write --out although the fit is no improvement")
-    sub.add_argument("--no-prior", action="store_true", help="do not hold parameters within their tolerance")
-    sub.add_argument(
-        "--tolerance",
-        action="append",
-        default=[],
-        type=_named_number,
-        metavar="NAME=VALUE",
-        help="tolerance of one parameter, mm or rad (default 1 mm, 0.0087 rad); may be given several times",
-    )
-    sub.add_argument(
-        "--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal"
-    )
-    sub.add_argument("--robust", action="store_true", help="let points far from the model count less")
-    _add_effects(sub)
+    _add_adding(sub)
+    _add_fit(sub)
     _add_json(sub)
 
     sub = command(
         "validate",
-        commands.run_validate,
+        fit_commands.run_validate,
         "how good the fit is away from its poses, and whether more would help",
     )
     sub.add_argument("--folds", type=int, default=5, help="default 5")
-    _add_effects(sub)
-    _add_residual(sub)
+    _add_fit(sub)
     _add_json(sub)
 
     sub = command(
         "correct",
-        commands.run_correct,
+        fit_commands.run_correct,
         "joint targets that bring the real arm where the nominal one should be",
     )
     sub.add_argument(
@@ -126,11 +112,11 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--out", type=Path, required=True, metavar="FILE", help="write the corrected targets")
     sub.add_argument("--what", choices=WHATS, help="default: pose for six joints and more, else position")
     sub.add_argument("--force", action="store_true", help="go on although the fit is no improvement")
-    _add_effects(sub)
-    _add_residual(sub)
+    _add_adding(sub)
+    _add_fit(sub)
     _add_json(sub)
 
-    sub = command("diagnose", commands.run_diagnose, "which physical effect is missing, step by step")
+    sub = command("diagnose", fit_commands.run_diagnose, "which physical effect is missing, step by step")
     sub.add_argument(
         "--max-steps", type=int, default=3, metavar="N", help="effects to add at the most (default 3)"
     )
@@ -172,9 +158,42 @@ def _add_json(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
 
 
+def _add_fit(sub: argparse.ArgumentParser) -> None:
+    """What a fit is to be like: see `fit_commands.fit_options`."""
+    _add_residual(sub)
+    _add_effects(sub)
+    sub.add_argument("--no-prior", action="store_true", help="do not hold parameters within their tolerance")
+    sub.add_argument(
+        "--tolerance",
+        action="append",
+        default=[],
+        type=_named_number,
+        metavar="NAME=VALUE",
+        help="tolerance of one parameter, mm or rad (default 1 mm, 0.0087 rad); may be given several times",
+    )
+    sub.add_argument(
+        "--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal"
+    )
+    sub.add_argument("--robust", action="store_true", help="let points far from the model count less")
+
+
+def _add_adding(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "--add",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="add an effect as the ranking proposes it: only the joints that show it, as the page's button does",
+    )
+
+
 def _add_effects(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
-        "--effect", action="append", default=[], metavar="NAME", help="put an effect into the model"
+        "--effect",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="put a whole effect into the model, all joints",
     )
     sub.add_argument("--effects-file", type=Path, metavar="FILE.py", help="effects of your own")
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.adding import Addition
 from calib.calibration import Calibration
 from calib.checking import Check
 from calib.corners import CornerSearch
@@ -130,6 +131,19 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
     }
 
 
+def additions(steps: Sequence[Addition]) -> list[dict[str, Any]]:
+    """The way to a calibration: the first fit, then one for each effect that was added, with its members' sizes."""
+    return [
+        {
+            "effect": step.name,
+            "sizes": step.added[-1].sizes if step.added else {},
+            "sigma_mm": step.calibration.sigma_mm,
+            **_roles(step.calibration.after),
+        }
+        for step in steps
+    ]
+
+
 def _roles(evaluation: Evaluation) -> dict[str, Any]:
     def figures(of: Figures | None) -> dict[str, Any] | None:
         return None if of is None else asdict(of)
@@ -146,6 +160,7 @@ def check_document(check: Check) -> dict[str, Any]:
         "findings": [asdict(finding) for finding in check.findings],
         "repeats": repeats_frame(check.repeats).to_dict(orient="records"),
         "calibration": None if check.calibration is None else calibration_document(check.calibration),
+        "diagnosis": None if check.diagnosis is None else diagnosis_document(check.diagnosis),
     }
 
 

@@ -238,6 +238,9 @@ def test_check_passes_or_says_why_not(capsys: pytest.CaptureFixture[str], points
     bad = run_json(capsys, "check", points_folder, "--max-test-rmse-mm", "0.0001", code=1)
     assert bad["passed"] is False
     assert "was asked for" in bad["reasons"][0]
+    for document in (good, bad):  # the verdict is told; it does not decide the exit code
+        assert document["diagnosis"]["verdict"] == "adequate"
+        assert [f["passed"] for f in document["findings"] if f["name"] == "diagnosis"] == [None]
     several = run_json(capsys, "check", points_folder.parent)
     assert several["passed"] is True
     assert main(["check", str(points_folder), "--max-test-rmse-mm", "0.0001"]) == 1
@@ -386,6 +389,59 @@ def test_calibrate_with_the_effect_is_the_diagnosis_step(
     assert given["verdict"] == "adequate"
     assert "rust" in refused(capsys, "diagnose", hidden_folder, "--effect", "rust")
     assert "approach" in refused(capsys, "calibrate", hidden_folder, "--effect", "backlash")
+
+
+def test_check_tells_what_is_missing_and_still_passes(
+    capsys: pytest.CaptureFixture[str], hidden_folder: Path
+) -> None:
+    document = run_json(capsys, "check", hidden_folder)
+    assert document["diagnosis"]["missing"] == ["transmission_error"]
+    assert main(["check", str(hidden_folder)]) == 0
+    assert "note  diagnosis: transmission_error was missing" in capsys.readouterr().out
+
+
+def test_add_is_the_diagnosis_step_to_the_last_digit(
+    capsys: pytest.CaptureFixture[str], hidden_folder: Path, tmp_path: Path
+) -> None:
+    diagnosed = run_json(capsys, "diagnose", hidden_folder)["steps"]
+    document = run_json(capsys, "calibrate", hidden_folder, "--add", "transmission_error")
+    assert [step["effect"] for step in document["steps"]] == [None, "transmission_error"]
+    for step, found in zip(document["steps"], diagnosed, strict=True):
+        assert step["train"]["rmse_mm"] == pytest.approx(found["train_rmse_mm"], rel=1e-9)
+        assert step["test"]["rmse_mm"] == pytest.approx(found["test_rmse_mm"], rel=1e-9)
+        assert step["sigma_mm"] == pytest.approx(found["sigma_mm"], rel=1e-9)
+    tolerances = {p["name"]: p["tolerance"] for p in document["parameters"]}
+    sizes = document["steps"][1]["sizes"]
+    assert sizes
+    assert all(tolerances[name] == pytest.approx(size) for name, size in sizes.items())
+    assert main(["calibrate", str(hidden_folder), "--add", "transmission_error"]) == 0
+    out = capsys.readouterr().out
+    assert "link errors: train RMSE" in out
+    assert "+ transmission_error: train RMSE" in out
+    for name, says in (("rust", "rust"), ("scanner_scale", "cannot be fitted here")):
+        robot = tmp_path / "robot.toml"
+        assert says in refused(capsys, "calibrate", hidden_folder, "--add", name, "--out", robot)
+        assert not robot.exists()
+
+
+def test_validate_and_correct_take_the_options_of_a_fit(
+    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
+) -> None:
+    plain = run_json(capsys, "validate", points_folder)
+    held = run_json(capsys, "validate", points_folder, "--hold", "a2", "--tolerance", "d5=0.5")
+    assert (
+        held["held_out"]["rmse_mm"] > 1.2 * plain["held_out"]["rmse_mm"]
+    )  # a2 is off, and now it has to stay
+    out = tmp_path / "corrected.csv"
+    targets = ["--joints", points_folder / "poses.csv", "--out", out]
+    assert main(["correct", str(points_folder), *map(str, targets), "--robust"]) == 0
+    free = out.read_text()
+    assert main(["correct", str(points_folder), *map(str, targets), "--hold", "a2", "--no-prior"]) == 0
+    assert out.read_text() != free
+    capsys.readouterr()
+    for command in (["validate", points_folder], ["correct", points_folder, *targets]):
+        assert "no parameter named 'b7'" in refused(capsys, *command, "--hold", "b7")
+        assert "position or pairs" in refused(capsys, *command, "--robust", "--residual", "distance")
 
 
 def test_effects_lists_the_catalogue(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,127 @@
+"""The subcommands that fit a model: calibrate, validate, correct, diagnose, report. A few lines over `calib` each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from calib.adding import Addition, add_in_turn
+from calib.calibration import Calibration
+from calib.correction import corrected_joints
+from calib.dataset import Dataset
+from calib.diagnosis import diagnose, effects_named
+from calib.effects.catalogue import Family
+from calib.effects.own import load_effects
+from calib.errors import DatasetError
+from calib.explanation import explain
+from calib.knowledge import known_sums
+from calib.learning import learning_curve
+from calib.robot_file import robot_to_toml
+from calib.targets_file import corrected_table, load_targets
+from calib.toml_file import write_text_atomically
+from calib.validation import cross_validate
+from inspector import documents
+from inspector.commands import load, measured, show
+from inspector.progress import progress, stages
+
+
+def own_effects(options: Any, dataset: Dataset) -> tuple[Family, ...]:
+    """The families of --effects-file."""
+    return load_effects(options.effects_file, dataset) if options.effects_file is not None else ()
+
+
+def fit_options(options: Any, dataset: Dataset, own: Sequence[Family]) -> dict[str, Any]:
+    """What --residual, --effect, --hold, --no-prior, --tolerance and --robust are called by `calib.calibrate`."""
+    return {
+        "residual": options.residual,
+        "effects": effects_named(dataset, options.effect, own),
+        "fixed": options.hold,
+        "prior": not options.no_prior,
+        "tolerances": dict(options.tolerance),
+        "robust": options.robust,
+    }
+
+
+def _fitted(options: Any, dataset: Dataset) -> tuple[Addition, ...]:
+    """The fits that were asked for: one, then one more for each --add."""
+    own = own_effects(options, dataset)
+    return add_in_turn(dataset, options.add, own=own, **fit_options(options, dataset, own))
+
+
+def run_calibrate(options: Any) -> int:
+    """Fit, and write the calibrated table."""
+    dataset = measured(load(options.path))
+    steps = _fitted(options, dataset)
+    result = steps[-1].calibration
+    if options.out is not None:
+        result.require_improvement(force=options.force)
+        write_text_atomically(options.out, robot_to_toml(result.robot))
+    table = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.6g}")
+    sums = "\n".join(f"known: {c.words} = {c.value:.6g} +- {c.sigma:.2g}" for c in known_sums(result))
+    way = [f"+ {step.name}: {_errors(step.calibration)}" for step in steps[1:]]
+    words = "\n".join(
+        [table, sums, *([f"link errors: {_errors(steps[0].calibration)}", *way] if way else [])]
+    )
+    document = documents.calibration_document(result) | {"steps": documents.additions(steps)}
+    show(options, document, f"{words}\n{result.summary()}")
+    return 0
+
+
+def _errors(calibration: Calibration) -> str:
+    train, test = calibration.after.train, calibration.after.test
+    words = [f"{name} RMSE {of.rmse_mm:.4g} mm" for name, of in (("train", train), ("test", test)) if of]
+    return ", ".join(words)
+
+
+def run_validate(options: Any) -> int:
+    """Folds over poses, and a learning curve."""
+    dataset = measured(load(options.path))
+    more = fit_options(options, dataset, own_effects(options, dataset))
+    with progress("fits", "fit") as on_progress:
+        folds = cross_validate(dataset, folds=options.folds, on_progress=on_progress, **more)
+        curve = learning_curve(dataset, on_progress=on_progress, **more)
+    words = f"{folds.summary()}\n\n{curve.summary()}"
+    show(options, documents.validation_document(folds, curve), words)
+    return 0
+
+
+def run_correct(options: Any) -> int:
+    """Joint targets that bring the real arm where the nominal one was meant to be."""
+    dataset = load(options.path)
+    targets = load_targets(options.joints, dataset.robot)
+    dataset = measured(dataset)
+    result = _fitted(options, dataset)[-1].calibration
+    result.require_improvement(force=options.force)
+    correction = corrected_joints(
+        dataset.robot,
+        result.model,
+        targets.poses.q,
+        x=result.fit.x,
+        conditions=targets.poses,
+        what=options.what,
+    )
+    write_text_atomically(options.out, corrected_table(targets, correction))
+    ids = targets.poses.ids
+    show(options, documents.correction_document(correction, ids), correction.summary(ids))
+    return 0 if correction.reached.all() else 1
+
+
+def run_diagnose(options: Any) -> int:
+    """Which physical effect is missing."""
+    if options.max_steps < 0:
+        raise DatasetError(f"--max-steps {options.max_steps}: a number of steps is 0 or more")
+    dataset = measured(load(options.path))
+    own = own_effects(options, dataset)
+    effects_named(dataset, options.effect, own)  # refuses unknown names before the work starts
+    with stages() as on_step:
+        result = diagnose(
+            dataset, effects=options.effect, own=own, max_steps=options.max_steps, on_step=on_step
+        )
+    ranking = (
+        result.steps[0].screening.to_frame().head(6).to_string(index=False, float_format=lambda v: f"{v:.3g}")
+    )
+    steps = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.4g}")
+    silent = "\n".join(f"not testable: {u.name}: {u.why}; {u.would_help}" for u in result.untestable)
+    words = f"{ranking}\n\n{steps}\n\n{silent}\n\n{explain(result)}"
+    show(options, documents.diagnosis_document(result), words)
+    return 0
