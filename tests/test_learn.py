@@ -18,7 +18,9 @@ from hidden_dataset import HIDDEN, write_hidden
 from inspector.app import App, serving
 from inspector.cli import main
 from inspector.panels import words
+from inspector.panels.failure import PLACES
 from inspector.panels.learn import FIND, REDO, REMOVE, UNDO
+from inspector.residual_plots import SELECTED
 from inspector.scene import ROOT
 from inspector.session import Session
 from wire_client import WireClient
@@ -117,7 +119,7 @@ def test_find_gives_what_the_command_gives(folder: Path, app: App, page: WireCli
     assert page.has(FIND)  # it is not looking any more
     page.set("Model", UNDO)  # the diagnosis is one change
     page.wait(lambda p: len(history(p)["test"]) == 2)
-    assert "Verdict: " not in plain(page)
+    page.wait(lambda p: "Verdict: " not in plain(p))
 
 
 def test_the_ranking_is_the_commands_too(folder: Path, page: WireClient) -> None:
@@ -218,33 +220,70 @@ def test_unlisted_effects_are_told_or_ignored(app: App, page: WireClient) -> Non
 # ---- where it fails -------------------------------------------------------------------------------------------------
 
 
-def scatter(page: WireClient) -> dict[str, Any]:
-    """The points of the plot of what is left, and its axes' titles."""
+def left_plot(page: WireClient) -> dict[str, Any]:
+    """The traces of the plot of what is left by name, and its axes' titles."""
     for text in page.figures():
         figure = json.loads(text) if text else {}
         named = {t.get("name"): t for t in figure.get("data", [])}
-        if "running median" in named or "noise, 95 %" in named:
+        if SELECTED in named:
             layout = figure["layout"]
             return {
-                **named["training"],
+                **named,
                 "titles": (layout["xaxis"]["title"]["text"], layout["yaxis"]["title"]["text"]),
             }
     return {}
 
 
-def test_the_residual_is_drawn_against_what_is_chosen(app: App, page: WireClient) -> None:
+def visible_places(page: WireClient) -> list[dict[str, Any]]:
+    """The traces of the work space, where it is on show."""
+    for message in page.gui.values():
+        props = message.get("props", {})
+        figure = json.loads(props.get("_plotly_json_str") or "{}")
+        if props.get("visible") and any(t.get("yaxis") == "y2" for t in figure.get("data", [])):
+            return list(figure["data"])
+    return []
+
+
+def ring(page: WireClient) -> tuple[float, float]:
+    selected = left_plot(page)[SELECTED]
+    return selected["x"][0], selected["y"][0]
+
+
+def test_the_residual_is_drawn_against_what_is_chosen_test_poses_apart(app: App, page: WireClient) -> None:
     failure = session(app).failure
     assert failure is not None
-    page.wait(lambda p: scatter(p).get("titles") == ("joint 1 angle, °", "error length, mm"))
-    assert scatter(page)["y"] == pytest.approx(failure.error_length_mm.tolist())
-    assert len(page.props("Against")["options"]) == len(failure.inputs)
+    page.wait(lambda p: left_plot(p).get("titles") == ("joint 1 angle, °", "error length, mm"))
+    for name, rows in (("training", ~failure.is_test), ("test", failure.is_test)):
+        assert left_plot(page)[name]["y"] == pytest.approx(failure.error_length_mm[rows].tolist())
+    assert len(page.props("Against")["options"]) == len(failure.inputs) + 1
     page.set("Against", "temperature, °C")
     page.set("Show", "apparent motion of joint 3, m°")
-    page.wait(lambda p: scatter(p)["titles"] == ("temperature, °C", "apparent motion of joint 3, m°"))
-    drawn = scatter(page)
-    assert drawn["x"] == pytest.approx(failure.inputs["temperature_c"].tolist())
+    page.wait(lambda p: left_plot(p)["titles"] == ("temperature, °C", "apparent motion of joint 3, m°"))
     degrees = 1000 * 180 / 3.141592653589793
-    assert drawn["y"] == pytest.approx((degrees * failure.apparent_joint_error[:, 2]).tolist())
+    for name, rows in (("training", ~failure.is_test), ("test", failure.is_test)):
+        drawn = left_plot(page)[name]
+        assert drawn["x"] == pytest.approx(failure.inputs["temperature_c"][rows].tolist())
+        assert drawn["y"] == pytest.approx((degrees * failure.apparent_joint_error[rows, 2]).tolist())
+
+
+def test_the_work_space_is_a_choice_and_follows_the_selection(app: App, page: WireClient) -> None:
+    failure = session(app).failure
+    assert failure is not None
+    assert not visible_places(page)
+    page.set("Against", PLACES)
+    page.wait(visible_places)
+    above = next(t for t in visible_places(page) if t["name"] == "test" and t["yaxis"] == "y")
+    assert above["x"] == pytest.approx(failure.place_mm[failure.is_test, 0].tolist())
+    assert above["marker"]["color"] == pytest.approx(failure.error_length_mm[failure.is_test].tolist())
+    page.trigger("Next pose")
+    page.wait(
+        lambda p: (
+            next(t for t in visible_places(p) if t["name"] == SELECTED)["x"]
+            == pytest.approx([failure.place_mm[1, 0]])
+        )
+    )
+    page.set("Against", "joint 1 angle, °")
+    page.wait(lambda p: not visible_places(p))
 
 
 def test_a_pose_chosen_among_the_worst_is_selected_everywhere(app: App, page: WireClient) -> None:
@@ -253,20 +292,10 @@ def test_a_pose_chosen_among_the_worst_is_selected_everywhere(app: App, page: Wi
     worst = failure.worst(1)[0]
     page.set("Worst poses", page.props("Worst poses")["options"][1])
     page.wait(lambda p: p.value("Pose").startswith(f"{worst} "))
-    page.wait(
-        lambda p: (
-            [
-                name
-                for name, width in zip(
-                    scatter(p)["customdata"], scatter(p)["marker"]["line"]["width"], strict=True
-                )
-                if width
-            ]
-            == [worst]
-        )
-    )
+    page.wait(lambda p: ring(p)[1] == pytest.approx(failure.error_length_mm.max()))
     page.trigger("Previous pose")
     page.wait(lambda p: not p.value("Worst poses").startswith(f"{worst} "))
+    assert ring(page)[1] < failure.error_length_mm.max()
 
 
 def test_arrows_go_from_measured_to_predicted_and_say_how_far_they_exaggerate(

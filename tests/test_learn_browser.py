@@ -107,7 +107,7 @@ def test_find_what_is_missing_ends_with_the_commands_verdict(page: Any, app: App
 
 def test_where_it_fails_selects_the_pose_everywhere(page: Any, app: App) -> None:
     page.get_by_role("tab", name="Where it fails", exact=True).click()
-    says(page, "Worst training poses, mm")
+    says(page, "Worst poses, mm")
     failure = app.stage.now.session.failure
     assert failure is not None
     worst = failure.worst(1)[0]

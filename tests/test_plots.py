@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import html
 import json
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 import pytest
 
 from inspector.palette import FACE_COLOURS, GROUP_COLOURS, ROLE_COLOURS, group_colour, rgb, role_colour
-from inspector.plots import convergence, correlation_heatmap, parameter_label, pose_residuals
+from inspector.plots import (
+    convergence,
+    correlation_heatmap,
+    error_history,
+    outline,
+    parameter_label,
+    pose_residuals,
+)
+from inspector.residual_plots import MEDIAN, SELECTED, added_variable, place_views, residual_against, select
 
 NAMES = ("a1", "alpha2", "theta3", "d6", "aTCP")
 
@@ -88,26 +97,109 @@ def test_pose_residuals_colour_by_role_and_outline_the_selected_pose() -> None:
 
 def test_a_hostile_pose_name_stays_text() -> None:
     name = '<a href="http://evil.example">p1</a>'
+    drawn = residual_against(
+        [1], [1], [name], [False], x_title=name, y_title=name, band=(0, 1), selected=name
+    )
+    assert "<a" not in drawn.to_json()
+    assert _ringed(drawn) == [(1.0, 1.0)]
+    assert "<a" not in place_views([[1, 2, 3]], [1], [name], [False], title=name).to_json()
     bar = pose_residuals([name], ["train"], [0.1]).data[0]
     assert bar.x[0] == html.escape(name)
     assert "<" not in bar.x[0]
     assert "<" not in parameter_label(name)
 
 
+IDS = ["p1", "p2", "p3", "p4"]
+IS_TEST = [False, True, False, False]
+
+
+def _against(**more: Any) -> go.Figure:
+    return residual_against(
+        [1.0, 2.0, 3.0, 4.0], [0.1, 0.2, 0.3, np.nan], IDS, IS_TEST, x_title="joint 1 angle, °", y_title="error, mm",
+        band=(0.0, 0.15), **more,
+    )  # fmt: skip
+
+
+def _place(**more: Any) -> go.Figure:
+    place = np.arange(12.0).reshape(4, 3) * 100
+    return place_views(place, [0.1, 0.2, 0.4, 0.3], IDS, IS_TEST, title="error length, mm", **more)
+
+
 def _figures(dark: bool) -> list[go.Figure]:
+    smooth = ([1.0, 2.0, np.nan, 4.0], [0.1, 0.2, np.nan, 0.3])
     return [
         correlation_heatmap(NAMES, _pearson(), dark=dark),
         convergence([1.0, 0.1], [1.0, 0.2], dark=dark),
         pose_residuals(["p1"], ["train"], [0.1], dark=dark),
+        error_history(["nominal", "link errors"], [1.0, 0.1], [1.0, np.nan], 0.05, dark=dark),
+        _against(smooth=smooth, selected="p2", dark=dark),
+        _place(signed=True, selected="p2", dark=dark),
+        added_variable([0.1, 0.2], [0.2, 0.1], "joint_compliance", dark=dark),
     ]
 
 
 def test_dark_and_light_differ_and_both_become_json() -> None:
     for light, dark in zip(_figures(False), _figures(True), strict=True):
         assert light.layout.font.color != dark.layout.font.color
-        assert light.layout.template != dark.layout.template
+        assert light.layout.xaxis.gridcolor != dark.layout.xaxis.gridcolor
         for fig in (light, dark):
             assert json.loads(fig.to_json())["data"]
+
+
+def test_every_value_of_every_figure_is_one_that_plotly_knows_and_every_axis_has_its_unit() -> None:
+    for fig in (*_figures(False), *_figures(True)):
+        checked = go.Figure(fig.to_plotly_json())  # raises on what plotly does not know
+        assert len(checked.data) == len(fig.data)
+    for fig in _figures(False)[4:6]:
+        titles = [
+            axis["title"]["text"] for key, axis in fig.to_plotly_json()["layout"].items() if "axis" in key
+        ]
+        assert all("mm" in title or "°" in title for title in titles)
+
+
+def test_what_is_left_shows_test_poses_apart_and_stops_its_line_at_gaps() -> None:
+    fig = _against(smooth=([1.0, 2.0, np.nan, 4.0], [0.1, 0.2, np.nan, 0.3]))
+    by_name = {trace.name: trace for trace in fig.data}
+    train, test = by_name["training"], by_name["test"]
+    assert list(train.customdata) == ["p1", "p3", "p4"]
+    assert list(test.customdata) == ["p2"]
+    assert (train.marker.symbol, train.marker.color) != (test.marker.symbol, test.marker.color)
+    line = by_name[MEDIAN]
+    assert list(line.y) == [0.1, 0.2, None, 0.3]
+    assert line.connectgaps is False
+    assert [size > 0 for size in line.marker.size] == [False, False, False, True]  # alone: a dash
+    assert (fig.layout.shapes[0].y0, fig.layout.shapes[0].y1) == (0.0, 0.15)
+
+
+def _ringed(fig: go.Figure) -> list[tuple[float | None, float | None]]:
+    return [(ring.x[0], ring.y[0]) for ring in fig.data if ring.name == SELECTED]
+
+
+def test_selection_moves_a_ring_and_nothing_else() -> None:
+    fig = _against(selected="p1")
+    before = [trace.to_plotly_json() for trace in fig.data if trace.name != SELECTED]
+    assert _ringed(fig) == [(1.0, 0.1)]
+    assert _ringed(select(fig, "p2")) == [(2.0, 0.2)]
+    assert _ringed(select(fig, "not measured")) == _ringed(select(fig, None)) == [(None, None)]
+    assert [trace.to_plotly_json() for trace in fig.data if trace.name != SELECTED] == before
+    both = _place(selected="p3")
+    assert _ringed(both) == [(600.0, 700.0), (600.0, 800.0)]
+    bars = pose_residuals(["p1", "p2"], ["train", "train"], [0.1, 0.2], selected="p1")
+    assert list(outline(bars, "p2").data[0].marker.line.width) == [0, 2]
+
+
+def test_the_work_space_is_seen_from_above_and_from_the_side_with_one_scale_in_mm() -> None:
+    fig = _place()
+    above, side = (
+        next(t for t in fig.data if t.name == "training" and t.yaxis == axis) for axis in ("y", "y2")
+    )
+    assert (list(above.x), list(above.y)) == ([0.0, 600.0, 900.0], [100.0, 700.0, 1000.0])
+    assert (list(side.x), list(side.y)) == ([0.0, 600.0, 900.0], [200.0, 800.0, 1100.0])
+    coloured = [t for t in fig.data if t.customdata is not None]
+    assert {(t.marker.cmin, t.marker.cmax) for t in coloured} == {(0.0, 0.4)}
+    assert [t.marker.showscale for t in coloured].count(True) == 1
+    assert "mm" in coloured[0].marker.colorbar.title.text
+    assert {(t.marker.cmin, t.marker.cmax) for t in _place(signed=True).data if t.customdata} == {(-0.4, 0.4)}
 
 
 def test_palette_has_one_meaning_a_colour() -> None:

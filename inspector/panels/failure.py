@@ -1,4 +1,4 @@
-"""Tab Where it fails: what is left over against anything that it may depend on, and the worst poses."""
+"""Tab Where it fails: what is left over against anything it may depend on, over the work space, and the worst poses."""
 
 from __future__ import annotations
 
@@ -11,11 +11,16 @@ from calib.robot import Robot
 from inspector import tables
 from inspector.panels import words
 from inspector.panels.base import Actions, View, by_page, hidden_plot, put
-from inspector.plots import residual_against
+from inspector.residual_plots import place_views, residual_against, select
 
 NOTE = (
-    "What is left over at the training poses, against anything it may depend on. Noise has no order: points that "
-    "follow a line or a wave, or that leave the grey band together, show what is missing."
+    "What is left over at each pose, against anything it may depend on. Noise has no order: points that follow a line "
+    "or a wave, or that leave the grey band together, show what is missing. No fit saw the test poses."
+)
+PLACES = "work space, from above and the side"
+PLACES_NOTE = (
+    "Where the points were measured, in the frame of the robot's base. A corner of the work space coloured like "
+    "no other is where the model does not hold."
 )
 LENGTH = "error length"
 AXES = {f"error in {axis} of the scanner": k for k, axis in enumerate("xyz")}
@@ -37,16 +42,20 @@ class FailurePanel:
         self._actions = actions
         gui.add_html(tables.note(NOTE))
         self.against = gui.add_dropdown(
-            "Against", (NONE,), hint="joint angles, torques, conditions, place, order"
+            "Against",
+            (NONE,),
+            hint="joint angles, torques, conditions, place, order; or the work space itself",
         )
         self.what = gui.add_dropdown(
             "Show", (NONE,), hint="apparent motion: what joint k alone would have to do"
         )
         self._plot = hidden_plot(gui, 0.75)
+        self._places = hidden_plot(gui, 1.35)
         self._state = gui.add_html(tables.note("Not calibrated yet."))
         self.worst = gui.add_dropdown("Worst poses", (NONE,), hint="selects the pose, everywhere on the page")
         self._table = gui.add_html("")
         self._ids: dict[str, str] = {}  # pose id by label
+        self._drawn: tuple[object, ...] = ()  # what the figure on show is of
         self.against.on_update(lambda e: actions.failure() if by_page(e) else None)
         self.what.on_update(lambda e: actions.failure() if by_page(e) else None)
         self.worst.on_update(lambda e: self._chosen(str(e.target.value)) if by_page(e) else None)
@@ -58,45 +67,75 @@ class FailurePanel:
     def update(self, view: View) -> None:
         """The session's residual."""
         failure = view.session.failure
-        self._plot.visible = failure is not None
         if failure is None:
+            self._plot.visible = self._places.visible = False
             self._state.content = tables.note("Nothing to show yet, or too few poses to judge by.")
             self._table.content = ""
             return
         robot = view.session.dataset.robot
         inputs = {input_title(name, robot): name for name in failure.inputs}
         joints = {joint_title(j, robot): j for j in range(robot.n_joints)}
-        _offer(self.against, tuple(inputs))
+        _offer(self.against, (*inputs, PLACES))
         _offer(self.what, (LENGTH, *AXES, *joints))
         title, what = str(self.against.value), str(self.what.value)
-        x = turned(inputs[title], failure.inputs[inputs[title]], robot)
-        y, y_title, band = shown(failure, what, joints.get(what), robot)
-        self._plot.figure = residual_against(
-            x, y, failure.pose_ids, x_title=title, y_title=y_title, band=band,
-            smooth=running_median(x, y) if len(np.unique(x)) > 4 else None, selected=view.pose_id, dark=view.dark,
-        )  # fmt: skip
-        self._state.content = tables.note(
-            f"Grey: where noise alone ({words.length(failure.noise_mm)} a coordinate) leaves 19 of 20 poses. "
-            "Outlined: the selected pose."
-        )
+        places = title == PLACES
+        plot = self._places if places else self._plot
+        drawing = (failure, title, what, view.dark)
+        if self._drawn and failure is self._drawn[0] and drawing[1:] == self._drawn[1:]:
+            plot.figure = select(plot.figure, view.pose_id)  # only another pose
+        else:
+            values, y_title, band = shown(failure, what, joints.get(what), robot)
+            if places:
+                plot.figure = place_views(
+                    failure.place_mm, values, failure.pose_ids, failure.is_test,
+                    title=y_title, signed=what != LENGTH, selected=view.pose_id, dark=view.dark,
+                )  # fmt: skip
+            else:
+                x = turned(inputs[title], failure.inputs[inputs[title]], robot)
+                train = ~failure.is_test
+                plot.figure = residual_against(
+                    x, values, failure.pose_ids, failure.is_test, x_title=title, y_title=y_title, band=band,
+                    smooth=running_median(x[train], values[train]), selected=view.pose_id, dark=view.dark,
+                )  # fmt: skip
+            self._state.content = tables.note(PLACES_NOTE if places else band_note(failure, band))
+            self._drawn = drawing
+        self._plot.visible, self._places.visible = not places, places
         self._show_worst(failure, view)
 
     def _show_worst(self, failure: Failure, view: View) -> None:
         length = dict(zip(failure.pose_ids, failure.error_length_mm, strict=True))
+        role = {
+            i: "test" if t else "training" for i, t in zip(failure.pose_ids, failure.is_test, strict=True)
+        }
         worst = failure.worst(WORST)
-        labels = {pose_id: f"{pose_id} · {length[pose_id]:.3f} mm" for pose_id in worst}
+        labels = {pose_id: f"{pose_id} ({role[pose_id]}) · {length[pose_id]:.3f} mm" for pose_id in worst}
         self._ids = {label: pose_id for pose_id, label in labels.items()}
         options = (NONE, *labels.values())
         if options != tuple(self.worst.options):
             self.worst.options = options
         put(self.worst, labels.get(view.pose_id, NONE))
         error = dict(zip(failure.pose_ids, failure.error_mm, strict=True))
-        rows = [(i, f"{length[i]:.4f}", *(f"{e:+.4f}" for e in error[i])) for i in worst]
-        self._table.content = tables.heading("Worst training poses, mm") + tables.table(
-            ("pose", "length", "x", "y", "z"),
+        rows = [(i, role[i], f"{length[i]:.4f}", *(f"{e:+.4f}" for e in error[i])) for i in worst]
+        self._table.content = tables.heading("Worst poses, mm in the scanner's frame") + tables.table(
+            ("pose", "role", "length", "x", "y", "z"),
             rows,
+            left=2,
             mark=worst.index(view.pose_id) if view.pose_id in worst else None,
         )
+
+
+def band_note(failure: Failure, band: tuple[float, float]) -> str:
+    """What the grey band is, and how many poses leave it where that is counted."""
+    grey = f"Grey: where noise alone ({words.length(failure.noise_mm)} a coordinate) leaves 19 of 20 poses."
+    if not np.isfinite(band).all():
+        return "These poses do not tell how much noise alone would make of it: there is no band."
+    outside = failure.error_length_mm > failure.length_noise_mm
+    counts = [
+        f"{np.count_nonzero(outside & of)} of {words.count(int(np.count_nonzero(of)), name)}"
+        for of, name in ((~failure.is_test, "training pose"), (failure.is_test, "test pose"))
+        if of.any()
+    ]
+    return f"{grey} By their length, {words.listing(counts)} are off by more."
 
 
 def _offer(handle: viser.GuiDropdownHandle[str], options: tuple[str, ...]) -> None:

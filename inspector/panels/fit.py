@@ -12,7 +12,7 @@ from inspector import tables
 from inspector.palette import ROLE_COLOURS
 from inspector.panels import words
 from inspector.panels.base import RESIDUALS, Actions, View, hidden_plot
-from inspector.plots import convergence, parameter_label, pose_residuals
+from inspector.plots import convergence, outline, parameter_label, pose_residuals
 from inspector.server import one_of
 
 NOTE = (
@@ -44,6 +44,7 @@ class FitPanel:
         self._figures = gui.add_html("")
         self._residuals = hidden_plot(gui, 0.62)
         self._parameters = gui.add_html("")
+        self._drawn: tuple[Calibration, bool] | None = None  # what the bars on show are of
         self.calibrate.on_click(
             lambda _: actions.calibrate(one_of(self.residual.value, RESIDUALS, RESIDUALS[0]))
         )
@@ -75,6 +76,10 @@ class FitPanel:
         result = view.session.calibration
         if result is None:
             return
+        if self._drawn and result is self._drawn[0] and view.dark == self._drawn[1]:
+            self._residuals.figure = outline(self._residuals.figure, view.pose_id)  # only another pose
+            return
+        self._drawn = (result, view.dark)
         errors = result.after.to_frame(result.dataset)
         column = "distance_error_mm" if result.residual == "distance" else "error_mm"
         errors = errors.dropna(subset=[column])

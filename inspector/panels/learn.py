@@ -15,7 +15,8 @@ from calib.sigma_check import noise_floor_mm
 from inspector import tables
 from inspector.panels import words
 from inspector.panels.base import Actions, View, by_page, hidden_plot, put
-from inspector.plots import added_variable, error_history
+from inspector.plots import error_history
+from inspector.residual_plots import added_variable
 from inspector.session import Session
 
 NOTE = (
