@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -14,7 +15,7 @@ from calib.dataset import Dataset
 from calib.effects.base import Effect
 from calib.effects.links import LinkErrors
 from calib.errors import FitError
-from calib.evaluation import Evaluation, Figures, evaluate
+from calib.evaluation import Evaluation, Figures, evaluate_all
 from calib.model import Model, geometric_model
 from calib.observations import Observations, place_scanner
 from calib.redundancy import Redundancy, analyse
@@ -46,13 +47,18 @@ class Calibration:
     fit: Fit
     before: Evaluation
     after: Evaluation
-    steps: tuple[Step, ...]  # one an iteration, the first is the nominal robot
     weights: Array | None = None  # of the training points, where the fit was robust
 
     @property
     def robot(self) -> Robot:
         """The robot with the fitted table."""
         return self.model.calibrated_robot(self.fit.x)
+
+    @cached_property
+    def steps(self) -> tuple[Step, ...]:
+        """One an iteration, the first is the nominal robot; worked out when first asked for."""
+        at = evaluate_all(self.model, [step.x for step in self.fit.iterations], self.dataset)
+        return tuple(_step(evaluation) for evaluation in at)
 
     @property
     def sigma_mm(self) -> float:
@@ -192,15 +198,14 @@ def calibrate(
             f"dataset {dataset.name}: the training poses tell nothing of the arm's parameters; they are all alike, or "
             "the points do not depend on the joints: measure poses that differ"
         )
-    evaluations = [evaluate(model, step.x, dataset) for step in fit.iterations]
+    before, after = evaluate_all(model, [np.zeros(len(fit.x)), fit.x], dataset)
     return Calibration(
         dataset=dataset,
         model=model,
         residual=residual,
         fit=fit,
-        before=evaluations[0],
-        after=evaluations[-1],
-        steps=tuple(_step(evaluation) for evaluation in evaluations),
+        before=before,
+        after=after,
         weights=weights,
     )
 

@@ -6,6 +6,7 @@ have no say in it. Distances run from the reference pose, as Jang 2025 counts th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,7 +91,12 @@ class Evaluation:
 
 
 def evaluate(model: Model, x: Array, dataset: Dataset) -> Evaluation:
-    """Hold the model at x against the dataset's points.
+    """Hold the model at x against the dataset's points, see `evaluate_all`."""
+    return evaluate_all(model, [x], dataset)[0]
+
+
+def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset) -> list[Evaluation]:
+    """Hold the model at each of several x against the dataset's points, which are prepared once for all.
 
     A setup without training poses gets its frame from its own test poses, and a note says so: its errors are then the
     scatter about its own best frame, not a prediction.
@@ -99,48 +105,63 @@ def evaluate(model: Model, x: Array, dataset: Dataset) -> Evaluation:
     nominal = geometric_model(dataset.robot)
     trained = ~dataset.poses.is_test[observed.points.pose]
     observed = place_scanner(observed, nominal, np.zeros(len(nominal.parameters)), trained)
-    base_mm = predict_points(model, x, observed)
-    points, setup = observed.points, observed.setup
-    error_mm = np.empty_like(base_mm)
-    placements: dict[str, Array] = {}
-    notes = []
-    for name in map(str, np.unique(setup)):
-        rows = setup == name
+    setups, notes = [], []
+    for name in map(str, np.unique(observed.setup)):
+        rows = observed.setup == name
         fitted = rows & trained
         if not fitted.any():
             fitted = rows
             notes.append(f"setup {name!r} has no training pose: its frame comes from its own test poses")
-        frame = fit_scanner_frame(base_mm[fitted], points.xyz_mm[fitted], observed.covariance_mm2[fitted])
-        error_mm[rows] = frames.apply(frame, base_mm[rows]) - points.xyz_mm[rows]
-        placements[name] = frame
-    distance_pose, distance_error_mm = _distance_errors(model, x, observed)
-    return Evaluation(
-        pose=points.pose,
-        error_mm=error_mm,
-        distance_pose=distance_pose,
-        distance_error_mm=distance_error_mm,
-        is_test=dataset.poses.is_test,
-        scanner_T_base=placements,
-        notes=tuple(notes),
-    )
+        setups.append((name, rows, fitted))
+    distances = _Distances.of(observed)
+
+    def at(x: Array) -> Evaluation:
+        base_mm, scanner_mm = predict_points(model, x, observed), observed.points.xyz_mm
+        error_mm = np.empty_like(base_mm)
+        placements: dict[str, Array] = {}
+        for name, rows, fitted in setups:
+            frame = fit_scanner_frame(base_mm[fitted], scanner_mm[fitted], observed.covariance_mm2[fitted])
+            error_mm[rows] = frames.apply(frame, base_mm[rows]) - scanner_mm[rows]
+            placements[name] = frame
+        return Evaluation(
+            pose=observed.points.pose,
+            error_mm=error_mm,
+            distance_pose=distances.pose,
+            distance_error_mm=distances.error_mm(base_mm),
+            is_test=dataset.poses.is_test,
+            scanner_T_base=placements,
+            notes=tuple(notes),
+        )
+
+    return [at(x) for x in xs]
 
 
-def _distance_errors(model: Model, x: Array, observed: Observations) -> tuple[NDArray[np.int64], Array]:
-    """Error of the distance from each setup's reference to each other pose; which pose, and by how much."""
-    poses, _ = observed.used_poses
-    used = np.unique(observed.points.pose)
-    usable, measured_mm, _ = mean_jig_points(observed)
-    # A training pose is the reference where there is one, so that a test pose is measured against the fit.
-    trained = usable & ~poses.is_test
-    references = setup_references(poses, usable) | setup_references(poses, trained)
-    base_mm = model.predict(x, poses, seen=observed.seen())
-    far, error = [], []
-    for setup, reference in references.items():
-        others = np.flatnonzero(usable & (poses.setup == setup) & (np.arange(len(poses)) != reference))
-        predicted = np.linalg.norm(base_mm[others] - base_mm[reference], axis=1)
-        measured = np.linalg.norm(measured_mm[others] - measured_mm[reference], axis=1)
-        far.append(used[others])
-        error.append(predicted - measured)
-    if not far:
-        return np.zeros(0, dtype=np.int64), np.zeros(0)
-    return np.concatenate(far), np.concatenate(error)
+@dataclass(frozen=True)
+class _Distances:
+    """The K distances from each setup's reference to each other pose: which points they run between, and how long."""
+
+    pose: NDArray[np.int64]  # (K,) the far pose
+    far: NDArray[np.int64]  # (K,) a point of that pose
+    near: NDArray[np.int64]  # (K,) a point of the reference
+    measured_mm: Array  # (K,)
+
+    @classmethod
+    def of(cls, observed: Observations) -> _Distances:
+        poses, row = observed.used_poses
+        usable, measured_mm, _ = mean_jig_points(observed)
+        # A training pose is the reference where there is one, so that a test pose is measured against the fit.
+        trained = usable & ~poses.is_test
+        references = setup_references(poses, usable) | setup_references(poses, trained)
+        start = np.full(len(poses), -1)
+        for setup, reference in references.items():
+            start[usable & (poses.setup == setup)] = reference
+        others = np.flatnonzero(usable & (start != np.arange(len(poses))))
+        jig = np.flatnonzero(observed.points.target == "jig")
+        point = np.zeros(len(poses), dtype=np.int64)  # of each pose: repeats are predicted alike, any will do
+        point[row[jig]] = jig
+        length_mm = np.linalg.norm(measured_mm[others] - measured_mm[start[others]], axis=1)
+        return cls(np.unique(observed.points.pose)[others], point[others], point[start[others]], length_mm)
+
+    def error_mm(self, base_mm: Array) -> Array:
+        """Predicted less measured (K,), of predicted points (M, 3)."""
+        return np.asarray(np.linalg.norm(base_mm[self.far] - base_mm[self.near], axis=1) - self.measured_mm)

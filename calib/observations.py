@@ -62,17 +62,26 @@ class Observations:
         used, row = np.unique(self.points.pose, return_inverse=True)
         return self.poses.select(used), row
 
+    @cached_property
+    def targets(self) -> Mapping[str, NDArray[np.bool_]]:
+        """Which targets were measured, and which points are of each (M,)."""
+        return {str(name): self.points.target == name for name in np.unique(self.points.target)}
+
     def seen(self, target: str = "jig") -> Seen | None:
         """Where the scanner sees a target at each used pose, which effects may depend on; None before it is placed."""
-        if self.scanner_T_base is None:
-            return None
+        return self._seen.get(target) if self.scanner_T_base is not None else None
+
+    @cached_property
+    def _seen(self) -> dict[str, Seen]:
+        assert self.scanner_T_base is not None
         poses, row = self.used_poses
-        of_target = self.points.target == target
-        total = np.zeros((len(poses), 3))
-        np.add.at(total, row[of_target], self.points.xyz_mm[of_target])
-        count = np.bincount(row[of_target], minlength=len(poses))
-        placed = np.stack([self.scanner_T_base[str(name)] for name in poses.setup])
-        return Seen(total / np.maximum(count, 1)[:, None], placed)
+        setups, setup = np.unique(poses.setup, return_inverse=True)
+        placed = np.stack([self.scanner_T_base[str(name)] for name in setups])[setup]
+        out = {}
+        for target, of_target in self.targets.items():
+            mean_mm, _ = _mean_by_pose(self.points.xyz_mm[of_target], row[of_target], len(poses))
+            out[target] = Seen(mean_mm, placed)
+        return out
 
 
 def place_scanner(
@@ -97,9 +106,8 @@ def predict_points(model: Model, x: Array, observed: Observations) -> Array:
     """Where the model sees each observed point (M, 3), mm in the base frame."""
     poses, row = observed.used_poses
     out = np.empty((len(observed.points), 3))
-    for target in np.unique(observed.points.target):
-        of_target = observed.points.target == target
-        out[of_target] = model.predict(x, poses, str(target), observed.seen(str(target)))[row[of_target]]
+    for target, of_target in observed.targets.items():
+        out[of_target] = model.predict(x, poses, target, observed.seen(target))[row[of_target]]
     return out
 
 
@@ -108,9 +116,8 @@ def linearise_points(model: Model, x: Array, observed: Observations) -> tuple[Ar
     poses, row = observed.used_poses
     points_mm = np.empty((len(observed.points), 3))
     jacobian = np.empty((len(observed.points), 3, len(model.parameters)))
-    for target in np.unique(observed.points.target):
-        of_target = observed.points.target == target
-        at, by = model.linearise(x, poses, str(target), observed.seen(str(target)))
+    for target, of_target in observed.targets.items():
+        at, by = model.linearise(x, poses, target, observed.seen(target))
         points_mm[of_target], jacobian[of_target] = at[row[of_target]], by[row[of_target]]
     return points_mm, jacobian
 
@@ -119,23 +126,26 @@ def mean_jig_points(observed: Observations) -> tuple[NDArray[np.bool_], Array, A
     """Per used pose: whether it has a "jig" point, the repeats' mean (N, 3), and its covariance (N, 3, 3)."""
     poses, row = observed.used_poses
     is_jig = observed.points.target == "jig"
-    count = np.bincount(row[is_jig], minlength=len(poses)).astype(float)
-    mean = np.zeros((len(poses), 3))
-    covariance = np.zeros((len(poses), 3, 3))
-    np.add.at(mean, row[is_jig], observed.points.xyz_mm[is_jig])
-    np.add.at(covariance, row[is_jig], observed.covariance_mm2[is_jig])
-    n = np.maximum(count, 1.0)
-    return count > 0, mean / n[:, None], covariance / n[:, None, None] ** 2
+    row = row[is_jig]
+    mean, count = _mean_by_pose(observed.points.xyz_mm[is_jig], row, len(poses))
+    covariance, _ = _mean_by_pose(observed.covariance_mm2[is_jig], row, len(poses))
+    return count > 0, mean, covariance / np.maximum(count, 1)[:, None, None]
+
+
+def _mean_by_pose(values: Array, row: NDArray[np.int64], poses: int) -> tuple[Array, NDArray[np.int64]]:
+    """Of values (M, ...) the mean over each pose's points (N, ...), zero where it has none, and their number (N,)."""
+    total = np.zeros((poses, *values.shape[1:]))
+    np.add.at(total, row, values)
+    count = np.bincount(row, minlength=poses)
+    return total / np.maximum(count, 1).reshape(-1, *[1] * (values.ndim - 1)), count
 
 
 def setup_references(poses: Poses, usable: NDArray[np.bool_]) -> dict[str, int]:
     """Which pose distances of a setup start from: the reference, or the setup's first usable pose."""
-    out: dict[str, int] = {}
-    for i in np.flatnonzero(usable):
-        setup = str(poses.setup[i])
-        if setup not in out or poses.role[i] == "reference":
-            out[setup] = int(i)
-    return out
+    rows = np.flatnonzero(usable)
+    names, first = np.unique(poses.setup[rows], return_index=True)
+    out = {str(name): int(rows[i]) for name, i in zip(names, first, strict=True)}
+    return out | {str(poses.setup[i]): int(i) for i in rows[poses.role[rows] == "reference"]}
 
 
 def conditions_at(like: Poses, q: Array) -> Poses:
