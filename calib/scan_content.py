@@ -1,0 +1,88 @@
+"""What the readers of scan files share: lines and numbers out of bytes, and the words for what is wrong with them.
+
+Every reader gets the file's bytes and returns points and normals. None of them trusts a header: what it promises is
+held against the bytes that are there before anything of that size is made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.errors import ScanError
+
+MOST_HEADER_BYTES = 65536
+PointsAndNormals = tuple[NDArray, NDArray | None]
+"""Points (N, 3), rows without a value included, and normals (N, 3) or None."""
+Reader = Callable[[Path, bytes], PointsAndNormals]
+
+_NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
+
+
+def text_lines(content: bytes) -> list[str]:
+    """The lines that are not blank, whichever of the three line ends they have.
+
+    Bytes that are no UTF-8 (a degree sign of another encoding in a comment) become replacement characters.
+    """
+    text = content.decode("utf-8-sig", "replace").replace("\r\n", "\n").replace("\r", "\n")
+    return [line for line in text.split("\n") if line.strip()]
+
+
+def numbers(
+    path: Path, lines: Sequence[str], columns: Sequence[int], *, delimiter: str | None = None
+) -> NDArray:
+    """(len(lines), len(columns)) float64. Raises ScanError where a line has no number in one of the columns."""
+    if not lines:
+        return np.zeros((0, len(columns)))
+    try:
+        return np.loadtxt(lines, ndmin=2, usecols=columns, delimiter=delimiter, comments=None)
+    except (ValueError, OverflowError) as error:
+        raise ScanError(
+            f"{path}: not three numbers a line ({one_line(error)}); write x y z in each line"
+        ) from None
+
+
+def columns_of(path: Path, names: Sequence[str]) -> tuple[list[int], bool]:
+    """Where x, y, z stand among the names, then the normals' three; whether there are normals.
+
+    Raises ScanError where there is no x, y or z.
+    """
+    lower = [name.lower() for name in names]
+    if not {"x", "y", "z"} <= set(lower):
+        found = ", ".join(names[:12]) or "nothing"
+        raise ScanError(f"{path}: its points have no x, y, z (found: {found}); export the coordinates too")
+    columns = [lower.index(name) for name in "xyz"]
+    for normals in _NORMALS:
+        if set(normals) <= set(lower):
+            return columns + [lower.index(name) for name in normals], True
+    return columns, False
+
+
+def split(rows: NDArray, has_normals: bool) -> PointsAndNormals:
+    """Rows of three or six columns as points and normals."""
+    return rows[:, :3], rows[:, 3:6] if has_normals else None
+
+
+def count(path: Path, word: str) -> int:
+    """A header's number of points. Raises ScanError where it is none."""
+    if not (
+        word.isascii() and word.isdigit() and len(word) <= 18
+    ):  # longer ones are nothing that a file can hold
+        raise ScanError(f"{path}: the header has {word[:20]!r} for a number of points; export the scan again")
+    return int(word)
+
+
+def truncated(path: Path, promised: int, held: int) -> ScanError:
+    """The error for a file that ends too early."""
+    return ScanError(
+        f"{path}: the file is truncated: its header promises {promised} points, it holds {held}; "
+        "copy or export the scan again"
+    )
+
+
+def one_line(error: Exception) -> str:
+    """What an exception says, in one short line."""
+    return " ".join(str(error).split())[:120] or type(error).__name__
