@@ -19,6 +19,7 @@ NOTE = (
     "Training poses are fitted, test poses only predicted. A test error that stays far above the training error means "
     "too many parameters or physics that is not in the model. Look for single poses that stand out."
 )
+PARAMETER_COLUMNS = ("name", "nominal", "fitted", "change", "sigma", "unit")
 FIGURES = (
     ("rmse_mm", "3D RMSE"),
     ("mean_mm", "3D mean"),
@@ -130,8 +131,8 @@ def figures_html(result: Calibration) -> str:
     )
 
 
-def parameters_html(result: Calibration) -> str:
-    """Name, nominal, fitted, change, sigma, unit; what the data do not know is said."""
+def parameter_rows(result: Calibration) -> list[tuple[str, ...]]:
+    """Name, nominal, fitted, change, sigma, unit of each parameter; what the data do not know has a star."""
     rows = []
     for row in result.to_frame().to_dict("records"):
         angle = row["unit"] == "rad"  # people read degrees, as the files have them
@@ -149,9 +150,14 @@ def parameters_html(result: Calibration) -> str:
                 "°" if angle else row["unit"],
             )
         )
+    return rows
+
+
+def parameters_html(result: Calibration) -> str:
+    """The parameters as a table; what the data do not know is said."""
     return (
         tables.heading("Parameters")
-        + tables.table(("name", "nominal", "fitted", "change", "sigma", "unit"), rows, height="420px")
+        + tables.table(PARAMETER_COLUMNS, parameter_rows(result), height="420px")
         + tables.note(
             "* the data tell next to nothing of it by itself: the value is held by its tolerance, or shared."
         )
