@@ -120,13 +120,15 @@ class _Factors:
     v: Array
     g: Array
 
-    @classmethod
-    def of(cls, matrix: Array, rhs: Array) -> _Factors:
-        # R of [A b] carries the whole problem in P + 1 rows, however many poses there are.
-        r = _triangle(np.column_stack([matrix, rhs]))
-        u, s, vt = np.linalg.svd(r[:, :-1], full_matrices=False)
+    def with_prior(self, weight: float, z: Array) -> _Factors:
+        """Of [A; w 1] with right-hand side [b; w z]: the same V, as w 1 is alike in all directions.
+
+        Directions without information are left out.
+        """
+        s = np.hypot(self.s, weight)
+        g = (self.s * self.g + weight**2 * (self.v.T @ z)) / np.maximum(s, 1e-300)
         keep = s > _NULL * max(float(s[0]), 1e-300)
-        return cls(s[keep], vt[keep].T, u[:, keep].T @ r[:, -1])
+        return _Factors(s[keep], self.v[:, keep], g[keep])
 
     @property
     def possible_drop(self) -> float:
@@ -149,9 +151,17 @@ class _Factors:
         return self.v @ y, self.possible_drop - float(np.sum((self.g + self.s * y) ** 2))
 
 
-def _triangle(matrix: Array) -> Array:
-    """R of the QR decomposition: the same singular values in far fewer rows."""
-    return np.asarray(np.linalg.qr(matrix, mode="r"))
+def _factorise(matrix: Array, rhs: Array) -> _Factors:
+    """All P directions of a matrix (R, P); those beyond its rank have s = 0."""
+    # R of [A b] carries the whole problem in P + 1 rows, however many poses there are.
+    r = np.linalg.qr(np.column_stack([matrix, rhs]), mode="r")
+    count = matrix.shape[1]
+    u, s, vt = np.linalg.svd(r[:, :-1])
+    return _Factors(_padded(s, count), vt.T, _padded((u.T @ r[:, -1])[:count], count))
+
+
+def _padded(values: Array, count: int) -> Array:
+    return np.concatenate([values, np.zeros(count - len(values))])
 
 
 class _Descent:
@@ -169,23 +179,13 @@ class _Descent:
         self.history = [Iteration(self.z * self.scales, self.cost, 0.0)]
         self.converged, self.reason = False, ""
         self._linearise()
-        s = self.singular_values()
+        s = self.factors.s
         self.rank = int(np.sum(s > max(1e-9 * float(s[0]), _SILENT)))
 
     def _linearise(self) -> None:
         at = self.residuals.linearise(self.z * self.scales)
-        self.residual, self.jacobian = at.residual, at.jacobian * self.scales
-
-    def singular_values(self) -> Array:
-        return np.asarray(np.linalg.svd(_triangle(self.jacobian), compute_uv=False))
-
-    def _factors(self, weight: float) -> _Factors:
-        if weight == 0.0:
-            return _Factors.of(self.jacobian, self.residual)
-        prior = weight * np.eye(len(self.z))
-        return _Factors.of(
-            np.vstack([self.jacobian, prior]), np.concatenate([self.residual, weight * self.z])
-        )
+        self.rows = len(at.residual)
+        self.factors = _factorise(at.jacobian * self.scales, at.residual)
 
     @property
     def steps(self) -> int:
@@ -198,8 +198,8 @@ class _Descent:
 
     def promised_noise(self) -> float:
         """Residual sigma that a full step would leave, were the problem linear: without what the prior adds."""
-        factors = self._factors(0.0)
-        left = len(self.residual) - self.residuals.degrees_spent - len(factors.s)
+        factors = self.factors.with_prior(0.0, self.z)
+        left = self.rows - self.residuals.degrees_spent - len(factors.s)
         return float(np.sqrt(max(self.cost - factors.possible_drop, 0.0) / left)) if left > 0 else np.inf
 
     def run(self, weight: float, steps: int | None = None) -> None:
@@ -208,7 +208,7 @@ class _Descent:
         last = None if steps is None else self.steps + steps
         self._stop(False, "")
         while True:
-            factors = self._factors(weight)
+            factors = self.factors.with_prior(weight, self.z)
             objective = self.cost + weight**2 * float(self.z @ self.z)
             if factors.possible_drop <= _CONVERGED * objective:
                 return self._stop(True, "the gradient vanishes")
@@ -253,9 +253,9 @@ class _Descent:
 
     def degrees_of_freedom(self, weight: float) -> float:
         """Rows less frames less parameters, a parameter that the prior holds counting as the part that data moved."""
-        s2 = self.singular_values() ** 2
+        s2 = self.factors.s**2
         held = weight**2 if weight > 0.0 else (_NULL**2) * float(s2.max())
-        return len(self.residual) - self.residuals.degrees_spent - float(np.sum(s2 / (s2 + held)))
+        return self.rows - self.residuals.degrees_spent - float(np.sum(s2 / (s2 + held)))
 
     def noise(self, weight: float) -> float:
         """Residual sigma in units of the declared one; nan where no degree of freedom is left."""
@@ -265,13 +265,12 @@ class _Descent:
     def fit(self, weight: float) -> Fit:
         noise = self.noise(weight)
         sigma = noise if np.isfinite(noise) and noise > 0.0 else 1.0
-        _, s, vt = np.linalg.svd(_triangle(self.jacobian))
-        s = np.concatenate([s, np.zeros(len(self.z) - len(s))])
+        s, v = self.factors.s, self.factors.v
         is_null = s <= 1e-9 * max(float(s[0]), 1e-300)
         information = np.where(is_null, 0.0, s**2) / sigma**2 + (1.0 if weight > 0.0 else 0.0)
         variance = np.divide(1.0, information, out=np.zeros_like(information), where=information > 0.0)
-        covariance = (vt.T * variance) @ vt
-        loose = np.linalg.norm(vt[is_null], axis=0) > _LOOSE
+        covariance = (v * variance) @ v.T
+        loose = np.linalg.norm(v[:, is_null], axis=1) > _LOOSE
         return Fit(
             parameters=self.residuals.parameters,
             x=self.z * self.scales,
@@ -282,7 +281,7 @@ class _Descent:
             reason=self.reason,
             rank=self.rank,
             known=int(np.sum(s / sigma > 1.0)),
-            rows=len(self.residual),
+            rows=self.rows,
             degrees_of_freedom=self.degrees_of_freedom(weight),
             noise=noise,
         )
