@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
-from concurrent.futures import Executor
+from collections.abc import Callable
+from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass, field
 from functools import partial
 from hashlib import blake2b
@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from calib.choice import ChoiceTolerances, FaceChoice, choose_faces
 from calib.clustering import ClusterTolerances, PlaneGroup, cluster
 from calib.dataset import Dataset
-from calib.errors import DatasetError, ScanError
+from calib.errors import CornerError, DatasetError, ScanError
 from calib.filters import FilterTolerances, SampleSets, apply_filters, draw_sample_sets
 from calib.intersection import Corner
 from calib.jig import Jig
 from calib.normals import Neighbourhoods, estimate_normals, thin_to_voxels
+from calib.parallel import as_they_come
 from calib.refinement import RefinementOptions, refine
 from calib.scan import Scan, load_scan
 
@@ -84,7 +85,7 @@ def find_corner(
     """Find the jig's apex in one scan.
 
     The noise is the larger of `scan_sigma_mm` and what the scan itself shows. Without `rng` the draws are seeded by the
-    scan's name, so the same scan gives the same corner whenever and wherever it is processed.
+    scan's points, so the same scan gives the same corner whenever, wherever and under whatever name it is processed.
 
     Never raises on a scan: where there is no corner, the search's `failure` says why.
     """
@@ -100,7 +101,7 @@ def find_corner(
     around = estimate_normals(scan.points_mm[thin_to_voxels(scan.points_mm, jig.edge_mm / _EDGE_VOXELS)])
     tolerances = _Tolerances.of(around, jig, max(scan_sigma_mm or 0.0, around.noise_mm()))
     drawn = draw_sample_sets(
-        around.tree, options.sample_sets, rng or _generator(scan.name), local=options.local_sets
+        around.tree, options.sample_sets, rng or _generator(scan.points_mm), local=options.local_sets
     )
     sets = apply_filters(around.points_mm[drawn], around.normals[drawn], tolerances.filters)
     groups = cluster(sets, tolerances.clusters)
@@ -123,14 +124,17 @@ def find_corners(
     *,
     on_progress: Callable[[int, int, str], None] | None = None,
     executor: Executor | None = None,
+    in_flight: int = 64,
 ) -> dict[str, CornerSearch]:
     """The corner of every pose's scan, by pose id, in the dataset's order.
 
-    `on_progress(done, total, pose_id)` is called after each scan. With an `executor` the scans are processed by it, and
-    the result is the same. Each job loads its own scan, so no more scans are in memory than jobs run at a time. A scan
-    that cannot be read becomes a failed search with `unreadable` set.
+    `on_progress(done, total, pose_id)` is called after each scan. With an `executor` (threads, processes, Dask's
+    `Client.get_executor()`: any `concurrent.futures.Executor`) the scans are processed by it, `in_flight` with it at a
+    time, which should be twice its workers or more; the result is the same to the bit. Each job loads its own scan, so
+    no more scans are in memory than jobs run at a time. A scan that cannot be read becomes a failed search with
+    `unreadable` set.
 
-    Raises DatasetError where the dataset has no scans.
+    Raises DatasetError where the dataset has no scans; CornerError where a process of the executor died.
     """
     ids = dataset.poses.ids
     paths = [dataset.scan_path(i) for i in range(len(ids))]
@@ -140,13 +144,18 @@ def find_corners(
             f"dataset {dataset.name!r} has no scans to find corners in; name them with scans = ..."
         )
     search = partial(search_file, jig=dataset.jig, scan_sigma_mm=dataset.scanner.scan_sigma_mm)
-    searches: Iterable[CornerSearch] = map(search, scans) if executor is None else executor.map(search, scans)
-    found = {}
-    for done, (pose_id, result) in enumerate(zip(ids, searches, strict=True), start=1):
-        found[pose_id] = result
-        if on_progress is not None:
-            on_progress(done, len(ids), pose_id)
-    return found
+    found: dict[int, CornerSearch] = {}
+    try:
+        for pose, result in as_they_come(search, scans, executor, in_flight):
+            found[pose] = result
+            if on_progress is not None:
+                on_progress(len(found), len(ids), ids[pose])
+    except BrokenExecutor:
+        raise CornerError(
+            f"dataset {dataset.name!r}: a process died after {len(found)} of {len(ids)} scans, perhaps for want of "
+            "memory; search with fewer processes"
+        ) from None
+    return {pose_id: found[pose] for pose, pose_id in enumerate(ids)}
 
 
 def search_file(path: Path, jig: Jig, scan_sigma_mm: float | None = None) -> CornerSearch:
@@ -220,5 +229,7 @@ def _failed(name: str, failure: str, seconds: float, *, unreadable: bool = False
     return CornerSearch(name, none, none, sets, (), (), None, failure, seconds, unreadable)
 
 
-def _generator(name: str) -> np.random.Generator:
-    return np.random.default_rng(int.from_bytes(blake2b(name.encode(), digest_size=8).digest(), "big"))
+def _generator(points_mm: NDArray) -> np.random.Generator:
+    """A generator that only these points have."""
+    content = np.ascontiguousarray(points_mm, dtype=np.float64).tobytes()
+    return np.random.default_rng(int.from_bytes(blake2b(content, digest_size=8).digest(), "big"))
