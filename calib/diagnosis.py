@@ -1,8 +1,9 @@
 """Which physical effect is missing: step by step, each with its evidence, its doubt and its held-out gain.
 
 A name is claimed only if its family beats noise (F test with Holm's correction, and the evidence floor), leads the
-second by more than `MARGIN` in log evidence, and does not make the test poses worse. Otherwise the set within it
-is given. At the end the remains are judged, always: a cause outside the catalogue shows there.
+second by more than `MARGIN` in log evidence, says no less than a dent or a slip of one joint would, and does not make
+the test poses worse. Otherwise the set within it is given. At the end the remains are judged, always: a cause outside
+the catalogue shows there.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from calib.dataset import Dataset
 from calib.effects.base import Effect
 from calib.effects.catalogue import Family, effects_for, family_of
 from calib.errors import CalibError
-from calib.screening import Candidate, Screening, Untestable, leftover_of, screen
+from calib.leftover import leftover_of
+from calib.local_faults import LocalFault, best_fault
+from calib.screening import Candidate, Screening, Untestable, screen
 from calib.structure import Remains, examine
 
 LEVEL = 0.01
@@ -55,6 +58,9 @@ class Diagnosis:
     untestable: tuple[Untestable, ...]
     remains: Remains
     refused: str = ""  # an effect that would have been named, but made the test poses worse
+    simpler: LocalFault | None = (
+        None  # a story outside the catalogue that says more than the next effect would
+    )
 
     @property
     def calibration(self) -> Calibration:
@@ -139,11 +145,16 @@ def diagnose(
     steps = [Step(None, calibration, None, None, screening)]
     ambiguous: tuple[str, ...] = ()
     refused = ""
+    simpler: LocalFault | None = None
     while len(added) < max_steps:
         convincing = [c for c in screening.candidates if c.p_holm < LEVEL and c.log_evidence > FLOOR]
         if not convincing:
             break
-        best, margin, tied = _leader(screening)
+        best, margin, tied = leader(screening)
+        fault = best_fault(screening.leftover)
+        if fault is not None and fault.log_evidence > best.log_evidence + MARGIN:
+            simpler = fault
+            break
         if tied:
             tell(f"looking one step ahead of {', '.join(c.name for c in tied)}")
             ahead = _look_ahead(tied, fit, added, families)
@@ -172,13 +183,14 @@ def diagnose(
     tell("judging what is left")
     remains = examine(dataset, leftover_of(calibration))
     found = Diagnosis(
-        verdict=_verdict(added, ambiguous, refused, remains),
+        verdict=_verdict(added, ambiguous, bool(refused or simpler), remains),
         missing=tuple(one.name for one in added),
         ambiguous_set=ambiguous,
         steps=tuple(steps),
         untestable=steps[0].screening.untestable,
         remains=remains,
         refused=refused,
+        simpler=simpler,
     )
     few = 0 < len(remains.outlier_poses) <= max(2, FEW * len(np.unique(calibration.after.pose)))
     if not few or _without:
@@ -212,7 +224,7 @@ def without_poses(dataset: Dataset, pose_ids: Sequence[str]) -> Dataset:
     return dataset.with_points(dataset.points.select(~np.isin(dataset.points.pose, out)))
 
 
-def _leader(screening: Screening) -> tuple[Candidate, float | None, tuple[Candidate, ...]]:
+def leader(screening: Screening) -> tuple[Candidate, float | None, tuple[Candidate, ...]]:
     """The best candidate, its lead over the best rival, and the set that cannot be told apart, () where it leads.
 
     A rival is real if it could make most of what the best one explains. One that explains something else is no rival:
@@ -284,10 +296,10 @@ def _still_needed(
     return kept
 
 
-def _verdict(added: Sequence[_Added], ambiguous: Sequence[str], refused: str, remains: Remains) -> str:
+def _verdict(added: Sequence[_Added], ambiguous: Sequence[str], doubted: bool, remains: Remains) -> str:
     if ambiguous:
         return "ambiguous"
-    if refused or remains.structured or remains.too_large:
+    if doubted or remains.fault is not None or remains.structured or remains.too_large:
         return "unexplained"
     if remains.outlier_poses:
         return "outliers"

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
+from scipy.stats import multivariate_normal
 
 Array = NDArray[np.float64]
 
@@ -19,18 +20,21 @@ _SIZES = np.geomspace(
     1e-3, 1e4, 57
 )  # of a member's coefficients, in units that make its columns one sigma each
 _GAIN = 0.5  # a further member has to raise the log evidence by this, beyond what choosing it costs
+_LAWFUL = 0.9  # how sure it is that a coefficient has the sign that nature gives it
 
 
 @dataclass(frozen=True)
 class Problem:
-    """A residual and a family's columns, projected: r (R,), a group of columns (R, K_g) a member, degrees of freedom.
+    """What is missing (R,), measured minus predicted, and a family's columns, a group (R, K_g) a member; projected.
 
-    Columns are those of a coefficient of the parameter's usual size.
+    Columns are those of a coefficient of the parameter's usual size. `positive`: whether nature lets a member's
+    coefficients have no other sign, one flag a group; none of them where it is empty.
     """
 
     residual: Array
     groups: tuple[Array, ...]
     freedom: int
+    positive: tuple[bool, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,9 @@ def weigh(problem: Problem) -> Evidence:
         log E(s) = -1/2 log det(1 + B S^2 B^T) - nu/2 log(r^T (1 + B S^2 B^T)^-1 r / r^T r),
 
     maximised over one s for all members, and over separate ones where few members carry the effect; each member that is
-    chosen then costs log(number of members), as it could have been any.
+    chosen then costs log(number of members), as it could have been any. Sizes far above the usual one count against it:
+    a link that would have to be a thousand times softer than links are is no explanation. So do coefficients of a sign
+    that nature does not have, see `_coefficients`.
     """
     y, rest, triangle, bounds = _reduce(problem.residual, problem.groups)
     total = rest + float(y @ y)
@@ -65,18 +71,52 @@ def weigh(problem: Problem) -> Evidence:
     shared_value, shared_size = _best_size(
         y, rest, triangle, np.zeros(triangle.shape[1]), together, bounds, problem.freedom
     )
-    sizes, value = np.full(len(bounds), shared_size), shared_value
+    tried = [(shared_value, np.full(len(bounds), shared_size))]
     if len(bounds) > 1:
         sparse_sizes, sparse_value = _choose_members(y, rest, triangle, bounds, problem.freedom)
-        if sparse_value > value:
-            sizes, value = sparse_sizes, sparse_value
-    spread = np.repeat(sizes, [b - a for a, b in bounds])
-    weights = spread**2 * (
-        triangle.T @ np.linalg.solve(np.eye(len(y)) + (triangle * spread**2) @ triangle.T, y)
-    )
+        tried.append((sparse_value, sparse_sizes))
+    widths = [b - a for a, b in bounds]
+    one_sided = np.repeat(problem.positive or [False] * len(bounds), widths)
+    found = []
+    for found_value, found_sizes in tried:
+        spread = np.repeat(found_sizes, widths)
+        weights, gain = _coefficients(y, rest, triangle, spread, one_sided, problem.freedom)
+        found.append((found_value + gain, found_sizes, weights))
+    value, sizes, weights = max(found, key=lambda one: one[0])
     explained = np.concatenate(problem.groups, axis=1) @ weights
     coefficients = tuple(weights[a:b] for a, b in bounds)
     return Evidence(p_value, max(value, 0.0), sizes, coefficients, explained, rank)
+
+
+def _coefficients(
+    y: Array, rest: float, triangle: Array, spread: Array, one_sided: NDArray[np.bool_], freedom: int
+) -> tuple[Array, float]:
+    """Posterior means (K,), and what their signs add to the log evidence.
+
+    With a one-sided prior the evidence is multiplied by P(all >= 0 | data) / P(all >= 0) = 2^k P(all >= 0 | data) for k
+    one-sided coefficients. Nature's sign is believed to `_LAWFUL`, so that a convention turned round, or a
+    cause that pushes the other way, costs a little and is not hidden.
+    """
+    active = spread > 0.0
+    columns = triangle[:, active]
+    precision = columns.T @ columns + np.diag(spread[active] ** -2.0)
+    covariance = np.linalg.inv(precision)
+    mean = covariance @ (columns.T @ y)
+    weights = np.zeros(len(spread))
+    weights[active] = mean
+    shown = one_sided[active] & np.any(columns, axis=0)
+    if not shown.any():
+        return weights, 0.0
+    variance = max(rest + float(y @ (y - columns @ mean)), 1e-300) / freedom
+    covariance = variance * covariance[np.ix_(shown, shown)]
+    scale = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(scale, scale)
+    count = int(shown.sum())
+    lawful = multivariate_normal(
+        np.zeros(count), correlation, allow_singular=True, seed=0, maxpts=5000 * count
+    )
+    share = float(np.clip(lawful.cdf(mean[shown] / scale), 0.0, 1.0))
+    return weights, float(np.log(_LAWFUL * 2.0**count * share + 1.0 - _LAWFUL))
 
 
 def _reduce(residual: Array, groups: tuple[Array, ...]) -> tuple[Array, float, Array, list[tuple[int, int]]]:
@@ -131,11 +171,15 @@ def _best_size(
     grow = 1.0 + _SIZES[:, None] ** 2 * lam  # (sizes, K)
     quadratic = rest + float(z @ z) - np.sum(h2 * (1.0 - 1.0 / grow), axis=1)
     fixed = -float(np.sum(np.log(np.diag(root))))
-    values = (
-        fixed - 0.5 * np.sum(np.log(grow), axis=1) - 0.5 * freedom * np.log(quadratic / (rest + float(y @ y)))
-    )
+    fit = -0.5 * freedom * np.log(quadratic / (rest + float(y @ y)))
+    values = fixed - 0.5 * np.sum(np.log(grow), axis=1) + fit + _unusual(_SIZES)
     best = int(np.argmax(values))
     return float(values[best]), float(_SIZES[best])
+
+
+def _unusual(sizes: Array) -> Array:
+    """What sizes above the usual one cost in log evidence: ten times as large is one standard deviation off."""
+    return np.asarray(-0.5 * np.maximum(np.log10(sizes), 0.0) ** 2)
 
 
 def _choose_members(
@@ -146,25 +190,24 @@ def _choose_members(
     cost = float(np.log(count))
     sizes, value = np.zeros(count), 0.0
 
-    def spread() -> Array:
-        return np.repeat(sizes, [b - a for a, b in bounds])
+    def best(member: int) -> tuple[float, float]:
+        """The evidence with a member at its best size beside the others at theirs, and that size."""
+        alone = np.arange(count) == member
+        spread = np.repeat(sizes, [b - a for a, b in bounds])
+        found, size = _best_size(y, rest, triangle, spread, alone, bounds, freedom)
+        others = sizes[~alone & (sizes > 0.0)]
+        return found + float(np.sum(_unusual(others))), size
 
     for _ in range(count):
-        tried = []
-        for g in np.flatnonzero(sizes == 0.0):
-            alone = np.arange(count) == g
-            tried.append((*_best_size(y, rest, triangle, spread(), alone, bounds, freedom), int(g)))
-        if not tried:
+        tried = [(*best(g), g) for g in map(int, np.flatnonzero(sizes == 0.0))]
+        if not tried or max(tried)[0] < value + cost + _GAIN:
             break
-        best_value, best_size, member = max(tried)
-        if best_value < value + cost + _GAIN:
-            break
-        sizes[member], value = best_size, best_value
+        value, best_size, newest = max(tried)
+        sizes[newest] = best_size
         for member in map(
             int, np.flatnonzero(sizes)
         ):  # once around: earlier sizes were chosen without this one
-            chosen = np.arange(count) == member
-            value, sizes[member] = _best_size(y, rest, triangle, spread(), chosen, bounds, freedom)
+            value, sizes[member] = best(member)
     return sizes, value - cost * int(np.count_nonzero(sizes))
 
 

@@ -11,9 +11,10 @@ from scipy.stats import chi2
 
 from calib import frames
 from calib.calibration import Calibration
+from calib.leftover import directions_at
 from calib.observations import Observations, place_scanner
 from calib.placement import whitener
-from calib.structure import directions_at, inputs_at
+from calib.structure import inputs_at
 
 Array = NDArray[np.float64]
 

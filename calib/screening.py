@@ -7,7 +7,7 @@ untestable with these poses.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,45 +17,13 @@ from numpy.typing import NDArray
 from calib.calibration import Calibration
 from calib.effects.base import Effect, full_name, state_derivative
 from calib.effects.catalogue import Family
-from calib.effects.state import RobotState
-from calib.errors import FitError
 from calib.evidence import Evidence, Problem, holm, weigh
-from calib.model import columns_of, point_by_state, stack_derivatives
-from calib.observations import Observations, place_scanner
-from calib.residuals import PositionResiduals
+from calib.leftover import Leftover, leftover_of
+from calib.model import columns_of, stack_derivatives
 
 Array = NDArray[np.float64]
 
-_KNOWN = 0.1  # a direction counts as fitted where the data know it ten times worse than the prior, or better
 _HIDDEN = 0.02  # a column of which less than this is left after projection is geometry in disguise
-
-
-@dataclass(frozen=True)
-class Leftover:
-    """What a fit left over, in whitened units, and the directions that it could have absorbed."""
-
-    residuals: PositionResiduals
-    x: Array  # (P,)
-    states: Mapping[str, RobotState]  # by target, of the used poses
-    by_state: Mapping[str, Array]  # by target (N, 3, S): the point's derivative by the state
-    base_to_residual: Array  # (M, 3, 3)
-    residual: Array  # (R,) projected
-    basis: Array  # (R, rank) orthonormal: fitted parameters and frames
-    freedom: int
-
-    @property
-    def state(self) -> RobotState:
-        """The state at the used poses, as the first target sees it."""
-        return next(iter(self.states.values()))
-
-    @property
-    def sigma(self) -> float:
-        """Residual sigma over the declared one."""
-        return float(np.sqrt(self.residual @ self.residual / self.freedom))
-
-    def project(self, columns: Array) -> Array:
-        """Columns (R, K) without what the fit could have absorbed."""
-        return np.asarray(columns - self.basis @ (self.basis.T @ columns))
 
 
 @dataclass(frozen=True)
@@ -123,43 +91,6 @@ class Screening:
         )
 
 
-def leftover_of(calibration: Calibration) -> Leftover:
-    """What a calibration left over, seen as positions whatever residual it was fitted by.
-
-    Raises FitError where no degree of freedom is left.
-    """
-    model, x, dataset = calibration.model, calibration.fit.x, calibration.dataset
-    observed = place_scanner(Observations.of(dataset), model, x)
-    residuals = PositionResiduals(model, observed)
-    at = residuals.linearise(x)
-    frames = residuals.frame_directions(x)
-    scaled = at.jacobian * model.scales
-    u, s, _ = np.linalg.svd(scaled, full_matrices=False)
-    noise = calibration.fit.noise if np.isfinite(calibration.fit.noise) else 1.0
-    known = s > max(_KNOWN * noise, 1e-9 * float(s[0]))
-    basis = np.linalg.qr(np.concatenate([frames, u[:, known]], axis=1))[0]
-    freedom = len(at.residual) - basis.shape[1]
-    if freedom < 3:
-        raise FitError(
-            f"dataset {dataset.name}: {len(at.residual)} equations and {basis.shape[1]} fitted directions leave "
-            "nothing to judge a further cause by; measure more poses"
-        )
-    residual = at.residual - basis @ (basis.T @ at.residual)
-    poses = observed.used_poses[0]
-    targets = list(map(str, np.unique(observed.points.target)))
-    states = {target: model.state(x, poses, observed.seen(target)) for target in targets}
-    return Leftover(
-        residuals=residuals,
-        x=x,
-        states=states,
-        by_state={target: point_by_state(state, target)[1] for target, state in states.items()},
-        base_to_residual=residuals.base_to_residual(x),
-        residual=residual,
-        basis=basis,
-        freedom=freedom,
-    )
-
-
 def member_columns(leftover: Leftover, member: Effect) -> Array:
     """(R, K) derivative of the whitened residual by a member's parameters at zero, before projection."""
     observed = leftover.residuals.observed
@@ -195,7 +126,8 @@ def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
             continue
         tested.append(family)
         columns.append(groups)
-        evidence.append(weigh(Problem(leftover.residual, groups, leftover.freedom)))
+        positive = tuple(all(p.positive for p in member.parameters) for member in family.members)
+        evidence.append(weigh(Problem(-leftover.residual, groups, leftover.freedom, positive)))
     corrected = holm([e.p_value for e in evidence])
     candidates = [
         _candidate(leftover, family, groups, e, p, dict(zip((f.name for f in tested), columns, strict=True)))
@@ -246,13 +178,12 @@ def _candidate(
         ):
             name = full_name(family.members[i], parameter)
             scale = parameter.scale
-            # The residual is predicted minus measured: what mends it has the other sign.
             values.append(
-                Value(name, -float(coefficient) * scale, float(sigma[len(sizes)]) * scale, parameter.unit)
+                Value(name, float(coefficient) * scale, float(sigma[len(sizes)]) * scale, parameter.unit)
             )
             sizes[name] = float(evidence.sizes[i]) * scale
     total = float(leftover.residual @ leftover.residual)
-    left = leftover.residual - evidence.explained
+    left = leftover.residual + evidence.explained  # the residual is predicted minus measured
     return Candidate(
         family=family,
         p_value=evidence.p_value,
@@ -263,7 +194,7 @@ def _candidate(
         members=tuple(family.members[i] for i in active),
         values=tuple(values),
         sizes=sizes,
-        explained=evidence.explained,
+        explained=-evidence.explained,
         overlaps={
             n: s
             for n, g in everyone.items()

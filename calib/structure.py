@@ -9,27 +9,28 @@ that looking in many places is paid for.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
+from calib.calibration import Calibration
 from calib.dataset import Dataset, Poses
 from calib.effects.gravity import has_masses
 from calib.effects.state import RobotState
-from calib.model import Model
-from calib.observations import Observations
+from calib.leftover import Leftover, joint_directions, leftover_of
+from calib.local_faults import LocalFault, fault_of
 from calib.repeatability import find_repeats, pooled_sigma_mm
 from calib.robot import Robot
-from calib.screening import Leftover
 
 Array = NDArray[np.float64]
 
 DRAWS = 999
 STRUCTURE_LEVEL = 0.01
 OUTLIER_LEVEL = 0.002
+FAULT_EVIDENCE = 3.0  # log evidence from which a simple story outside the catalogue is told
 SIGMA_DOUBT = 1.25  # a sigma that was declared, not measured, is believed to this factor
 _WIDTHS = (0.04, 0.12, 0.35)  # of the bumps, in shares of an input's range
 _CENTRES = 25
@@ -56,6 +57,7 @@ class Remains:
     residual_mm: float  # a coordinate's sigma of the residual
     inputs: tuple[InputTest, ...]  # the most structured first
     outlier_poses: tuple[str, ...]
+    fault: LocalFault | None = None  # a simple story, outside the catalogue, that what is left tells
 
     @property
     def structured(self) -> tuple[str, ...]:
@@ -100,6 +102,11 @@ def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]
     return {name: v for name, v in inputs.items() if len(np.unique(v)) > 1}
 
 
+def judge(calibration: Calibration) -> Remains:
+    """What any calibration left over, however its model came about. Raises FitError where nothing is left."""
+    return examine(calibration.dataset, leftover_of(calibration))
+
+
 def examine(dataset: Dataset, leftover: Leftover, *, draws: int = DRAWS) -> Remains:
     """Outliers first; then structure, with the outliers left out; then the size of what remains."""
     rng = np.random.default_rng(0)  # the same data give the same verdict
@@ -117,7 +124,15 @@ def examine(dataset: Dataset, leftover: Leftover, *, draws: int = DRAWS) -> Rema
         residual_mm=residual_mm,
         inputs=_structure(leftover, noise, outliers[row]),
         outlier_poses=tuple(poses.ids[i] for i in np.flatnonzero(outliers)),
+        fault=fault_of(_without(leftover, outliers[row]), FAULT_EVIDENCE),
     )
+
+
+def _without(leftover: Leftover, outlier: NDArray[np.bool_]) -> Leftover:
+    """Nothing left at the points (M,) that stand out: one wrong pose must not pass for a dent."""
+    residual = leftover.residual.copy()
+    residual[np.repeat(outlier, 3)] = 0.0
+    return replace(leftover, residual=residual)
 
 
 def _outliers(leftover: Leftover, noise: Array) -> NDArray[np.bool_]:
@@ -202,29 +217,6 @@ def _relevant(name: str, channels: Mapping[str, Array]) -> list[str]:
     if stem in ("q", "torque", "approach") and name != stem:
         return [*axes, f"joint {name.removeprefix(stem)}"]
     return axes if name in "xyz" else list(channels)
-
-
-def joint_directions(leftover: Leftover) -> list[Array]:
-    """For each joint (M, 3): how its motion moves the measured points, whitened, mm (or mm/rad) over sigma."""
-    residuals = leftover.residuals
-    return directions_at(residuals.model, leftover.x, residuals.observed, leftover.base_to_residual)
-
-
-def directions_at(model: Model, x: Array, observed: Observations, base_to_residual: Array) -> list[Array]:
-    """As `joint_directions`, of any observations whose scanner is placed. base_to_residual  # (M, 3, 3)"""
-    poses, row = observed.used_poses
-    by_x = model.linearise(x, poses, seen=observed.seen())[1]
-    names = [p.name for p in model.parameters]
-    out = []
-    for j, joint in enumerate(model.robot.joints):
-        kind = "theta" if joint.is_revolute else "d"
-        name = f"{kind}{j + 1}"
-        if name in names:
-            column = by_x[row][:, :, [names.index(name)]]
-            out.append((base_to_residual @ column)[..., 0])
-        else:
-            out.append(np.zeros((len(row), 3)))
-    return out
 
 
 def _lack_of_fit(dataset: Dataset, leftover: Leftover) -> tuple[float | None, float, str, float]:

@@ -20,9 +20,10 @@ from calib.errors import CalibError, FitError
 from calib.evidence import Problem, holm, weigh
 from calib.explanation import explain
 from calib.failure import failure_of
+from calib.leftover import leftover_of
 from calib.next_poses import splitting_poses
 from calib.robot_file import builtin_robot
-from calib.screening import leftover_of, screen
+from calib.screening import screen
 from calib.simulation import simulate_dataset
 from calib.structure import examine
 

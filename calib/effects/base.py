@@ -44,6 +44,7 @@ class Parameter:
     scale: float
     doc: str = ""
     nominal: float = 0.0  # what is reported is nominal + the fitted value
+    positive: bool = False  # whether nature has it with this sign only, such as a compliance
 
 
 @runtime_checkable

@@ -21,7 +21,9 @@ class JointCompliance:
 
     joint: int
     name = "joint_compliance"
-    parameters = (Parameter("c_rad_per_nm", "rad/Nm", 5e-5, "compliance; its inverse is the stiffness"),)
+    parameters = (
+        Parameter("c_rad_per_nm", "rad/Nm", 5e-5, "compliance; its inverse is the stiffness", positive=True),
+    )
 
     def apply(self, state: RobotState, *, c_rad_per_nm: float) -> RobotState:
         """The joint's error added, for the torque at the state that comes in."""
@@ -68,7 +70,7 @@ class GravityBacklash:
 
     joint: int
     name = "gravity_backlash"
-    parameters = (Parameter("b_rad", "rad", 5e-4, "width of the play"),)
+    parameters = (Parameter("b_rad", "rad", 5e-4, "width of the play", positive=True),)
 
     def apply(self, state: RobotState, *, b_rad: float) -> RobotState:
         """The joint's error added."""
@@ -90,7 +92,9 @@ class LinkBending:
     joint: int  # the joint that moves the link
     name = "link_bending"
     parameters = (
-        Parameter("c_rad_per_nm", "rad/Nm", 2e-5, "L / EI: turn of the link's end by a unit moment"),
+        Parameter(
+            "c_rad_per_nm", "rad/Nm", 2e-5, "L / EI: turn of the link's end by a unit moment", positive=True
+        ),
     )
 
     def apply(self, state: RobotState, *, c_rad_per_nm: float) -> RobotState:
@@ -126,8 +130,8 @@ class BaseCompliance:
 
     name = "base_compliance"
     parameters = (
-        Parameter("cx_rad_per_nm", "rad/Nm", 2e-6, "tilt about x a unit moment"),
-        Parameter("cy_rad_per_nm", "rad/Nm", 2e-6, "tilt about y a unit moment"),
+        Parameter("cx_rad_per_nm", "rad/Nm", 2e-6, "tilt about x a unit moment", positive=True),
+        Parameter("cy_rad_per_nm", "rad/Nm", 2e-6, "tilt about y a unit moment", positive=True),
     )
 
     def apply(self, state: RobotState, *, cx_rad_per_nm: float, cy_rad_per_nm: float) -> RobotState:
