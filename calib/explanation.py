@@ -8,8 +8,10 @@ import numpy as np
 
 from calib.calibration import Calibration
 from calib.diagnosis import Diagnosis, Step
+from calib.meaning import meaning
 from calib.next_poses import in_words, splitting_poses
 from calib.screening import Candidate
+from calib.structure import Remains
 
 MEASURE_NEXT: Mapping[str, str] = {
     "joint_compliance": "the same poses with and without a payload: compliance grows with the load, nothing else does",
@@ -44,7 +46,7 @@ def explain(diagnosis: Diagnosis) -> str:
             f"{diagnosis.refused} explains the training poses well, but with it the test poses are predicted worse: it was "
             "not added. Either it stands in for another cause, or the test poses differ from the others."
         )
-    parts.append(_remains(diagnosis))
+    parts.append(remains_words(diagnosis.remains))
     parts.append(verdict_words(diagnosis))
     return "\n\n".join(part for part in parts if part)
 
@@ -105,16 +107,8 @@ def _meaning(candidate: Candidate, calibration: Calibration) -> str:
 
 def _say(name: str, size: float, sigma: float, unit: str, calibration: Calibration) -> str:
     words = f"{name} = {size:.3g} +- {sigma:.1g} {unit}"
-    family, _, rest = name.partition(".")
-    joint = rest.partition(".")[0]
-    if family == "joint_compliance" and unit == "rad/Nm" and joint.startswith("J"):
-        poses = calibration.dataset.poses
-        torque = calibration.model.state(calibration.fit.x, poses).gravity_torques_nm[:, int(joint[1:]) - 1]
-        largest = float(np.abs(torque).max())
-        return f"{words}: {np.degrees(abs(size) * largest):.2g} deg at {largest:.3g} Nm, stiffness {1 / abs(size):.2g} Nm/rad"
-    if unit == "rad":
-        return f"{words} ({np.degrees(size):.2g} deg)"
-    return words
+    means = meaning(name, size, unit, calibration)
+    return f"{words} ({means})" if means else words
 
 
 def _ambiguous(diagnosis: Diagnosis) -> str:
@@ -137,8 +131,22 @@ def _ambiguous(diagnosis: Diagnosis) -> str:
     return words
 
 
-def _remains(diagnosis: Diagnosis) -> str:
-    remains = diagnosis.remains
+def left_in_short(remains: Remains) -> str:
+    """What a fit leaves, in a few words: noise, a pattern and against what, or more than noise."""
+    if remains.structured:
+        more = len(remains.structured) - 3
+        return f"a pattern against {', '.join(remains.structured[:3])}" + (
+            f" and {more} more" if more > 0 else ""
+        )
+    if remains.too_large:
+        return "more than noise, without a pattern"
+    if remains.outlier_poses:
+        return f"noise, apart from single poses ({', '.join(remains.outlier_poses)})"
+    return "noise"
+
+
+def remains_words(remains: Remains) -> str:
+    """What a fit leaves, with the figures that it was judged by."""
     source = {
         "repeats": "by repeated measurements",
         "dataset": "as dataset.toml declares it, believed to 25 %",

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from calib import frames
 from calib.calibration import Calibration, calibrate
-from calib.diagnosis import Diagnosis
+from calib.diagnosis import RIVAL, Diagnosis
 from calib.observations import conditions_at
-from calib.screening import Candidate
+from calib.screening import Candidate, Screening
 
 Array = NDArray[np.float64]
 
@@ -32,9 +32,16 @@ def splitting_poses(diagnosis: Diagnosis, *, count: int = 5, tried: int = 400) -
     Each cause is fitted by itself; at random joint vectors within the range of the measured ones, the fitted models
     are asked where the tool is, seen from the scanner. Payload, temperature and the like are as at the first pose.
     """
-    calibration = diagnosis.calibration
     ranking = diagnosis.steps[-1].screening.candidates
-    doubted = [c for c in ranking if c.name in diagnosis.ambiguous_set and c.members]
+    doubted = [c for c in ranking if c.name in diagnosis.ambiguous_set]
+    return poses_between(diagnosis.calibration, doubted, count=count, tried=tried)
+
+
+def poses_between(
+    calibration: Calibration, causes: Sequence[Candidate], *, count: int = 5, tried: int = 400
+) -> tuple[NextPose, ...]:
+    """As `splitting_poses`, for any causes beyond a calibration's model; () for fewer than two that show at all."""
+    doubted = [c for c in causes if c.members]
     if len(doubted) < 2:
         return ()
     rng = np.random.default_rng(0)
@@ -43,6 +50,17 @@ def splitting_poses(diagnosis: Diagnosis, *, count: int = 5, tried: int = 400) -
     places = [_places(calibration, candidate, q) for candidate in doubted]
     apart = np.min([np.linalg.norm(a - b, axis=1) for a, b in combinations(places, 2)], axis=0)
     return _spread(q, apart, count)
+
+
+def nearest_rival(screening: Screening, name: str) -> Candidate | None:
+    """The candidate to tell this one from: the best that could make most of what it explains, else the best of all."""
+    ranked = screening.candidates
+    chosen = next((c for c in ranked if c.name == name), None)
+    if chosen is None or not chosen.members:
+        return None
+    others = [c for c in ranked if c.name != name and c.members]
+    likely = [c for c in others if chosen.overlaps.get(c.name, 0.0) > RIVAL]
+    return next(iter((*likely, *others)), None)
 
 
 def _places(calibration: Calibration, candidate: Candidate, q: Array) -> Array:

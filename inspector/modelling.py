@@ -13,7 +13,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, TypeVar
 
 from calib.errors import CalibError
+from calib.next_poses import nearest_rival, poses_between
 from inspector import session as sessions
+from inspector.own_effects import OwnEffects
 from inspector.panels.learn import LearnPanel
 from inspector.session import Session
 from inspector.worker import LongWork
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from inspector.stage import Stage
 
 T = TypeVar("T")
+POSES = 3  # at which two causes are compared
 TURN_S = 0.02  # how long a look at work done aside takes; nothing else is done meanwhile
 
 
@@ -43,6 +46,7 @@ class Modelling:
     def __init__(self, stage: Stage, learn: LearnPanel) -> None:
         self._stage, self._learn = stage, learn
         self._undo: dict[str, _Undo] = {}  # by dataset
+        self.own = OwnEffects()  # none, until the app has a file of them
         self._aside = ThreadPoolExecutor(1, thread_name_prefix="inspector-aside")
 
     def close(self) -> None:
@@ -60,7 +64,7 @@ class Modelling:
     def show(self) -> None:
         """The learning tab, as the session stands."""
         steps = self._steps
-        self._learn.update(self._stage.now, undo=len(steps.past), redo=len(steps.future))
+        self._learn.update(self._stage.now, undo=len(steps.past), redo=len(steps.future), own=self.own.words)
         self._stage.failure.update(self._stage.now)
 
     def _change(self, session: Session) -> None:
@@ -91,21 +95,60 @@ class Modelling:
     # ---- effects ----------------------------------------------------------------------------------------------------
 
     def rank(self) -> LongWork:
-        """Rank the effects against what is left, where that is not known yet."""
+        """Rank the effects against what is left, and judge that, where it is not known yet."""
         session = self._session
-        if session.calibration is None or session.screening is not None:
+        stale = self.own.stale(self._stage.name, session.own)
+        if session.calibration is None or (session.screening is not None and not stale):
             self.show()
             return
         self._learn.say("Ranking what could be missing …")
         yield
         try:
-            ranked = yield from self._beside(lambda: sessions.with_screening(session), session)
+            ranked = yield from self._beside(lambda: self._ranked(session), session)
         except CalibError as error:  # nothing that the user asked for: the tab says it
             self._learn.say(str(error))
             return
-        if ranked is not None:
-            self._stage.keep(replace(self._session, screening=ranked.screening, failure=ranked.failure))
+        if ranked is None:
+            return
+        now = self._session
+        ranked = replace(ranked, searches=now.searches, redundancy=now.redundancy)
+        if ranked.calibration is session.calibration:
+            self._stage.keep(ranked)
             self.show()
+        else:  # own effects that are in the model have changed
+            self._change(ranked)
+        yield from self.compare()
+
+    def _ranked(self, session: Session) -> Session:
+        session = self._with_own(session)
+        return session if session.screening is not None else sessions.with_screening(session)
+
+    def _with_own(self, session: Session) -> Session:
+        own = self.own.families(self._stage.name, session.measured)
+        return session if own is session.own else sessions.with_own(session, own)
+
+    def compare(self) -> LongWork:
+        """Where the chosen candidate and its nearest rival differ most, worked out aside."""
+        view, name = self._stage.now, self._learn.chosen
+        self._learn.update_choice(view)
+        session = view.session
+        if (
+            session.calibration is None
+            or session.screening is None
+            or self._learn.compared(session.screening)
+        ):
+            return
+        calibration, screening = session.calibration, session.screening
+        rival = nearest_rival(screening, name)
+        chosen = next((c for c in screening.candidates if c.name == name), None)
+        if rival is None or chosen is None:
+            return
+        yield
+        poses = yield from self._beside(
+            lambda: poses_between(calibration, (chosen, rival), count=POSES), session
+        )
+        if poses is not None and self._learn.chosen == name:
+            self._learn.show_comparison(self._stage.now, screening, rival.name, poses)
 
     def add(self, name: str) -> LongWork:
         """Add an effect to the model; nothing happens where it is in it already."""
@@ -156,7 +199,7 @@ class Modelling:
         shown = ""
         self._learn.finding(True)
         try:
-            work = self._beside(lambda: sessions.with_diagnosis(session, on_step), session)
+            work = self._beside(lambda: sessions.with_diagnosis(self._with_own(session), on_step), session)
             while True:
                 if said[-1] != shown:
                     shown = said[-1]

@@ -6,18 +6,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from calib.adding import Added, calibrate_with, proposed
+from calib.adding import Added, calibrate_with, proposed, recalled
 from calib.calibration import Calibration, redundancy
 from calib.corners import CornerSearch, search_file
 from calib.dataset import Dataset
 from calib.dataset_file import load_dataset
 from calib.diagnosis import Diagnosis, diagnose
-from calib.effects.catalogue import effects_for
+from calib.effects.catalogue import Family, effects_for
 from calib.errors import CalibError, DatasetError
 from calib.failure import Failure, failure_of
 from calib.measurement import with_corners
 from calib.redundancy import Redundancy
 from calib.screening import Screening, screen
+from calib.structure import Remains, examine
 
 GEOMETRY = "link errors"
 
@@ -46,8 +47,10 @@ class Session:
     effects: tuple[Added, ...] = ()  # beyond the link errors
     screening: Screening | None = None  # of everything not in this calibration's model
     failure: Failure | None = None  # where the calibration is off; known with the screening
+    remains: Remains | None = None  # what the calibration left over, judged; known with the screening
     diagnosis: Diagnosis | None = None  # where it led to this calibration
     history: tuple[HistoryStep, ...] = ()  # the nominal robot, the link errors, then each change of the model
+    own: tuple[Family, ...] = ()  # the user's effects beyond the catalogue
 
     @property
     def measured(self) -> Dataset:
@@ -86,16 +89,7 @@ def with_search(session: Session, pose: int) -> Session:
     searches = {**session.searches, session.dataset.poses.ids[pose]: search}
     if session.dataset.points is not None:
         return replace(session, searches=searches)
-    return replace(
-        session,
-        searches=searches,
-        calibration=None,
-        effects=(),
-        screening=None,
-        failure=None,
-        diagnosis=None,
-        history=(),
-    )
+    return _unjudged(replace(session, searches=searches, calibration=None, effects=(), history=()))
 
 
 def with_redundancy(session: Session, residual: str = "position") -> Session:
@@ -112,14 +106,31 @@ def with_calibration(session: Session, residual: str = "position") -> Session:
         *(session.history[:-1] if session.effects else (start,)),
         _step(label, result, session.effects),
     )
-    return replace(session, calibration=result, screening=None, failure=None, diagnosis=None, history=history)
+    return _unjudged(replace(session, calibration=result, history=history))
 
 
 def with_screening(session: Session) -> Session:
-    """Hold every effect of the catalogue against what the calibration left over."""
+    """Hold every effect, the catalogue's and the user's own, against what the calibration left over; judge that."""
     calibration = _calibrated(session)
-    screening = screen(calibration, effects_for(session.measured))
-    return replace(session, screening=screening, failure=failure_of(calibration))
+    screening = screen(calibration, (*effects_for(session.measured), *session.own))
+    remains = examine(calibration.dataset, screening.leftover)
+    return replace(session, screening=screening, failure=failure_of(calibration), remains=remains)
+
+
+def with_own(session: Session, own: tuple[Family, ...]) -> Session:
+    """The user's own effects as they are now. Those in the model are fitted again as they are now, or taken out."""
+    ours = {family.name for family in (*session.own, *own)}
+    session = replace(session, own=own, screening=None, diagnosis=None)
+    if session.calibration is None or not any(added.name in ours for added in session.effects):
+        return session
+    kept: list[Added] = []
+    for added in session.effects:
+        try:
+            again = added.name in ours
+            kept.append(recalled(session.measured, added.name, added.sizes, own) if again else added)
+        except CalibError:  # it is gone, or has other parameters: the ranking offers it anew
+            continue
+    return _changed(session, tuple(kept), "own effects read again")
 
 
 def with_effect(session: Session, name: str) -> Session:
@@ -143,7 +154,11 @@ def with_diagnosis(session: Session, on_step: Callable[[str], None] | None = Non
 
     `on_step` hears a line of words before each stage; what it raises ends the work.
     """
-    found = diagnose(session.measured, on_step=on_step)
+    return with_found(session, diagnose(session.measured, own=session.own, on_step=on_step))
+
+
+def with_found(session: Session, found: Diagnosis) -> Session:
+    """Take over a diagnosis of what is measured, and the model that it leads to."""
     first = found.steps[0].calibration
     start = HistoryStep("nominal", *_errors(first, before=True), float("nan"))
     added = tuple(Added.of(s.candidate) for s in found.steps if s.candidate is not None)
@@ -158,6 +173,7 @@ def with_diagnosis(session: Session, on_step: Callable[[str], None] | None = Non
         effects=added,
         screening=found.steps[-1].screening,
         failure=failure_of(found.calibration),
+        remains=found.remains,
         diagnosis=found,
         history=(start, *steps),
     )
@@ -172,15 +188,12 @@ def _calibrated(session: Session) -> Calibration:
 def _changed(session: Session, effects: tuple[Added, ...], label: str) -> Session:
     result = calibrate_with(session.measured, effects, residual=_calibrated(session).residual)
     history = (*session.history, _step(label, result, effects))
-    return replace(
-        session,
-        calibration=result,
-        effects=effects,
-        screening=None,
-        failure=None,
-        diagnosis=None,
-        history=history,
-    )
+    return _unjudged(replace(session, calibration=result, effects=effects, history=history))
+
+
+def _unjudged(session: Session) -> Session:
+    """A new fit, of which nothing more is known yet."""
+    return replace(session, screening=None, failure=None, remains=None, diagnosis=None)
 
 
 def _left_out(whole: Dataset, used: Dataset) -> tuple[str, ...]:

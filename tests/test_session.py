@@ -13,7 +13,7 @@ from calib.errors import CalibError
 from calib.explanation import explain
 from hidden_dataset import HIDDEN, write_hidden
 from inspector import session as sessions
-from inspector.panels.learn import last_change
+from inspector.panels.learn_html import last_change
 from inspector.session import GEOMETRY, HistoryStep, Session
 
 

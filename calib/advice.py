@@ -1,0 +1,64 @@
+"""What to do next with a model built by hand: add the effect that leads, measure more, look closer, or stop.
+
+The same thresholds as `calib.diagnosis`, for any fit: what is left is judged, then the ranking is read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from calib.diagnosis import FLOOR, LEVEL, leader
+from calib.explanation import left_in_short
+from calib.screening import Screening
+from calib.structure import Remains
+
+KINDS = ("add", "ambiguous", "done", "outliers", "unknown")
+
+
+@dataclass(frozen=True)
+class Advice:
+    """The next step, and why, in words."""
+
+    kind: str  # of KINDS
+    effects: tuple[str, ...]  # that it is about, the best first
+    words: str
+
+
+def advise(screening: Screening, remains: Remains) -> Advice:
+    """What the ranking and the remains of one fit suggest."""
+    convincing = [c for c in screening.candidates if c.p_holm < LEVEL and c.log_evidence > FLOOR]
+    left = f"What is left: {left_in_short(remains)}."
+    if convincing:
+        best, margin, tied = leader(screening)
+        if tied:
+            names = tuple(c.name for c in tied)
+            return Advice(
+                "ambiguous",
+                names,
+                f"{left} {_listed(names)} could each explain it: their evidence lies within 3, these data cannot tell "
+                "which. Measure what tells them apart, or add one and see which goes on to help.",
+            )
+        lead = f" and leads the next by {margin:.0f}" if margin is not None else ""
+        return Advice(
+            "add",
+            (best.name,),
+            f"{left} {best.name} is missing: its evidence is {best.log_evidence:.0f} (3 would do){lead}. Add it.",
+        )
+    if remains.structured or remains.too_large:
+        return Advice(
+            "unknown",
+            (),
+            f"{left} No effect in the ranking explains it. Look at it in the tab Where it fails; a loose part, a hose "
+            "or a slip would show so. An effect of your own can be tested with --effects-file.",
+        )
+    if remains.outlier_poses:
+        return Advice(
+            "outliers",
+            (),
+            f"{left} No effect is missing. Measure those poses again before you leave them out.",
+        )
+    return Advice("done", (), f"{left} No effect of the ranking would help: nothing more is missing.")
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else "".join(names)

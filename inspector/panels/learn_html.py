@@ -1,0 +1,238 @@
+"""What the tab Learn says, as HTML: the model's state, the ranking, the chosen effect, the verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.advice import Advice
+from calib.calibration import Calibration
+from calib.diagnosis import FLOOR, LEVEL, Diagnosis
+from calib.effects.descriptions import DESCRIPTIONS
+from calib.explanation import MEASURE_NEXT, explain
+from calib.meaning import meaning
+from calib.next_poses import NextPose
+from calib.robot import Robot
+from calib.screening import Candidate, Screening, Untestable, Value
+from calib.sigma_check import noise_floor_mm
+from inspector import tables
+from inspector.panels import words
+from inspector.session import Session
+
+GOOD, BAD, DOUBT, NEUTRAL = "#009E73", "#D55E00", "#E69F00", "#8A8F98"
+SMALL = 0.01  # a change of the error below this share is none worth a word
+VERDICTS = {"adequate": GOOD, "named": GOOD, "ambiguous": DOUBT, "unexplained": BAD, "outliers": DOUBT}
+ADVICE = {"add": "#0072B2", "ambiguous": DOUBT, "done": GOOD, "outliers": DOUBT, "unknown": BAD}
+
+
+def named(screening: Screening, name: str) -> Candidate | None:
+    """A candidate by its name; None where it is none (it may be in the model already)."""
+    return next((c for c in screening.candidates if c.name == name), None)
+
+
+def state_html(session: Session, undo: int, redo: int) -> str:
+    """What is in the model, its figures, and whether the last change helped."""
+    if session.calibration is None or not session.history:
+        return tables.note("Not calibrated yet.")
+    last = session.history[-1]
+    floor = noise_floor_mm(session.calibration)
+    rows: list[tuple[str, object]] = [
+        ("model", " + ".join(["link errors", *(added.name for added in session.effects)])),
+        ("training 3D RMSE", f"{words.millimetres(last.train_rmse_mm)} mm"),
+        ("test 3D RMSE", f"{words.millimetres(last.test_rmse_mm)} mm"),
+        ("noise alone, 3D", "not declared" if floor is None else f"{words.millimetres(floor)} mm"),
+        ("changes to undo · redo", f"{undo} · {redo}"),
+    ]
+    sentence, colour = last_change(session)
+    return tables.facts(rows) + (tables.alert(sentence, colour=colour) if sentence else "")
+
+
+def last_change(session: Session) -> tuple[str, str]:
+    """Whether the last change of the model helped, in words, with a colour."""
+    if len(session.history) < 2:
+        return "", NEUTRAL
+    old, new = session.history[-2:]
+    tested = math.isfinite(old.test_rmse_mm) and math.isfinite(new.test_rmse_mm)
+    before, after = (old.test_rmse_mm, new.test_rmse_mm) if tested else (old.train_rmse_mm, new.train_rmse_mm)
+    of = "test error" if tested else "training error (there are no test poses)"
+    figures = f"{words.millimetres(before)} → {words.millimetres(after)} mm"
+    if not (before > 0 and math.isfinite(after)):
+        return "", NEUTRAL
+    share = after / before - 1
+    adds = not new.label.startswith("−")
+    if abs(share) < SMALL:
+        more = "It does not help; Undo takes it out again." if adds else "It was not needed."
+        return f"{new.label}: the {of} hardly changed, {figures}. {more}", NEUTRAL
+    if share < 0:
+        return f"{new.label}: the {of} fell by {-100 * share:.0f} %, {figures}.", GOOD
+    more = "It does not help; Undo takes it out again." if adds else "It was needed; Undo brings it back."
+    return f"{new.label}: the {of} rose by {100 * share:.0f} %, {figures}. {more}", BAD
+
+
+def verdict_html(diagnosis: Diagnosis | None) -> str:
+    """The verdict, and all that led to it in words."""
+    if diagnosis is None:
+        return ""
+    *paragraphs, verdict = explain(diagnosis).split("\n\n")
+    return (
+        tables.heading("Verdict")
+        + tables.alert(verdict, colour=VERDICTS[diagnosis.verdict])
+        + "".join(tables.note(paragraph) for paragraph in paragraphs)
+    )
+
+
+def advice_html(advice: Advice) -> str:
+    """What is left, and what to do next."""
+    return tables.alert(advice.words, colour=ADVICE[advice.kind])
+
+
+def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
+    """All candidates, the best first; those that the data speak for are ticked."""
+    names = [c.name for c in screening.candidates]
+    before = screening.cv_rmse_mm
+    rows = [
+        (
+            ("✓ " if speaks_for(c) else "") + c.name + (" (own)" if c.name in own else ""),
+            f"{c.log_evidence:.1f}",
+            change(before, c.cv_rmse_mm) if c.members else "–",
+            probability(c.p_holm),
+        )
+        for c in screening.candidates
+    ]
+    return (
+        tables.heading("What could be missing from this model")
+        + tables.table(
+            ("effect", "evidence", "held-out error", "p"),
+            rows,
+            mark=names.index(chosen) if chosen in names else None,
+        )
+        + tables.note(
+            "✓ The data speak for it: log evidence above 3 and p below 0.01 (Holm-corrected for the number of "
+            "effects). A lead of less than 3 over the next leaves it open. Held-out error: by how much the error falls "
+            "where each pose is predicted from the others; it is "
+            f"{words.millimetres(before)} mm a coordinate now."
+        )
+    )
+
+
+def speaks_for(candidate: Candidate) -> bool:
+    """Whether the data alone speak for a candidate, whatever the others."""
+    return candidate.log_evidence > FLOOR and candidate.p_holm < LEVEL
+
+
+def change(before: float, after: float) -> str:
+    """ "−63 %": how an error changes."""
+    if not (before > 0 and math.isfinite(after)):
+        return "–"
+    percent = round(100 * (after / before - 1))
+    return "0 %" if percent == 0 else f"{percent:+d} %".replace("-", "−")
+
+
+def chosen_html(
+    name: str, candidate: Candidate | None, calibration: Calibration, cv_before_mm: float, *, own: bool
+) -> str:
+    """What the chosen effect is, its estimated parameters, what it may be confused with, how to be sure."""
+    described = next((d for d in DESCRIPTIONS if d.name == name), None)
+    out = tables.heading(f"Effect {name}")
+    facts: list[tuple[str, object]] = []
+    if described is not None:
+        facts += [("equation", described.equation), ("needs", described.needs)]
+    if own:
+        facts.append(("from", "your effects file"))
+    if candidate is not None:
+        likeness = ", ".join(f"{n} {100 * s:.0f} %" for n, s in list(candidate.overlaps.items())[:5])
+        facts.append(("explains, of what is left", f"{100 * candidate.explained_share:.0f} %"))
+        if candidate.members:
+            now, then = words.millimetres(cv_before_mm), words.millimetres(candidate.cv_rmse_mm)
+            by = change(cv_before_mm, candidate.cv_rmse_mm)
+            facts.append(("held-out error", f"{now} → {then} mm a coordinate ({by})"))
+        facts.append(("could also be made by", likeness or "nothing else here"))
+        if candidate.family.note:
+            facts.append(("assumed", candidate.family.note))
+    if name in MEASURE_NEXT:
+        facts.append(("to be sure, measure", MEASURE_NEXT[name]))
+    out += tables.facts(facts)
+    if candidate is None:
+        return out
+    if not candidate.values:
+        return out + tables.note("Nothing of it shows in what is left over.")
+    rows = [parameter_row(v.name, v.value, v.sigma, v.unit, calibration) for v in candidate.values]
+    return (
+        out
+        + tables.table(("estimated parameter", "value ± sigma", "unit", "that is"), rows, height="260px")
+        + tables.note(
+            "Linear estimates from what is left over; a fit with the effect in the model settles them. Below: each "
+            "coordinate that is left over against what the effect would make of it. Points along the line speak for it."
+        )
+    )
+
+
+def fitted_html(calibration: Calibration, name: str) -> str:
+    """The parameters of an effect that is in the model, as they were fitted."""
+    rows = [
+        parameter_row(str(row["name"]), row["value"], row["sigma"], row["unit"], calibration)
+        for row in calibration.to_frame().to_dict("records")
+        if str(row["name"]).startswith(f"{name}.")
+    ]
+    return tables.note("It is in the model. Fitted together with everything else:") + tables.table(
+        ("fitted parameter", "value ± sigma", "unit", "that is"), rows, height="260px"
+    )
+
+
+def value_row(value: Value) -> tuple[str, str, str, str]:
+    """A coefficient with its unit; the family's name is in the heading."""
+    return value.name.partition(".")[2] or value.name, f"{value.value:.3g}", f"{value.sigma:.1g}", value.unit
+
+
+def parameter_row(
+    name: str, value: float, sigma: float, unit: str, calibration: Calibration
+) -> tuple[str, str, str, str]:
+    """A parameter with its unit and what it means on the arm; the family's name is in the heading."""
+    short = name.partition(".")[2] or name
+    return short, f"{value:.3g} ± {sigma:.1g}", unit, meaning(name, value, unit, calibration) or "–"
+
+
+def next_html(name: str, rival: str, poses: Sequence[NextPose], robot: Robot, noise_mm: float) -> str:
+    """The poses at which an effect and its nearest rival differ most."""
+    if not poses:
+        return ""
+    rows = [
+        (
+            ", ".join(f"{v:.0f}" for v in np.where(robot.is_revolute, np.degrees(pose.q), pose.q)),
+            words.length(pose.separation_mm),
+        )
+        for pose in poses
+    ]
+    best = max(pose.separation_mm for pose in poses)
+    enough = (
+        "One measurement there tells them apart."
+        if best > 4.0 * noise_mm
+        else f"That is little beside the noise of {words.length(noise_mm)} a coordinate: measure there several times."
+        if math.isfinite(noise_mm)
+        else ""
+    )
+    units = "°" if robot.is_revolute.all() else "° (mm for prismatic joints)"
+    return (
+        tables.heading(f"To tell {name} from {rival}, measure here")
+        + tables.table((f"joints, {units}", "they differ by"), rows)
+        + tables.note(
+            f"Fitted each by itself, the two put the tool farthest apart at these poses, of those within the range "
+            f"measured. {enough}"
+        )
+    )
+
+
+def untestable_html(untestable: tuple[Untestable, ...]) -> str:
+    """What these data cannot speak about, why, and what would help."""
+    if not untestable:
+        return ""
+    return tables.heading("Cannot be tested with these data") + tables.bullets(
+        f"{u.name}: {u.why}. To test it: {u.would_help}." for u in untestable
+    )
+
+
+def probability(p: float) -> str:
+    """ "1.0" for no case at all, powers of ten where it is small."""
+    return f"{p:.0e}" if p < 0.001 else f"{p:.2g}"
