@@ -17,6 +17,7 @@ import viser
 
 from calib.dataset_file import find_datasets, load_dataset
 from calib.errors import CalibError
+from inspector.own_effects import OwnEffects, Watch
 from inspector.panels.base import LOOKS, RESIDUALS
 from inspector.panels.corner import CornerPanel
 from inspector.panels.failure import FailurePanel
@@ -38,7 +39,7 @@ log = logging.getLogger(__name__)
 class App:
     """The page with its thread; `serving` makes one."""
 
-    def __init__(self, server: InspectorServer, folders: Sequence[Path]) -> None:
+    def __init__(self, server: InspectorServer, folders: Sequence[Path], effects_file: Path | None = None) -> None:
         self.server = server
         named = dict(zip(names_of(folders), folders, strict=True))
         self._known = tuple(named)
@@ -46,7 +47,9 @@ class App:
         self._wanted = 0  # the pose asked for last
         self._moves = 0  # changes of the model to go back (below 0) or forward
         self.stage = self._build(named)
+        self.stage.model.own = OwnEffects(effects_file)
         self.worker = Worker(self._failed)
+        self._watch = Watch(self.stage.model.own, self.effects)
         self.open(self._known[0])
 
     def _build(self, folders: dict[str, Path]) -> Stage:
@@ -80,6 +83,7 @@ class App:
 
     def close(self) -> None:
         """End the work and the server."""
+        self._watch.stop()
         self.worker.stop()
         self.stage.model.close()
         self.server.stop()
@@ -189,9 +193,14 @@ class App:
         else:
             self.worker.cancel("find")
 
+    def effects(self) -> None:
+        """Rank again, with the user's own effects as their file has them now."""
+        if self.stage.view is not None:
+            self.worker.submit("effects", lambda: self.stage.model.rank())
+
     def candidate(self) -> None:
         """Show what is known of the candidate that is chosen now."""
-        self.worker.submit("candidate", lambda: self.stage.learn.update_choice(self.stage.now))
+        self.worker.submit("candidate", lambda: self.stage.model.compare())
 
     def add_effect(self, name: str) -> None:
         """Add an effect to the model; a second press for the same effect adds nothing."""
@@ -230,29 +239,36 @@ def names_of(folders: Sequence[Path]) -> list[str]:
 
 
 @contextmanager
-def serving(path: Path, *, host: str = LOOPBACK, port: int = 8080) -> Iterator[App]:
+def serving(
+    path: Path, *, host: str = LOOPBACK, port: int = 8080, effects_file: Path | None = None
+) -> Iterator[App]:
     """The app on a dataset folder or a folder of datasets, while inside.
 
     Raises:
         DatasetError: no dataset at `path`.
+        CalibError: no effects file there; one with an error in it is told on the page, which takes a better one later.
         ServerError: the address cannot be served on.
     """
     # Those with scans first: a page that opens on one shows the whole way, from scan to model.
     folders = sorted(find_datasets(path), key=lambda folder: not has_scans(folder))
+    if effects_file is not None and not effects_file.is_file():
+        raise CalibError(f"{effects_file}: no such effects file")
     server = start_server(host, port, label="Calibration inspector")
-    app = App(server, folders)
+    app = App(server, folders, effects_file)
     try:
         yield app
     finally:
         app.close()
 
 
-def serve(path: Path, *, host: str = LOOPBACK, port: int = 8080) -> None:
+def serve(
+    path: Path, *, host: str = LOOPBACK, port: int = 8080, effects_file: Path | None = None
+) -> None:
     """Serve until interrupted (Ctrl-C); says on stdout where the page is.
 
     Raises: as `serving`.
     """
-    with serving(path, host=host, port=port) as app:
+    with serving(path, host=host, port=port, effects_file=effects_file) as app:
         sys.stdout.write(f"Open {url_of(app.server)} in a browser. Ctrl-C ends.\n")
         sys.stdout.flush()
         try:

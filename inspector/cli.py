@@ -72,6 +72,9 @@ def _parser() -> argparse.ArgumentParser:
     sub = command("serve", commands.run_serve, "the web app", "dataset folder, or a folder of them")
     sub.add_argument("--host", default="127.0.0.1", help="address to bind (default: this machine only)")
     sub.add_argument("--port", type=_port, default=8080, help="default 8080; 0 takes a free one")
+    sub.add_argument(
+        "--effects-file", type=Path, metavar="FILE.py", help="effects of your own, read again when it changes"
+    )
 
     sub = command("corners", commands.run_corners, "find the jig's corner in every scan")
     sub.add_argument("--out", type=Path, metavar="FILE", help="write the corners as points.csv")

@@ -28,7 +28,7 @@ def run_serve(options: Any) -> int:
     """The web app until Ctrl-C."""
     from inspector.app import serve  # viser takes a second to load, and only this command needs it
 
-    serve(options.path, host=options.host, port=options.port)
+    serve(options.path, host=options.host, port=options.port, effects_file=options.effects_file)
     return 0
 
 
