@@ -98,11 +98,34 @@ def jig_rotation(tilt_deg: float, azimuth_deg: float, spin_deg: float) -> NDArra
     return tilt @ spin @ edges
 
 
+def grazing(rng: np.random.Generator, incidence_deg: float) -> NDArray:
+    """Orientation of a jig whose third face is seen at that angle off its normal."""
+    edges = jig_rotation(0, 0, rng.uniform(0, 360))
+    normal = -edges[:, 2]
+    axis = np.cross(normal, [0, 0, -1.0])
+    by = np.arccos(-normal[2]) - np.radians(incidence_deg)
+    return Rotation.from_rotvec(by * axis / np.linalg.norm(axis)).as_matrix() @ edges
+
+
+def room(rng: np.random.Generator) -> tuple[Patch, ...]:
+    """Three perpendicular walls that meet 300 mm behind the jig."""
+    walls = -900 * jig_rotation(rng.uniform(0, 20), rng.uniform(0, 360), rng.uniform(0, 120)).T
+    corner = np.array([20.0, -10.0, 1000.0])
+    return tuple(Patch(corner, walls[i], walls[(i + 1) % 3]) for i in range(3))
+
+
+def box_beside(rng: np.random.Generator, size: float) -> tuple[Patch, ...]:
+    """A box whose corner looks at the scanner, to the left of the jig."""
+    turn = jig_rotation(rng.uniform(0, 20), rng.uniform(0, 360), rng.uniform(0, 120))
+    return tuple(box(np.array([-75.0, rng.uniform(-20, 20), 690.0]), turn, (size, size, size)))
+
+
 def make_scene(
     rng: np.random.Generator,
     rays: int = 12_000,
     *,
     edge_mm: float = 60.0,
+    distance_mm: float = 700.0,
     field_mm: float = 160.0,
     sigma_mm: float = 0.02,
     rotation: NDArray | None = None,
@@ -112,15 +135,20 @@ def make_scene(
     outliers: float = 0.0,
     cut_face: float = 1.0,
     flying: float = 0.35,
+    fillet_mm: float = 0.0,
+    waves_mm: float = 0.0,
+    wave_length_mm: float = 15.0,
 ) -> SceneScan:
-    """One scan of a jig some 700 mm away among flange, link, wall and table.
+    """One scan of a jig some `distance_mm` away among flange, link, wall and table.
 
     `outliers` is the share of points thrown anywhere into the scene's volume; `cut_face` keeps that share of the
-    third face's area (a strip along one edge); `extras` are further patches in the scanner's frame.
+    third face's area (a strip along one edge); `extras` are further patches in the scanner's frame; `fillet_mm` is the
+    radius that rounds the jig's three edges and its apex. `waves_mm` adds an error along the ray that is smooth over
+    `wave_length_mm` across the view, of correlation exp(-r^2 / 2 l^2); the bound does not know of it.
     """
     if rotation is None:
         rotation = jig_rotation(rng.uniform(0, 22), rng.uniform(0, 360), rng.uniform(0, 120))
-    apex = np.array([rng.uniform(-20, 20), rng.uniform(-20, 20), rng.uniform(680, 720)])
+    apex = np.array([rng.uniform(-20, 20), rng.uniform(-20, 20), rng.uniform(-20, 20) + distance_mm])
     edges = rotation * edge_mm
     diagonal = rotation.sum(axis=1) / np.sqrt(3)
     if not convex:  # the inside of a box: the edges come toward the scanner
@@ -142,14 +170,24 @@ def make_scene(
         axis /= np.linalg.norm(axis)
         pieces.append(Cylinder(behind + 20 * diagonal, axis, 0.6 * edge_mm, 300.0))
         pieces.append(
-            Patch(np.array([-600.0, -600, 1000]), np.array([1200.0, 0, 60]), np.array([0.0, 1200, 0]))
+            Patch(
+                np.array([-600.0, -600, distance_mm + 300]),
+                np.array([1200.0, 0, 60]),
+                np.array([0.0, 1200, 0]),
+            )
         )
-        pieces.append(Patch(np.array([-600.0, 75, 400]), np.array([1200.0, 0, 0]), np.array([0.0, 30, 900])))
+        pieces.append(
+            Patch(
+                np.array([-600.0, 1.25 * edge_mm, distance_mm - 300]),
+                np.array([1200.0, 0, 0]),
+                np.array([0.0, 30, 900]),
+            )
+        )
     pieces += list(extras)
 
     n = round(np.sqrt(rays))
     grid = (np.arange(n) + 0.5) / n - 0.5
-    x, y = np.meshgrid(grid * field_mm / 700, grid * field_mm / 700, indexing="xy")
+    x, y = np.meshgrid(grid * field_mm / distance_mm, grid * field_mm / distance_mm, indexing="xy")
     direction = np.stack([x.ravel(), y.ravel(), np.ones(n * n)], axis=1)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     hits = [piece.hit(direction) for piece in pieces]
@@ -157,6 +195,11 @@ def make_scene(
     label = np.argmin(depth, axis=0)
     t = depth[label, np.arange(n * n)]
     cosine = np.stack([h[1] for h in hits])[label, np.arange(n * n)]
+
+    if fillet_mm > 0:
+        on = np.flatnonzero((label < 3) & np.isfinite(t))
+        t[on], cosine[on], flat = _rounded(direction[on], t[on], apex, normals, fillet_mm, convex)
+        label[on[~flat]] = 3
 
     image = np.where(np.isfinite(t), t, 5000.0).reshape(n, n)
     neighbour = image.copy()
@@ -171,6 +214,10 @@ def make_scene(
     with np.errstate(invalid="ignore", divide="ignore"):
         sigma_ray = sigma_mm * (0.5 + 0.5 / cosine**2)
         noisy = t + sigma_ray * rng.standard_normal(n * n)
+    if waves_mm > 0:
+        turns = rng.standard_normal((2, 300)) / wave_length_mm
+        phase = direction[:, :2] / direction[:, 2:] * apex[2] @ turns + rng.uniform(0, 2 * np.pi, 300)
+        noisy += waves_mm * np.sqrt(2 / 300) * np.cos(phase).sum(axis=1)
     keep = np.isfinite(t) & (rng.random(n * n) < np.clip(cosine / np.cos(np.radians(70)), 0, 1) ** 2)
     noisy = np.where(fly, t_flying, noisy)
     label = np.where(fly, -1, label)
@@ -196,3 +243,24 @@ def make_scene(
     order = rng.permutation(len(points))
     scan = Scan("scene", points[order].astype(np.float32).astype(np.float64))
     return SceneScan(scan, label[order], apex, normals, float(np.sqrt(np.trace(covariance))), covariance)
+
+
+def _rounded(
+    rays: NDArray, t: NDArray, apex: NDArray, normals: NDArray, radius: float, convex: bool
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Distance, |cos| of incidence and whether the ray meets a flat part, on a corner with rounded edges.
+
+    The signed distance to three rounded half-spaces is |max(h + r, 0)| - r, h the heights over the faces (the inside of
+    a box has the opposite sign); the rays walk along it from before the sharp corner (R, 3).
+    """
+    sign = 1.0 if convex else -1.0
+    t = t - 4 * radius
+    for _ in range(80):
+        raised = np.maximum(sign * (rays * t[:, None] - apex) @ normals.T + radius, 0)
+        length = np.linalg.norm(raised, axis=1)
+        t = t + sign * (length - radius)
+    gradient = raised @ normals / np.maximum(length, 1e-12)[:, None]
+    t = np.where(
+        np.abs(length - radius) < 1e-6, t, np.inf
+    )  # past the silhouette that the rounding takes away
+    return t, np.abs(np.sum(gradient * rays, axis=1)), np.sum(raised > 1e-9, axis=1) == 1
