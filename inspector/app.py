@@ -39,7 +39,9 @@ log = logging.getLogger(__name__)
 class App:
     """The page with its thread; `serving` makes one."""
 
-    def __init__(self, server: InspectorServer, folders: Sequence[Path], effects_file: Path | None = None) -> None:
+    def __init__(
+        self, server: InspectorServer, folders: Sequence[Path], effects_file: Path | None = None
+    ) -> None:
         self.server = server
         named = dict(zip(names_of(folders), folders, strict=True))
         self._known = tuple(named)
@@ -261,9 +263,7 @@ def serving(
         app.close()
 
 
-def serve(
-    path: Path, *, host: str = LOOPBACK, port: int = 8080, effects_file: Path | None = None
-) -> None:
+def serve(path: Path, *, host: str = LOOPBACK, port: int = 8080, effects_file: Path | None = None) -> None:
     """Serve until interrupted (Ctrl-C); says on stdout where the page is.
 
     Raises: as `serving`.
