@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import ScanError
-from calib.scan_content import PointsAndNormals, numbers, text_lines, truncated
+from calib.scan_content import PointsAndNormals, doubles, numbers, text_lines, truncated
 
 _STL_START = 84  # bytes before the triangles: a free text of 80, the number of triangles
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -26,7 +26,7 @@ def read_stl(path: Path, content: bytes) -> PointsAndNormals:
     if held < promised:
         raise truncated(path, 3 * promised, 3 * held)
     table = np.frombuffer(content, _TRIANGLE, promised, _STL_START)
-    return _once(table["vertices"].reshape(-1, 3).astype(np.float64)), None
+    return _once(doubles(table["vertices"].reshape(-1, 3))), None
 
 
 def _read_text_stl(path: Path, content: bytes) -> np.ndarray:

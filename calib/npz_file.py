@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import ScanError
-from calib.scan_content import PointsAndNormals, one_line, truncated
+from calib.scan_content import PointsAndNormals, doubles, one_line, truncated
 
 _NAMES = ("points", "points_mm")
 _MOST_BYTES = 2**32  # unpacked: a file of some megabytes can claim to hold any amount
@@ -66,4 +66,4 @@ def _array(path: Path, archive: zipfile.ZipFile, name: str) -> NDArray:
     if there < rows:
         raise truncated(path, rows, there)
     flat = np.frombuffer(data, kind, 3 * rows, stream.tell())
-    return flat.reshape(shape, order="F" if fortran else "C").reshape(-1, 3).astype(np.float64)
+    return doubles(flat.reshape(shape, order="F" if fortran else "C").reshape(-1, 3))

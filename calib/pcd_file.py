@@ -18,6 +18,7 @@ from calib.scan_content import (
     PointsAndNormals,
     columns_of,
     count,
+    doubles,
     numbers,
     split,
     text_lines,
@@ -64,9 +65,9 @@ def read_pcd(path: Path, content: bytes) -> PointsAndNormals:
         offset = list(accumulate(sizes, initial=0))
         table = np.frombuffer(content, np.uint8, header.points * row, header.body).reshape(-1, row)
         columns = [
-            np.ascontiguousarray(table[:, offset[i] : offset[i] + int(header.types[i][1:])])
-            .view("<" + header.types[i])[:, 0]
-            .astype(np.float64)
+            np.ascontiguousarray(table[:, offset[i] : offset[i] + int(header.types[i][1:])]).view(
+                "<" + header.types[i]
+            )[:, 0]
             for i in fields
         ]
     elif header.data == "binary_compressed":
@@ -75,14 +76,14 @@ def read_pcd(path: Path, content: bytes) -> PointsAndNormals:
         columns = [
             np.frombuffer(unpacked, "<" + header.types[i], header.points * header.counts[i], offset[i])[
                 :: header.counts[i]
-            ].astype(np.float64)
+            ]
             for i in fields
         ]
     else:
         raise ScanError(
             f"{path}: the .pcd has DATA {header.data[:20]!r}; export as ascii, binary or binary_compressed"
         )
-    return split(np.stack(columns, axis=1), has_normals)
+    return split(np.stack([doubles(column) for column in columns], axis=1), has_normals)
 
 
 def _header(path: Path, content: bytes) -> _Header:

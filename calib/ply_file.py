@@ -18,6 +18,7 @@ from calib.scan_content import (
     PointsAndNormals,
     columns_of,
     count,
+    doubles,
     numbers,
     split,
     text_lines,
@@ -82,7 +83,7 @@ def read_ply(path: Path, content: bytes) -> PointsAndNormals:
 
 
 def _stack(table: NDArray, columns: list[int]) -> NDArray:
-    return np.stack([table[f"f{i}"].astype(np.float64) for i in columns], axis=1)
+    return np.stack([doubles(table[f"f{i}"]) for i in columns], axis=1)
 
 
 def _header(path: Path, content: bytes) -> tuple[str, list[_Element], int]:

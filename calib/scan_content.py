@@ -61,6 +61,12 @@ def columns_of(path: Path, names: Sequence[str]) -> tuple[list[int], bool]:
     return columns, False
 
 
+def doubles(values: NDArray) -> NDArray:
+    """As float64. Any bits are a float32, also the NaN that signals, which need not be warned of here."""
+    with np.errstate(invalid="ignore"):
+        return values.astype(np.float64)
+
+
 def split(rows: NDArray, has_normals: bool) -> PointsAndNormals:
     """Rows of three or six columns as points and normals."""
     return rows[:, :3], rows[:, 3:6] if has_normals else None

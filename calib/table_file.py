@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterable
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -25,18 +27,27 @@ class TableFile:
     @classmethod
     def load(cls, path: Path) -> TableFile:
         try:
-            cells = pd.read_csv(
-                path, dtype=str, keep_default_na=False, skipinitialspace=True, index_col=False
-            )
+            text = path.read_text(encoding="utf-8-sig")  # spreadsheets begin UTF-8 with a byte order mark
+            rows = [row for row in csv.reader(StringIO(text, newline=""), skipinitialspace=True) if any(row)]
         except FileNotFoundError:
             raise DatasetError(f"{path}: no such file; dataset.toml names it") from None
-        except pd.errors.EmptyDataError:
+        except OSError as error:
             raise DatasetError(
-                f"{path}: the file is empty; a header line with column names is needed"
+                f"{path}: {error.strerror or error}; check that the file can be read"
             ) from None
-        except (OSError, UnicodeDecodeError, pd.errors.ParserError) as error:
-            raise DatasetError(f"{path}: cannot be read as CSV ({str(error).strip()})") from None
-        cells = cells.rename(columns=lambda name: str(name).strip())
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise DatasetError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
+        if not rows:
+            raise DatasetError(f"{path}: the file is empty; a header line with column names is needed")
+        names, *body = rows
+        for line, row in enumerate(body, start=2):
+            if any(row[len(names) :]):
+                raise DatasetError(
+                    f"{path}: line {line}: found {len(row)} cells, the header names {len(names)} columns; "
+                    "name the others or remove them"
+                )
+        full = [(row + [""] * len(names))[: len(names)] for row in body]
+        cells = pd.DataFrame(full, columns=[name.strip() for name in names], dtype=str)
         repeated = cells.columns[cells.columns.duplicated()]
         if len(repeated):
             raise DatasetError(f"{path}: line 1: column {repeated[0]!r} stands there twice; rename one")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
+
 from calib.errors import ScanError
 from calib.scan_content import PointsAndNormals, columns_of, numbers, split, text_lines
 
@@ -35,7 +37,7 @@ def read_text(path: Path, content: bytes) -> PointsAndNormals:
     skip = set(comments)
     rows = [line for i, line in enumerate(lines) if i not in skip]
     if not rows:
-        return numbers(path, [], [0, 1, 2]), None
+        return np.zeros((0, 3)), None
     header = ""
     delimiter = _delimiter(rows[min(1, len(rows) - 1)])
     if _is_header(rows[0], delimiter):
@@ -48,6 +50,8 @@ def read_text(path: Path, content: bytes) -> PointsAndNormals:
         if {"x", "y", "z"} <= {_bare(path, name) for name in _cells(comment, _delimiter(comment))}:
             header = comment
     columns, has_normals = [0, 1, 2], False
+    if not rows:
+        return np.zeros((0, 3)), None
     if header:
         names = _cells(header, _delimiter(header))
         columns, has_normals = columns_of(path, [_bare(path, name) for name in names])
