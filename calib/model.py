@@ -89,12 +89,16 @@ class Model:
         ends = np.cumsum([len(effect.parameters) for effect in self.effects])
         return np.split(full, ends[:-1])
 
+    def _states(self, x: ArrayLike, poses: Poses, seen: Seen | None) -> list[RobotState]:
+        """The state before each effect, in order, and after all of them."""
+        states = [RobotState.nominal(self.robot, poses, seen)]
+        for effect, values in zip(self.effects, self._values_by_effect(x), strict=True):
+            states.append(apply_values(effect, states[-1], values))
+        return states
+
     def state(self, x: ArrayLike, poses: Poses, seen: Seen | None = None) -> RobotState:
         """The chain's parameters at every pose, all effects applied in order."""
-        state = RobotState.nominal(self.robot, poses, seen)
-        for effect, values in zip(self.effects, self._values_by_effect(x), strict=True):
-            state = apply_values(effect, state, values)
-        return state
+        return self._states(x, poses, seen)[-1]
 
     def predict(self, x: ArrayLike, poses: Poses, target: str = "jig", seen: Seen | None = None) -> Array:
         """A target's place at every pose (N, 3), mm in the base frame.
@@ -107,27 +111,18 @@ class Model:
     def linearise(
         self, x: ArrayLike, poses: Poses, target: str = "jig", seen: Seen | None = None
     ) -> tuple[Array, Array]:
-        """A target's place (N, 3) and its derivative by the free parameters (N, 3, P)."""
-        points_mm, by_state = point_by_state(self.state(x, poses, seen), target)
-        columns = [columns_of(by_state, d) for d in self._state_derivatives(x, poses, seen)]
-        return points_mm, np.concatenate(columns, axis=-1)[..., self._is_free]
-
-    def _state_derivatives(self, x: ArrayLike, poses: Poses, seen: Seen | None) -> list[Array]:
-        """For each effect d state / d its parameters (K, 1 or N, S).
+        """A target's place (N, 3) and its derivative by the free parameters (N, 3, P).
 
         How a later effect changes with an earlier one's parameters is of second order and left out: the solver's
         residual is exact, so this costs it a little speed and no accuracy.
         """
-        state = RobotState.nominal(self.robot, poses, seen)
-        out = []
-        for effect, values in zip(self.effects, self._values_by_effect(x), strict=True):
-            if isinstance(effect, LinkErrors):  # the identity: no need to difference it
-                derivative = np.eye(state.table[0].size, state.vector.shape[1])[:, None]
-            else:
-                derivative = stack_derivatives(state_derivative(effect, state, values))
-            out.append(derivative)
-            state = apply_values(effect, state, values)
-        return out
+        *before, last = self._states(x, poses, seen)
+        points_mm, by_state = point_by_state(last, target)
+        columns = [
+            effect_columns(by_state, effect, state, values)
+            for effect, state, values in zip(self.effects, before, self._values_by_effect(x), strict=True)
+        ]
+        return points_mm, np.concatenate(columns, axis=-1)[..., self._is_free]
 
     def calibrated_robot(self, x: ArrayLike) -> Robot:
         """The robot with its link errors built into the table; other effects have no place in robot.toml."""
@@ -167,14 +162,15 @@ def _target_mm(state: RobotState, target: str) -> Array:
     return flange[:, :3, :3] @ state.target_offsets_mm[target] + flange[:, :3, 3]
 
 
-def stack_derivatives(derivatives: list[Array]) -> Array:
-    """A list of K arrays (1 or N, S) as one (K, 1 or N, S)."""
-    rows = max(map(len, derivatives))
-    return np.stack([np.broadcast_to(d, (rows, d.shape[1])) for d in derivatives])
+def effect_columns(by_state: Array, effect: Effect, state: RobotState, values: Array) -> Array:
+    """A point's derivative by an effect's parameters (N, 3, K), the effect acting on `state`: the chain rule.
 
-
-def columns_of(by_state: Array, derivative: Array) -> Array:
-    """(N, 3, S) x (K, 1 or N, S) -> (N, 3, K): the chain rule."""
-    if derivative.shape[1] == 1:
-        return by_state @ derivative[:, 0].T
-    return np.einsum("nis,kns->nik", by_state, derivative, optimize=True)
+    by_state  # (N, 3, S), of `point_by_state`
+    """
+    if isinstance(effect, LinkErrors):  # it adds to the table, which comes first in the state's vector
+        return by_state[..., : len(values)]
+    out = np.empty((*by_state.shape[:2], len(values)))
+    for k, derivative in enumerate(state_derivative(effect, state, values)):
+        touched = np.flatnonzero(derivative.any(axis=0))  # a few entries of the state's vector
+        out[..., k] = np.sum(by_state[..., touched] * derivative[:, None, touched], axis=-1)
+    return out

@@ -15,11 +15,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
-from calib.effects.base import Effect, full_name, state_derivative
+from calib.effects.base import Effect, full_name
 from calib.effects.catalogue import Family
 from calib.evidence import Evidence, Problem, holm, weigh
 from calib.leftover import Leftover, leftover_of
-from calib.model import columns_of, stack_derivatives
+from calib.model import effect_columns
 
 Array = NDArray[np.float64]
 
@@ -97,9 +97,9 @@ def member_columns(leftover: Leftover, member: Effect) -> Array:
     _, row = observed.used_poses
     columns = np.empty((len(observed.points), 3, len(member.parameters)))
     for target, state in leftover.states.items():
-        derivative = stack_derivatives(state_derivative(member, state, np.zeros(len(member.parameters))))
+        by_value = effect_columns(leftover.by_state[target], member, state, np.zeros(columns.shape[-1]))
         of_target = observed.points.target == target
-        columns[of_target] = columns_of(leftover.by_state[target], derivative)[row[of_target]]
+        columns[of_target] = by_value[row[of_target]]
     return (leftover.base_to_residual @ columns).reshape(-1, columns.shape[-1])
 
 

@@ -154,7 +154,7 @@ class _Factors:
 def _factorise(matrix: Array, rhs: Array) -> _Factors:
     """All P directions of a matrix (R, P); those beyond its rank have s = 0."""
     # R of [A b] carries the whole problem in P + 1 rows, however many poses there are.
-    r = np.linalg.qr(np.column_stack([matrix, rhs]), mode="r")
+    r = np.asarray(np.linalg.qr(np.column_stack([matrix, rhs]), mode="r"))
     count = matrix.shape[1]
     u, s, vt = np.linalg.svd(r[:, :-1])
     return _Factors(_padded(s, count), vt.T, _padded((u.T @ r[:, -1])[:count], count))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -10,7 +10,15 @@ import pytest
 from arms import dataset_of, perturbed
 from calib.calibration import calibrate
 from calib.dataset import Dataset
-from calib.effects.base import Effect, apply_values, family_name, full_name
+from calib.effects.base import (
+    Effect,
+    Parameter,
+    apply_values,
+    family_name,
+    full_name,
+    is_linear,
+    state_derivative,
+)
 from calib.effects.catalogue import effects_for, family_of
 from calib.effects.descriptions import FAMILY_NAMES
 from calib.effects.links import LinkErrors
@@ -102,6 +110,39 @@ def test_the_models_jacobian_is_the_derivative(effect: Effect) -> None:
         )
         # In mm for an effect of its usual size.
         np.testing.assert_allclose(jacobian[..., k] * model.scales[k], numeric * model.scales[k], atol=2e-6)
+
+
+@pytest.mark.parametrize("effect", [*MEMBERS, LinkErrors(DATASET.robot)], ids=label)
+def test_what_is_declared_linear_adds_a_multiple_of_each_value(effect: Effect) -> None:
+    """The derivative, taken once at zero, makes the whole effect: at random values, upon a state with link errors."""
+    assert is_linear(effect)
+    rng = np.random.default_rng(2)
+    links = LinkErrors(DATASET.robot)
+    sizes = np.array([p.scale for p in links.parameters])
+    state = apply_values(links, state_of(DATASET), sizes * rng.normal(size=len(sizes)))
+    values = np.array([p.scale for p in effect.parameters]) * rng.normal(size=len(effect.parameters)) * 10.0
+    added = sum(v * d for v, d in zip(values, state_derivative(effect, state, 0.0 * values), strict=True))
+    after = apply_values(effect, state, values).vector - state.vector
+    np.testing.assert_allclose(np.broadcast_to(added, after.shape), after, rtol=1e-9, atol=1e-11)
+
+
+def test_an_effect_that_declares_nothing_is_differenced_where_it_stands() -> None:
+    """As the catalogue's own, but not linear: theta += k^2 q."""
+
+    @dataclass(frozen=True)
+    class Squared:
+        joint: int = 1
+        parameters = (Parameter("k", unit="1", scale=1e-2),)
+
+        def apply(self, state: RobotState, *, k: float) -> RobotState:
+            return state.add_joint_error(self.joint, k**2 * state.q_rad[:, self.joint])
+
+    state = state_of(DATASET)
+    for k in (0.0, 0.03, -0.2):
+        (derivative,) = state_derivative(Squared(), state, np.array([k]))
+        expected = np.zeros_like(derivative)
+        expected[:, 5 * 1 + 3] = 2.0 * k * state.q_rad[:, 1]
+        np.testing.assert_allclose(derivative, expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("effect", MEMBERS, ids=label)

@@ -23,7 +23,7 @@ A user's own effect needs no more than this::
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -81,17 +81,26 @@ def apply_values(effect: Effect, state: RobotState, values: Array) -> RobotState
     return effect.apply(state, **named)
 
 
-def state_derivative(effect: Effect, state: RobotState, values: Array) -> list[Array]:
-    """d state.vector / d value for each parameter of an effect that acts on `state`: a list of (1 or N, S).
+def is_linear(effect: Effect) -> bool:
+    """Whether the effect says, by `linear = True`, that it adds to the state a multiple of each parameter's value."""
+    return getattr(effect, "linear", False) is True
 
-    Central differences of the effect's own map, which is cheap; the chain's part of the derivative is analytic. Steps
-    are 1e-3 of a parameter's scale: exact to rounding for maps that are linear in their parameters.
+
+def state_derivative(effect: Effect, state: RobotState, values: Array) -> Iterator[Array]:
+    """d state.vector / d value for each parameter of an effect that acts on `state`, one by one: (1 or N, S).
+
+    Differences of the effect's own map, which is cheap; the chain's part of the derivative is analytic. A linear effect
+    has the same derivative everywhere: one step of a parameter's scale from zero, where the effect is absent. Others
+    take central differences, steps of 1e-3 of the scale.
     """
-    out = []
+    linear = is_linear(effect)
     for k, parameter in enumerate(effect.parameters):
         step = np.zeros(len(values))
-        step[k] = 1e-3 * parameter.scale
-        high = apply_values(effect, state, values + step).vector
-        low = apply_values(effect, state, values - step).vector
-        out.append((high - low) / (2.0 * step[k]))
-    return out
+        if linear:
+            step[k] = parameter.scale
+            yield (apply_values(effect, state, step).vector - state.vector) / step[k]
+        else:
+            step[k] = 1e-3 * parameter.scale
+            high = apply_values(effect, state, values + step).vector
+            low = apply_values(effect, state, values - step).vector
+            yield (high - low) / (2.0 * step[k])

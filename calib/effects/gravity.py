@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from calib import frames
 from calib.robot import Robot
 
 if TYPE_CHECKING:
@@ -29,12 +30,16 @@ def has_masses(robot: Robot) -> bool:
 
 def hanging_masses(state: RobotState) -> list[tuple[int, Array, Array]]:
     """What hangs on the arm, payload included: (frame that carries it, mass (1 or N,) kg, place (N, 3) mm)."""
-    robot, frames = state.robot, state.chain.base_T_frame
+    robot, base_T_frame = state.robot, state.chain.base_T_frame
     out = []
     for k, joint in enumerate(robot.joints):
         if joint.mass_kg:
             out.append(
-                (k + 1, np.array([joint.mass_kg]), _at(frames[:, k + 1], joint.com_mm or (0.0, 0.0, 0.0)))
+                (
+                    k + 1,
+                    np.array([joint.mass_kg]),
+                    _at(base_T_frame[:, k + 1], joint.com_mm or (0.0, 0.0, 0.0)),
+                )
             )
     tool, flange = robot.tool, state.chain.base_T_flange
     if tool.mass_kg:
@@ -54,44 +59,50 @@ def _at(base_T_frame: Array, point_mm: tuple[float, float, float]) -> Array:
     return base_T_frame[:, :3, :3] @ np.array(point_mm) + base_T_frame[:, :3, 3]
 
 
+def carried(state: RobotState) -> tuple[Array, Array]:
+    """All that hangs at a frame 0 ... n + 1 or beyond: mass (n + 2, N) kg, mass times place (n + 2, N, 3) kg mm."""
+    shape = (state.robot.n_joints + 2, len(state.poses))
+    mass, first_moment = np.zeros(shape), np.zeros((*shape, 3))
+    for frame, mass_kg, place_mm in hanging_masses(state):
+        mass[frame] += mass_kg
+        first_moment[frame] += mass_kg[:, None] * place_mm
+    return np.cumsum(mass[::-1], axis=0)[::-1], np.cumsum(first_moment[::-1], axis=0)[::-1]
+
+
 def moment_about(state: RobotState, origin_mm: Array, beyond: int) -> Array:
     """Gravity's moment (N, 3) in N m about a point (N, 3), of what frames after `beyond` carry; base frame."""
-    gravity = np.array(state.robot.gravity_m_s2)
-    total = np.zeros((len(state.poses), 3))
-    for frame, mass_kg, place_mm in state.hanging_masses:
-        if frame > beyond:
-            total += np.cross((place_mm - origin_mm) * 1e-3, gravity) * mass_kg[:, None]
-    return total
+    mass, first_moment = (of_frame[beyond + 1] for of_frame in state.carried)
+    lever = (first_moment - mass[:, None] * origin_mm) * 1e-3  # (N, 3) kg m
+    return np.asarray(lever @ frames.skew(state.robot.gravity_m_s2))  # each row lever x g
 
 
 def joint_torques(state: RobotState) -> Array:
     """(N, n) gravity's torque about each revolute axis, N m, and force along each prismatic one, N."""
-    frames, gravity = state.chain.base_T_frame, np.array(state.robot.gravity_m_s2)
+    base_T_frame, gravity = state.chain.base_T_frame, np.array(state.robot.gravity_m_s2)
     out = np.zeros((len(state.poses), state.robot.n_joints))
     for j, joint in enumerate(state.robot.joints):
-        axis, origin = frames[:, j, :3, 2], frames[:, j, :3, 3]
+        axis, origin = base_T_frame[:, j, :3, 2], base_T_frame[:, j, :3, 3]
         if joint.is_revolute:
-            out[:, j] = np.einsum("ni,ni->n", axis, moment_about(state, origin, j))
+            out[:, j] = np.sum(axis * moment_about(state, origin, j), axis=1)
         else:
-            mass = sum((m for frame, m, _ in state.hanging_masses if frame > j), np.zeros(1))
-            out[:, j] = (axis @ gravity) * mass
+            out[:, j] = (axis @ gravity) * state.carried[0][j + 1]
     return out
 
 
 def unit_torques(state: RobotState, joint: int) -> Array:
     """(N, K) torque about a joint of 1 kg at the origin of each frame beyond it, and at the tool point: N m per kg."""
-    frames, gravity = state.chain.base_T_frame, np.array(state.robot.gravity_m_s2)
-    axis, origin = frames[:, joint, :3, 2], frames[:, joint, :3, 3]
+    base_T_frame, gravity = state.chain.base_T_frame, np.array(state.robot.gravity_m_s2)
+    axis, origin = base_T_frame[:, joint, :3, 2], base_T_frame[:, joint, :3, 3]
     if not state.robot.joints[joint].is_revolute:
         return (axis @ gravity)[:, None]
-    places = frames[:, joint + 1 :, :3, 3] - origin[:, None]  # (N, K, 3)
+    places = base_T_frame[:, joint + 1 :, :3, 3] - origin[:, None]  # (N, K, 3)
     return np.asarray(np.einsum("ni,nki->nk", axis, np.cross(places * 1e-3, gravity)))
 
 
 def payload_torque(state: RobotState, joint: int) -> Array:
     """(N,) torque of the payload alone about a joint, N m (a force, N, along a prismatic one)."""
-    frames, gravity = state.chain.base_T_frame, np.array(state.robot.gravity_m_s2)
-    axis, origin = frames[:, joint, :3, 2], frames[:, joint, :3, 3]
+    base_T_frame, gravity = state.chain.base_T_frame, np.array(state.robot.gravity_m_s2)
+    axis, origin = base_T_frame[:, joint, :3, 2], base_T_frame[:, joint, :3, 3]
     if state.poses.payload_kg is None:
         return np.zeros(len(axis))
     if not state.robot.joints[joint].is_revolute:

@@ -35,6 +35,7 @@ class TransmissionError:
     joint: int
     order: float
     name = "transmission_error"
+    linear = True
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -60,6 +61,7 @@ class JointScale:
 
     joint: int
     name = "joint_scale"
+    linear = True
     parameters = (Parameter("k", "1", 1e-4, "share of the commanded motion"),)
 
     def apply(self, state: RobotState, *, k: float) -> RobotState:
@@ -74,6 +76,7 @@ class JointCoupling:
     joint: int
     driver: int
     name = "joint_coupling"
+    linear = True
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -92,6 +95,7 @@ class Backlash:
 
     joint: int
     name = "backlash"
+    linear = True
     parameters = (Parameter("b_rad", "rad", 5e-4, "width of the play"),)
 
     def apply(self, state: RobotState, *, b_rad: float) -> RobotState:
@@ -112,6 +116,7 @@ class AxisWobble:
     joint: int
     order: int
     name = "axis_wobble"
+    linear = True
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

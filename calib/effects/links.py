@@ -29,6 +29,7 @@ class LinkErrors:
     robot: Robot
     tolerances: Mapping[str, float] = field(default_factory=dict)
     name = "link_errors"
+    linear = True
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

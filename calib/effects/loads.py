@@ -21,6 +21,7 @@ class JointCompliance:
 
     joint: int
     name = "joint_compliance"
+    linear = True
     parameters = (
         Parameter("c_rad_per_nm", "rad/Nm", 5e-5, "compliance; its inverse is the stiffness", positive=True),
     )
@@ -44,6 +45,7 @@ class JointComplianceUnknownMasses:
     places: int  # frames beyond the joint, the tool point included
     payload: bool  # whether it varies
     name = "joint_compliance"
+    linear = True
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -70,6 +72,7 @@ class GravityBacklash:
 
     joint: int
     name = "gravity_backlash"
+    linear = True
     parameters = (Parameter("b_rad", "rad", 5e-4, "width of the play", positive=True),)
 
     def apply(self, state: RobotState, *, b_rad: float) -> RobotState:
@@ -91,6 +94,7 @@ class LinkBending:
 
     joint: int  # the joint that moves the link
     name = "link_bending"
+    linear = True
     parameters = (
         Parameter(
             "c_rad_per_nm", "rad/Nm", 2e-5, "L / EI: turn of the link's end by a unit moment", positive=True
@@ -129,6 +133,7 @@ class BaseCompliance:
     """A pedestal that tilts under the overturning moment of the whole arm: the base turns by C M(q)."""
 
     name = "base_compliance"
+    linear = True
     parameters = (
         Parameter("cx_rad_per_nm", "rad/Nm", 2e-6, "tilt about x a unit moment", positive=True),
         Parameter("cy_rad_per_nm", "rad/Nm", 2e-6, "tilt about y a unit moment", positive=True),
@@ -145,6 +150,7 @@ class ToolSag:
     """A tool that hangs: it moves by R diag(c) R^T g, R the flange's attitude and g gravity's direction."""
 
     name = "tool_sag"
+    linear = True
     parameters = tuple(
         Parameter(f"{a}_mm", "mm", 0.1, f"sag with gravity along the tool's {a}") for a in "xyz"
     )

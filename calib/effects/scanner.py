@@ -26,6 +26,7 @@ class ScannerDistortion:
     centre_mm: Vector
     half_mm: float
     name = "scanner_distortion"
+    linear = True
     parameters = (
         Parameter("depth1_mm", "mm", 0.1, "depth error at the edge of the field, linear"),
         Parameter("depth2_mm", "mm", 0.1, "depth error at the edge of the field, quadratic"),
@@ -71,6 +72,7 @@ class ScannerDrift:
     start_s: float
     duration_s: float
     name = "scanner_drift"
+    linear = True
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -98,6 +100,7 @@ class IncidenceBias:
     """A range error that grows as the jig turns away: b (1 - cos phi) along the ray, phi between ray and jig axis."""
 
     name = "incidence_bias"
+    linear = True
     parameters = (Parameter("b_mm", "mm", 0.1, "range error at grazing incidence"),)
 
     def apply(self, state: RobotState, *, b_mm: float) -> RobotState:
@@ -117,6 +120,7 @@ class ScannerScale:
     """An isotropic scale error: p times 1 + s. It equals a scaling of every length of the arm."""
 
     name = "scanner_scale"
+    linear = True
     parameters = (Parameter("s", "1", 1e-4, "scale error"),)
 
     def apply(self, state: RobotState, *, s: float) -> RobotState:

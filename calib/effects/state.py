@@ -54,7 +54,7 @@ class RobotState:
         """(N, n) joint positions as commanded; mm for prismatic joints."""
         return self.poses.q
 
-    @property
+    @cached_property
     def vector(self) -> Array:
         """(1 or N, S) all of it in one row a pose: table, base turn, displacement; S = 5 (n + 1) + 6."""
         parts = [self.table.reshape(len(self.table), -1), self.base_rotvec_rad, self.displacement_mm]
@@ -110,9 +110,9 @@ class RobotState:
         return self._loaded[0]
 
     @cached_property
-    def hanging_masses(self) -> list[tuple[int, Array, Array]]:
-        """What hangs on the arm, see `gravity.hanging_masses`."""
-        return gravity.hanging_masses(self)
+    def carried(self) -> tuple[Array, Array]:
+        """What hangs on the arm, see `gravity.carried`."""
+        return gravity.carried(self)
 
     @cached_property
     def gravity_torques_nm(self) -> Array:

@@ -16,6 +16,7 @@ class ThermalGrowth:
     """Links that grow with temperature: a and d times 1 + kappa (T - 20 C)."""
 
     name = "thermal_growth"
+    linear = True
     parameters = (Parameter("kappa_per_k", "1/K", 1e-5, "expansion of all links"),)
 
     def apply(self, state: RobotState, *, kappa_per_k: float) -> RobotState:
