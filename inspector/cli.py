@@ -78,6 +78,7 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = command("corners", commands.run_corners, "find the jig's corner in every scan")
     sub.add_argument("--out", type=Path, metavar="FILE", help="write the corners as points.csv")
+    sub.add_argument("--processes", type=_count, metavar="N", help="default: one for each core")
     _add_json(sub)
 
     sub = command(
@@ -211,6 +212,13 @@ def _named_number(text: str) -> tuple[str, float]:
         return name.strip(), float(value)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE, such as a1=0.5") from None
+
+
+def _count(text: str) -> int:
+    count = int(text)
+    if not 1 <= count <= 1024:
+        raise argparse.ArgumentTypeError(f"{count} is not a number of processes; 1 to 1024")
+    return count
 
 
 def _port(text: str) -> int:

@@ -35,7 +35,7 @@ def run_serve(options: Any) -> int:
 def run_corners(options: Any) -> int:
     """Scans to corners."""
     dataset = load(options.path)
-    searches = _search(dataset)
+    searches = _search(dataset, options.processes)
     require_corners(dataset, searches)
     if options.out is not None:
         found = with_corners(dataset, searches)
@@ -155,8 +155,8 @@ def measured(dataset: Dataset) -> Dataset:
     return with_corners(dataset, searches)
 
 
-def _search(dataset: Dataset) -> dict[str, CornerSearch]:
-    with progress("corners") as on_progress, processes(len(dataset.poses)) as executor:
+def _search(dataset: Dataset, wanted: int | None = None) -> dict[str, CornerSearch]:
+    with progress("corners") as on_progress, processes(len(dataset.poses), wanted) as executor:
         return find_corners(dataset, on_progress=on_progress, executor=executor)
 
 

@@ -29,14 +29,15 @@ def stages() -> Iterator[Callable[[str], None] | None]:
 
 
 @contextmanager
-def processes(scans: int) -> Iterator[Executor | None]:
-    """A process for each core, where there are scans enough to keep them busy."""
+def processes(scans: int, wanted: int | None = None) -> Iterator[Executor | None]:
+    """As many processes as wanted; by default one for each core, where there are scans enough to keep them busy."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if scans < MIN_SCANS_FOR_PROCESSES or cores < 2:
+    count = min(scans, cores if wanted is None else wanted)
+    if count < 2 or (wanted is None and scans < MIN_SCANS_FOR_PROCESSES):
         yield None
         return
     # Not fork: Open3D and BLAS have threads by then, which a forked child would not have.
-    with ProcessPoolExecutor(min(cores, scans), mp_context=multiprocessing.get_context("spawn")) as executor:
+    with ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn")) as executor:
         yield executor
 
 
