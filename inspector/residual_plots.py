@@ -18,12 +18,12 @@ from inspector.palette import ROLE_COLOURS, ROLE_WORDS
 from inspector.plots import figure
 
 SELECTED = "selected pose"
-MEDIAN = "running median, training"
+MEDIAN = "training median"
 NOISE = "noise, 95 %"
 _MEDIAN_COLOUR = "#CC79A7"
 _SYMBOLS = {"train": "circle", "test": "diamond"}
-# Cividis, made to look the same with and without colour-blindness; dark is small.
-_SIZES = ((0.0, "#00224E"), (0.25, "#3B496C"), (0.5, "#7C7B78"), (0.75, "#BBAE6B"), (1.0, "#FEE838"))
+# Viridis: even in lightness, so that colour-blind eyes and grey paper show the same order; dark is small.
+_SIZES = ((0.0, "#440154"), (0.25, "#3B528B"), (0.5, "#21918C"), (0.75, "#5EC962"), (1.0, "#FDE725"))
 _SIGNED = ((0.0, "#2166AC"), (0.25, "#92C5DE"), (0.5, "#F7F7F7"), (0.75, "#F4A582"), (1.0, "#B2182B"))
 
 
@@ -78,7 +78,7 @@ def residual_against(
             "title": escape(y_title), "automargin": True, "zeroline": True,
             "rangemode": "tozero" if positive else "normal",
         },
-        margin=(56, 12, 48, 42),
+        margin=(56, 12, 30, 42),
         dark=dark,
         shapes=shapes,
     )  # fmt: skip
@@ -144,7 +144,7 @@ def place_views(
                     f"x %{{x:.0f}} mm, {'xyz'[axis]} %{{y:.0f}} mm<extra></extra>",
                 }
             )  # fmt: skip
-        traces.append(_ring(dark, yaxis=letter, showlegend=first))
+        traces.append(_ring(dark, yaxis=letter))
     equal = {"scaleanchor": "x", "constrain": "domain"}
     fig = figure(
         traces,
@@ -205,7 +205,7 @@ def _roles(is_test: ArrayLike) -> list[tuple[str, NDArray[np.intp]]]:
 def _ring(dark: bool, **more: Any) -> dict[str, Any]:
     edge = "#FFFFFF" if dark else "#111111"
     return {
-        "type": "scatter", "mode": "markers", "name": SELECTED, "x": [None], "y": [None], "hoverinfo": "skip",
+        "type": "scatter", "mode": "markers", "name": SELECTED, "x": [None], "y": [None], "hoverinfo": "skip", "showlegend": False,
         "marker": {"size": 16, "symbol": "circle-open", "color": edge, "line": {"width": 2.5, "color": edge}}, **more,
     }  # fmt: skip
 

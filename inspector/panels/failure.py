@@ -20,7 +20,7 @@ NOTE = (
 PLACES = "work space, from above and the side"
 PLACES_NOTE = (
     "Where the points were measured, in the frame of the robot's base. A corner of the work space coloured like "
-    "no other is where the model does not hold."
+    "no other is where the model does not hold. Ringed: the selected pose."
 )
 LENGTH = "error length"
 AXES = {f"error in {axis} of the scanner": k for k, axis in enumerate("xyz")}
@@ -135,7 +135,7 @@ def band_note(failure: Failure, band: tuple[float, float]) -> str:
         for of, name in ((~failure.is_test, "training pose"), (failure.is_test, "test pose"))
         if of.any()
     ]
-    return f"{grey} By their length, {words.listing(counts)} are off by more."
+    return f"{grey} By their length, {words.listing(counts)} are off by more. Ringed: the selected pose."
 
 
 def _offer(handle: viser.GuiDropdownHandle[str], options: tuple[str, ...]) -> None:

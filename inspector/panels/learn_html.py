@@ -89,18 +89,21 @@ def advice_html(advice: Advice) -> str:
 
 
 def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
-    """All candidates, the best first; those that the data speak for are ticked."""
-    names = [c.name for c in screening.candidates]
+    """The candidates that show at all, the best first; those that the data speak for are ticked. The others by name."""
+    showing = [c for c in screening.candidates if c.members]
+    names = [c.name for c in showing]
+    silent = [c.name for c in screening.candidates if not c.members]
     before = screening.cv_rmse_mm
     rows = [
         (
             ("✓ " if speaks_for(c) else "") + c.name + (" (own)" if c.name in own else ""),
             f"{c.log_evidence:.1f}",
-            change(before, c.cv_rmse_mm) if c.members else "–",
+            change(before, c.cv_rmse_mm),
             probability(c.p_holm),
         )
-        for c in screening.candidates
+        for c in showing
     ]
+    nothing = f"Nothing shows of {words.listing(silent)}." if silent else ""
     return (
         tables.heading("What could be missing from this model")
         + tables.table(
@@ -112,7 +115,7 @@ def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
             "✓ The data speak for it: log evidence above 3 and p below 0.01 (Holm-corrected for the number of "
             "effects). A lead of less than 3 over the next leaves it open. Held-out error: by how much the error falls "
             "where each pose is predicted from the others; it is "
-            f"{words.millimetres(before)} mm a coordinate now."
+            f"{words.millimetres(before)} mm a coordinate now. {nothing}"
         )
     )
 
@@ -127,7 +130,7 @@ def change(before: float, after: float) -> str:
     if not (before > 0 and math.isfinite(after)):
         return "–"
     percent = round(100 * (after / before - 1))
-    return "0 %" if percent == 0 else f"{percent:+d} %".replace("-", "−")
+    return ("0 %" if percent == 0 else f"{percent:+d} %").replace("-", "−").replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def chosen_html(
