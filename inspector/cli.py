@@ -127,6 +127,12 @@ def _parser() -> argparse.ArgumentParser:
     _add_effects(sub)
     _add_json(sub)
 
+    sub = command("report", fit_commands.run_report, "one self-contained HTML page to send to someone")
+    sub.add_argument("--out", type=Path, required=True, metavar="FILE.html", help="write the page")
+    sub.add_argument("--force", action="store_true", help="replace a file that is no report")
+    _add_effects(sub)
+    _add_json(sub)
+
     sub = subcommands.add_parser(
         "effects", help="the catalogue of effects", description="the catalogue of effects"
     )

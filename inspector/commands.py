@@ -146,13 +146,16 @@ def load(path: Path) -> Dataset:
 
 def measured(dataset: Dataset) -> Dataset:
     """The dataset with points, found in its scans where it has none."""
-    if dataset.points is not None:
-        return dataset
+    return dataset if dataset.points is not None else with_corners(dataset, searched(dataset))
+
+
+def searched(dataset: Dataset) -> dict[str, CornerSearch]:
+    """The corners in a dataset's scans, by pose; those without one are told on stderr."""
     searches = _search(dataset)
     require_corners(dataset, searches)
     for pose_id, reason in failed_searches(searches).items():
         print(f"inspector: warning: {pose_id} has no corner and is left out: {reason}", file=sys.stderr)
-    return with_corners(dataset, searches)
+    return searches
 
 
 def _search(dataset: Dataset, wanted: int | None = None) -> dict[str, CornerSearch]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import datetime
 from typing import Any
 
 from calib.adding import Addition, add_in_turn
@@ -12,8 +13,8 @@ from calib.dataset import Dataset
 from calib.diagnosis import diagnose, effects_named
 from calib.effects.catalogue import Family
 from calib.effects.own import load_effects
-from calib.errors import DatasetError
-from calib.explanation import explain
+from calib.errors import CalibError, DatasetError
+from calib.explanation import explain, verdict_words
 from calib.knowledge import known_sums
 from calib.learning import learning_curve
 from calib.robot_file import robot_to_toml
@@ -21,8 +22,9 @@ from calib.targets_file import corrected_table, load_targets
 from calib.toml_file import write_text_atomically
 from calib.validation import cross_validate
 from inspector import documents
-from inspector.commands import load, measured, show
+from inspector.commands import load, measured, searched, show
 from inspector.progress import progress, stages
+from inspector.session import Session, with_found
 
 
 def own_effects(options: Any, dataset: Dataset) -> tuple[Family, ...]:
@@ -104,6 +106,28 @@ def run_correct(options: Any) -> int:
     ids = targets.poses.ids
     show(options, documents.correction_document(correction, ids), correction.summary(ids))
     return 0 if correction.reached.all() else 1
+
+
+def run_report(options: Any) -> int:
+    """One page to send to someone."""
+    from inspector.report import is_report, report_html, report_of  # with plotly, which takes a while to load
+
+    if options.out.exists() and not (options.force or is_report(options.out)):
+        raise CalibError(
+            f"{options.out}: exists and is no report; name another file, or --force to replace it"
+        )
+    dataset = load(options.path)
+    session = Session(dataset, searched(dataset) if dataset.points is None else {})
+    own = own_effects(options, session.measured)
+    effects_named(session.measured, options.effect, own)  # refuses unknown names before the work starts
+    with stages() as on_step:
+        found = diagnose(session.measured, effects=options.effect, own=own, on_step=on_step)
+    report = report_of(with_found(session, found))
+    write_text_atomically(options.out, report_html(report, now=datetime.now()))
+    document = documents.diagnosis_document(found) | {"report": str(options.out)}
+    verdict = verdict_words(found).removeprefix("Verdict: ")
+    show(options, document, f"{options.out}: {verdict}")
+    return 0
 
 
 def run_diagnose(options: Any) -> int:

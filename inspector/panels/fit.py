@@ -135,17 +135,18 @@ def parameter_rows(result: Calibration) -> list[tuple[str, ...]]:
     """Name, nominal, fitted, change, sigma, unit of each parameter; what the data do not know has a star."""
     rows = []
     for row in result.to_frame().to_dict("records"):
-        angle = row["unit"] == "rad"  # people read degrees, as the files have them
+        own = "." in str(row["name"])  # of an effect: its name says its unit
+        angle = row["unit"] == "rad" and not own  # people read degrees, as the files have them
         nominal, value, change, sigma = (
             math.degrees(row[key]) if angle else row[key] for key in ("nominal", "value", "change", "sigma")
         )
         # Link errors are read beside the data sheet's four decimals; an effect's sizes run from 1e-6 to 1.
-        few = "" if "." in str(row["name"]) else ".4f"
+        few = "z.3g" if own else "z.4f"  # z: no minus before zero
         rows.append(
             (
                 parameter_label(str(row["name"])),
-                *(f"{v:{few or '.3g'}}" for v in (nominal, value)),
-                f"{change:+{few or '.3g'}}",
+                *(f"{v:{few}}" for v in (nominal, value)),
+                f"{change:+{few}}",
                 f"{sigma:.2g}" + ("" if row["known"] else " *"),
                 "°" if angle else row["unit"],
             )
