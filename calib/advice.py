@@ -5,7 +5,7 @@ The same thresholds as `calib.diagnosis`, for any fit: what is left is judged, t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from calib.diagnosis import FLOOR, LEVEL, leader
 from calib.explanation import left_in_short
@@ -27,7 +27,8 @@ class Advice:
 def advise(screening: Screening, remains: Remains) -> Advice:
     """What the ranking and the remains of one fit suggest."""
     convincing = [c for c in screening.candidates if c.p_holm < LEVEL and c.log_evidence > FLOOR]
-    left = f"What is left: {left_in_short(remains)}."
+    # What an effect explains may look like a story outside the catalogue too: with one at hand the pattern is told.
+    left = f"What is left: {left_in_short(replace(remains, fault=None) if convincing else remains)}."
     if convincing:
         best, margin, tied = leader(screening)
         if tied:

@@ -131,13 +131,32 @@ def _ambiguous(diagnosis: Diagnosis) -> str:
     return words
 
 
+def input_in_words(name: str) -> str:
+    """ "torque4" as one says it; a column of the user's own stays as it is."""
+    stem = name.rstrip("0123456789")
+    number = name.removeprefix(stem)
+    if number and stem in ("q", "torque", "approach"):
+        return {
+            "q": f"joint {number} (q{number})",
+            "torque": f"gravity's torque on joint {number}",
+            "approach": f"the approach of joint {number}",
+        }[stem]
+    if name in ("x", "y", "z"):
+        return f"{name} of the scanner's frame"
+    return {
+        "payload_kg": "the payload",
+        "temperature_c": "the temperature",
+        "time_s": "time",
+        "order": "the order of measuring",
+    }.get(name, name)
+
+
 def left_in_short(remains: Remains) -> str:
     """What a fit leaves, in a few words: noise, a pattern and against what, or more than noise."""
     if remains.structured:
         more = len(remains.structured) - 3
-        return f"a pattern against {', '.join(remains.structured[:3])}" + (
-            f" and {more} more" if more > 0 else ""
-        )
+        named = ", ".join(input_in_words(name) for name in remains.structured[:3])
+        return f"a pattern against {named}" + (f" and {more} more" if more > 0 else "")
     if remains.too_large:
         return "more than noise, without a pattern"
     if remains.outlier_poses:
