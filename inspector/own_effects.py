@@ -63,6 +63,7 @@ class Watch:
     def __init__(self, own: OwnEffects, on_change: Callable[[], None]) -> None:
         self._own, self._on_change = own, on_change
         self._stop = threading.Event()
+        self._seen = own.version
         if own.path is not None:
             threading.Thread(target=self._run, name="inspector-watch", daemon=True).start()
 
@@ -71,9 +72,8 @@ class Watch:
         self._stop.set()
 
     def _run(self) -> None:
-        seen = self._own.version
         while not self._stop.wait(POLL_S):
             version = self._own.version
-            if version != seen:
-                seen = version
+            if version != self._seen:
+                self._seen = version
                 self._on_change()

@@ -205,7 +205,8 @@ def _roles(is_test: ArrayLike) -> list[tuple[str, NDArray[np.intp]]]:
 def _ring(dark: bool, **more: Any) -> dict[str, Any]:
     edge = "#FFFFFF" if dark else "#111111"
     return {
-        "type": "scatter", "mode": "markers", "name": SELECTED, "x": [None], "y": [None], "hoverinfo": "skip", "showlegend": False,
+        "type": "scatter", "mode": "markers", "name": SELECTED, "x": [None], "y": [None], "hoverinfo": "skip",
+        "showlegend": False,
         "marker": {"size": 16, "symbol": "circle-open", "color": edge, "line": {"width": 2.5, "color": edge}}, **more,
     }  # fmt: skip
 

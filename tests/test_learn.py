@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calib.next_poses import nearest_rival, poses_between
 from hidden_dataset import HIDDEN, write_hidden
 from inspector.app import App, serving
 from inspector.cli import main
 from inspector.panels import words
-from inspector.panels.failure import PLACES
+from inspector.panels.failure import PLACES, input_title
 from inspector.panels.learn import FIND, REDO, REMOVE, UNDO
 from inspector.residual_plots import SELECTED
 from inspector.scene import ROOT
@@ -217,6 +218,45 @@ def test_unlisted_effects_are_told_or_ignored(app: App, page: WireClient) -> Non
     assert session(app) is before
 
 
+def test_what_is_left_is_judged_after_each_change_without_find(app: App, page: WireClient) -> None:
+    shows(page, "What is left: a pattern against", f"{HIDDEN} is missing", "Add it.")
+    page.click(ADD)
+    shows(page, f"+ {HIDDEN}: the test error fell", "What is left: noise.", "nothing more is missing")
+    remains = session(app).remains
+    assert remains is not None
+    assert not remains.structured
+    page.set("Model", UNDO)
+    shows(page, "What is left: a pattern against")
+
+
+def test_the_ranking_names_gains_parameters_and_what_tells_it_from_the_nearest(
+    app: App, page: WireClient
+) -> None:
+    screening, result = session(app).screening, session(app).calibration
+    assert screening is not None
+    assert result is not None
+    best = screening.candidates[0]
+    fall = round(100 * (1 - best.cv_rmse_mm / screening.cv_rmse_mm))
+    rival = nearest_rival(screening, HIDDEN)
+    assert rival is not None
+    shows(
+        page,
+        f"✓ {HIDDEN}",
+        f"−{fall}\N{NO-BREAK SPACE}%",
+        f"To tell {HIDDEN} from {rival.name}, measure here",
+    )
+    poses = poses_between(result, (best, rival), count=3)
+    text = plain(page)
+    for pose in poses:
+        assert ", ".join(f"{v:.0f}" for v in np.degrees(pose.q)) in text
+    for value in best.values:
+        assert f"{value.value:.3g} ± {value.sigma:.1g}" in text
+        assert f"{np.degrees(value.value):.2g}°" in text
+    other = next(c.name for c in screening.candidates[1:] if c.members)
+    page.set("Effect", other)
+    shows(page, f"Effect {other}", f"To tell {other} from {HIDDEN}, measure here")
+
+
 # ---- where it fails -------------------------------------------------------------------------------------------------
 
 
@@ -252,6 +292,14 @@ def ring(page: WireClient) -> tuple[float, float]:
 def test_the_residual_is_drawn_against_what_is_chosen_test_poses_apart(app: App, page: WireClient) -> None:
     failure = session(app).failure
     assert failure is not None
+    remains = session(app).remains
+    assert remains is not None
+    first = remains.inputs[0]
+    assert remains.structured  # so it opens there
+    assert page.value("Against") == input_title(first.input, session(app).dataset.robot)
+    assert first.where in page.value("Show")  # "joint 2" in "apparent motion of joint 2, m°"
+    page.set("Against", "joint 1 angle, °")
+    page.set("Show", "error length")
     page.wait(lambda p: left_plot(p).get("titles") == ("joint 1 angle, °", "error length, mm"))
     for name, rows in (("training", ~failure.is_test), ("test", failure.is_test)):
         assert left_plot(page)[name]["y"] == pytest.approx(failure.error_length_mm[rows].tolist())
@@ -271,7 +319,8 @@ def test_the_work_space_is_a_choice_and_follows_the_selection(app: App, page: Wi
     assert failure is not None
     assert not visible_places(page)
     page.set("Against", PLACES)
-    page.wait(visible_places)
+    page.set("Show", "error length")
+    page.wait(lambda p: any("error length" in t.get("hovertemplate", "") for t in visible_places(p)))
     above = next(t for t in visible_places(page) if t["name"] == "test" and t["yaxis"] == "y")
     assert above["x"] == pytest.approx(failure.place_mm[failure.is_test, 0].tolist())
     assert above["marker"]["color"] == pytest.approx(failure.error_length_mm[failure.is_test].tolist())
@@ -290,6 +339,9 @@ def test_a_pose_chosen_among_the_worst_is_selected_everywhere(app: App, page: Wi
     failure = session(app).failure
     assert failure is not None
     worst = failure.worst(1)[0]
+    page.set("Against", "joint 1 angle, °")
+    page.set("Show", "error length")
+    page.wait(lambda p: left_plot(p).get("titles") == ("joint 1 angle, °", "error length, mm"))
     page.set("Worst poses", page.props("Worst poses")["options"][1])
     page.wait(lambda p: p.value("Pose").startswith(f"{worst} "))
     page.wait(lambda p: ring(p)[1] == pytest.approx(failure.error_length_mm.max()))

@@ -15,7 +15,8 @@ from inspector.residual_plots import place_views, residual_against, select
 
 NOTE = (
     "What is left over at each pose, against anything it may depend on. Noise has no order: points that follow a line "
-    "or a wave, or that leave the grey band together, show what is missing. No fit saw the test poses."
+    "or a wave, or that leave the grey band together, show what is missing. No fit saw the test poses. "
+    "It opens where the pattern is clearest."
 )
 PLACES = "work space, from above and the side"
 PLACES_NOTE = (
@@ -56,9 +57,15 @@ class FailurePanel:
         self._table = gui.add_html("")
         self._ids: dict[str, str] = {}  # pose id by label
         self._drawn: tuple[object, ...] = ()  # what the figure on show is of
-        self.against.on_update(lambda e: actions.failure() if by_page(e) else None)
-        self.what.on_update(lambda e: actions.failure() if by_page(e) else None)
+        self._dataset = ""
+        self._chose = False  # whether a user has chosen what to see of this dataset
+        self.against.on_update(lambda e: self._choose() if by_page(e) else None)
+        self.what.on_update(lambda e: self._choose() if by_page(e) else None)
         self.worst.on_update(lambda e: self._chosen(str(e.target.value)) if by_page(e) else None)
+
+    def _choose(self) -> None:
+        self._chose = True
+        self._actions.failure()
 
     def _chosen(self, label: str) -> None:
         if label in self._ids:
@@ -77,6 +84,7 @@ class FailurePanel:
         joints = {joint_title(j, robot): j for j in range(robot.n_joints)}
         _offer(self.against, (*inputs, PLACES))
         _offer(self.what, (LENGTH, *AXES, *joints))
+        self._suggest(view, inputs, joints)
         title, what = str(self.against.value), str(self.what.value)
         places = title == PLACES
         plot = self._places if places else self._plot
@@ -101,6 +109,19 @@ class FailurePanel:
             self._drawn = drawing
         self._plot.visible, self._places.visible = not places, places
         self._show_worst(failure, view)
+
+    def _suggest(self, view: View, inputs: dict[str, str], joints: dict[str, int]) -> None:
+        """Show where the pattern is clearest, as long as nobody has chosen anything else."""
+        if view.session.dataset.name != self._dataset:
+            self._dataset, self._chose = view.session.dataset.name, False
+        remains = view.session.remains
+        if self._chose or remains is None or not remains.structured:
+            return
+        first = remains.inputs[0]
+        put(self.against, next((t for t, name in inputs.items() if name == first.input), self.against.value))
+        shown_by = {f"joint {j + 1}": title for title, j in joints.items()}
+        shown_by |= {"xyz"[k]: title for title, k in AXES.items()}
+        put(self.what, shown_by.get(first.where, self.what.value))
 
     def _show_worst(self, failure: Failure, view: View) -> None:
         length = dict(zip(failure.pose_ids, failure.error_length_mm, strict=True))
