@@ -1,13 +1,13 @@
 """What to do next with a model built by hand: add the effect that leads, measure more, look closer, or stop.
 
-The same thresholds as `calib.diagnosis`, for any fit: what is left is judged, then the ranking is read.
+The same thresholds as `calib.decision`, for any fit: what is left is judged, then the ranking is read.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from calib.diagnosis import FLOOR, LEVEL, leader
+from calib.decision import is_convincing, leader, simpler_story
 from calib.explanation import left_in_short
 from calib.screening import Screening
 from calib.structure import Remains
@@ -26,9 +26,17 @@ class Advice:
 
 def advise(screening: Screening, remains: Remains) -> Advice:
     """What the ranking and the remains of one fit suggest."""
-    convincing = [c for c in screening.candidates if c.p_holm < LEVEL and c.log_evidence > FLOOR]
+    convincing = [c for c in screening.candidates if is_convincing(c)]
     # What an effect explains may look like a story outside the catalogue too: with one at hand the pattern is told.
     left = f"What is left: {left_in_short(replace(remains, fault=None) if convincing else remains)}."
+    simpler = simpler_story(screening) if convincing else None
+    if simpler is not None:
+        return Advice(
+            "unknown",
+            (),
+            f"Outside the catalogue a simpler story says more than any effect: {simpler.words}. Look at that joint "
+            "before you add anything.",
+        )
     if convincing:
         best, margin, tied = leader(screening)
         if tied:
@@ -45,7 +53,7 @@ def advise(screening: Screening, remains: Remains) -> Advice:
             (best.name,),
             f"{left} {best.name} is missing: its evidence is {best.log_evidence:.0f} (3 would do){lead}. Add it.",
         )
-    if remains.structured or remains.too_large:
+    if remains.fault or remains.structured or remains.too_large:
         return Advice(
             "unknown",
             (),

@@ -16,23 +16,17 @@ import pandas as pd
 
 from calib.calibration import Calibration, calibrate
 from calib.dataset import Dataset
+from calib.decision import FLOOR, MARGIN, is_convincing, leader, predicts_worse, simpler_story, verdict_of
 from calib.effects.base import Effect
 from calib.effects.catalogue import Family, effects_for, family_of
 from calib.errors import CalibError
 from calib.leftover import leftover_of
-from calib.local_faults import LocalFault, best_fault
+from calib.local_faults import LocalFault
 from calib.screening import Candidate, Screening, Untestable, screen
 from calib.structure import Remains, examine
 
-LEVEL = 0.01
-MARGIN = 3.0
-FLOOR = 3.0
 FEW = 0.1  # share of poses that may stand out and still be called outliers
-WORSE = 2.0  # standard errors by which a named effect may not raise the test poses' squared error
-RIVAL = 0.5  # share of what one effect explains that another must be able to make to be in its way
 AHEAD = 4  # members of a tied set that are tried with a successor
-
-VERDICTS = ("adequate", "named", "ambiguous", "unexplained", "outliers")
 
 
 @dataclass(frozen=True)
@@ -147,13 +141,12 @@ def diagnose(
     refused = ""
     simpler: LocalFault | None = None
     while len(added) < max_steps:
-        convincing = [c for c in screening.candidates if c.p_holm < LEVEL and c.log_evidence > FLOOR]
+        convincing = [c for c in screening.candidates if is_convincing(c)]
         if not convincing:
             break
         best, margin, tied = leader(screening)
-        fault = best_fault(screening.leftover)
-        if fault is not None and fault.log_evidence > best.log_evidence + MARGIN:
-            simpler = fault
+        simpler = simpler_story(screening)
+        if simpler is not None:
             break
         if tied:
             tell(f"looking one step ahead of {', '.join(c.name for c in tied)}")
@@ -165,11 +158,10 @@ def diagnose(
         tell(f"adding {best.name}")
         one = _Added(best, margin)
         trial = fit([*added, one])
-        if _worse(calibration, trial):
+        if predicts_worse(calibration, trial):
             refused = best.name
             break
-        added.append(one)
-        calibration = trial
+        added, calibration = _revised([*added, one], trial, fit)
         screening = screen(calibration, families)
         steps.append(one.step(calibration, screening))
     kept = _still_needed(added, fit, families)
@@ -182,8 +174,10 @@ def diagnose(
         added = kept
     tell("judging what is left")
     remains = examine(dataset, leftover_of(calibration))
+    if ambiguous:  # then the residual holds the cause that was left open, and tells no story of its own
+        remains = replace(remains, fault=None)
     found = Diagnosis(
-        verdict=_verdict(added, ambiguous, bool(refused or simpler), remains),
+        verdict=verdict_of([one.name for one in added], ambiguous, bool(refused or simpler), remains),
         missing=tuple(one.name for one in added),
         ambiguous_set=ambiguous,
         steps=tuple(steps),
@@ -224,21 +218,6 @@ def without_poses(dataset: Dataset, pose_ids: Sequence[str]) -> Dataset:
     return dataset.with_points(dataset.points.select(~np.isin(dataset.points.pose, out)))
 
 
-def leader(screening: Screening) -> tuple[Candidate, float | None, tuple[Candidate, ...]]:
-    """The best candidate, its lead over the best rival, and the set that cannot be told apart, () where it leads.
-
-    A rival is real if it could make most of what the best one explains. One that explains something else is no rival:
-    it may be a second cause, and its turn comes.
-    """
-    best = screening.candidates[0]
-    others = screening.candidates[1:]
-    rivals = [c for c in others if best.overlaps.get(c.name, 0.0) > RIVAL]
-    nearest = (*rivals, *others)[:1]
-    margin = best.log_evidence - nearest[0].log_evidence if nearest else None
-    tied = [c for c in rivals if best.log_evidence - c.log_evidence <= MARGIN and c.log_evidence > 0.0]
-    return best, margin, (best, *tied) if tied else ()
-
-
 def _look_ahead(
     tied: Sequence[Candidate],
     fit: Callable[[Sequence[_Added]], Calibration],
@@ -254,7 +233,7 @@ def _look_ahead(
     followed = False
     for candidate in tied[:AHEAD]:
         after = screen(fit([*added, _Added(candidate, None)]), families).candidates
-        following = [c for c in after if c.p_holm < LEVEL and c.log_evidence > FLOOR]
+        following = [c for c in after if is_convincing(c)]
         followed |= bool(following)
         totals.append(candidate.log_evidence + (following[0].log_evidence if following else 0.0))
     order = np.argsort(totals)[::-1]
@@ -262,20 +241,18 @@ def _look_ahead(
     return (tied[int(order[0])], float(lead)) if followed and lead > MARGIN else None
 
 
-def _worse(before: Calibration, after: Calibration) -> bool:
-    """Whether the test poses are predicted worse beyond their scatter, or the fit failed.
-
-    Paired over test points: the mean change of the squared error against its standard error.
-    """
-    if not after.fit.converged:
-        return True
-    rows = before.after.is_test[before.after.pose]
-    if rows.sum() < 3:
-        return False
-    change = np.sum(after.after.error_mm[rows] ** 2, axis=1) - np.sum(
-        before.after.error_mm[rows] ** 2, axis=1
-    )
-    return bool(change.mean() > WORSE * change.std(ddof=1) / np.sqrt(len(change)))
+def _revised(
+    added: list[_Added], calibration: Calibration, fit: Callable[[Sequence[_Added]], Calibration]
+) -> tuple[list[_Added], Calibration]:
+    """Earlier effects with the members that show now: beside a cause not yet named, some of them had not shown."""
+    out = list(added)
+    for k in range(len(out) - 1):
+        found = screen(fit([*out[:k], *out[k + 1 :]]), [out[k].candidate.family]).candidates
+        if found and found[0].members and found[0].members != out[k].candidate.members:
+            out[k] = replace(out[k], candidate=found[0])
+    if all(one is before for one, before in zip(out, added, strict=True)):
+        return added, calibration
+    return out, fit(out)
 
 
 def _still_needed(
@@ -294,16 +271,6 @@ def _still_needed(
             break
         del kept[weakest]
     return kept
-
-
-def _verdict(added: Sequence[_Added], ambiguous: Sequence[str], doubted: bool, remains: Remains) -> str:
-    if ambiguous:
-        return "ambiguous"
-    if doubted or remains.fault is not None or remains.structured or remains.too_large:
-        return "unexplained"
-    if remains.outlier_poses:
-        return "outliers"
-    return "named" if added else "adequate"
 
 
 def effects_named(dataset: Dataset, names: Sequence[str], own: Sequence[Family] = ()) -> tuple[Effect, ...]:

@@ -112,9 +112,9 @@ def _coefficients(
     scale = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(scale, scale)
     count = int(shown.sum())
-    lawful = multivariate_normal(
+    lawful = multivariate_normal(  # scipy's stubs forget maxpts
         np.zeros(count), correlation, allow_singular=True, seed=0, maxpts=5000 * count
-    )
+    )  # type: ignore[call-overload]
     share = float(np.clip(lawful.cdf(mean[shown] / scale), 0.0, 1.0))
     return weights, float(np.log(_LAWFUL * 2.0**count * share + 1.0 - _LAWFUL))
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from calib.calibration import Calibration
+from calib.decision import MARGIN
 from calib.diagnosis import Diagnosis, Step
 from calib.meaning import meaning
 from calib.next_poses import in_words, splitting_poses
@@ -45,6 +46,11 @@ def explain(diagnosis: Diagnosis) -> str:
         parts.append(
             f"{diagnosis.refused} explains the training poses well, but with it the test poses are predicted worse: it was "
             "not added. Either it stands in for another cause, or the test poses differ from the others."
+        )
+    if diagnosis.simpler is not None:
+        parts.append(
+            f"Outside the catalogue a simpler story says more than any effect in it, by {MARGIN:g} in log evidence at least: "
+            f"{diagnosis.simpler.words}. No effect was named in its place."
         )
     parts.append(remains_words(diagnosis.remains))
     parts.append(verdict_words(diagnosis))
@@ -153,6 +159,8 @@ def input_in_words(name: str) -> str:
 
 def left_in_short(remains: Remains) -> str:
     """What a fit leaves, in a few words: noise, a pattern and against what, or more than noise."""
+    if remains.fault is not None:
+        return remains.fault.words
     if remains.structured:
         more = len(remains.structured) - 3
         named = ", ".join(input_in_words(name) for name in remains.structured[:3])
@@ -188,6 +196,8 @@ def remains_words(remains: Remains) -> str:
         words += f" It shows no order against any of {len(remains.inputs)} inputs (closest: {closest.input}, p = {closest.p_value:.2g})."
     if remains.too_large:
         words += " It is more than noise."
+    if remains.fault is not None:
+        words += f" It looks as if {remains.fault.words} (log evidence {remains.fault.log_evidence:.0f})."
     if remains.outlier_poses:
         words += f" Single poses stand out: {', '.join(remains.outlier_poses)}."
     return words
@@ -209,7 +219,11 @@ def verdict_words(diagnosis: Diagnosis) -> str:
             if named
             else "No effect of the catalogue fits: "
         )
-        + "something with a pattern is left. Look at the inputs named above; a loose part, a hose or a slip would show so.",
+        + (
+            "what is left tells of something else, said above. Look at that joint."
+            if diagnosis.simpler or diagnosis.remains.fault
+            else "something with a pattern is left. Look at the inputs named above; a loose part or a hose would show so."
+        ),
         "outliers": "Verdict: outliers. "
         + (f"{named} {were} missing; " if named else "")
         + "apart from single poses nothing is left. Measure those poses again before you leave them out.",

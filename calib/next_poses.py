@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from calib import frames
 from calib.calibration import Calibration, calibrate
-from calib.diagnosis import RIVAL, Diagnosis
+from calib.decision import RIVAL
+from calib.diagnosis import Diagnosis
 from calib.observations import conditions_at
 from calib.screening import Candidate, Screening
 

@@ -21,6 +21,7 @@ from calib.evaluation import Evaluation, Figures
 from calib.explanation import explain
 from calib.knowledge import correlated_pairs, known_sums
 from calib.learning import LearningCurve
+from calib.local_faults import LocalFault
 from calib.measurement import failed_searches
 from calib.next_poses import splitting_poses
 from calib.redundancy import Redundancy
@@ -232,12 +233,21 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
             "residual_mm": remains.residual_mm,
             "inputs": [asdict(test) for test in remains.inputs],
             "outlier_poses": remains.outlier_poses,
+            "fault": _fault(remains.fault),
         },
+        "simpler": _fault(diagnosis.simpler),
         "measure_next": [
             {"q": pose.q, "separation_mm": pose.separation_mm} for pose in splitting_poses(diagnosis)
         ],
         "explanation": explain(diagnosis),
     }
+
+
+def _fault(fault: LocalFault | None) -> dict[str, Any] | None:
+    """A dent, a slip or an unknown motion of one joint, counted from 1 as in the words."""
+    if fault is None:
+        return None
+    return {**asdict(fault), "joint": fault.joint + 1, "words": fault.words}
 
 
 def _step(step: Step) -> dict[str, Any]:

@@ -9,7 +9,8 @@ import numpy as np
 
 from calib.advice import Advice
 from calib.calibration import Calibration
-from calib.diagnosis import FLOOR, LEVEL, Diagnosis
+from calib.decision import is_convincing
+from calib.diagnosis import Diagnosis
 from calib.effects.descriptions import DESCRIPTIONS
 from calib.explanation import MEASURE_NEXT, explain
 from calib.meaning import meaning
@@ -96,7 +97,7 @@ def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
     before = screening.cv_rmse_mm
     rows = [
         (
-            ("✓ " if speaks_for(c) else "") + c.name + (" (own)" if c.name in own else ""),
+            ("✓ " if is_convincing(c) else "") + c.name + (" (own)" if c.name in own else ""),
             f"{c.log_evidence:.1f}",
             change(before, c.cv_rmse_mm),
             probability(c.p_holm),
@@ -118,11 +119,6 @@ def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
             f"{words.millimetres(before)} mm a coordinate now. {nothing}"
         )
     )
-
-
-def speaks_for(candidate: Candidate) -> bool:
-    """Whether the data alone speak for a candidate, whatever the others."""
-    return candidate.log_evidence > FLOOR and candidate.p_holm < LEVEL
 
 
 def change(before: float, after: float) -> str:
