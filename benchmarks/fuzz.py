@@ -4,7 +4,7 @@
 
 Scan files are those of tests/scan_mutations.py: every format, of a good scan or of a cloud without a corner, whole,
 cut, flipped, refilled. Each is loaded, and searched for the corner where it holds enough points. Tables are files of
-a dataset of sample_data, damaged likewise and loaded. Processes with 4 GB of address space, where
+a dataset of sample_data, damaged likewise and loaded. Processes with 4 GB of address space do it, where
 every warning is an exception; the parent waits --seconds for each file and replaces a process that died or hangs.
 
 crash: another exception than CalibError, an error or reason of more than one line, or a dead process. wrong: a corner
