@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,7 +22,7 @@ from calib.redundancy import Redundancy, analyse
 from calib.residuals import RESIDUAL_KINDS, make_residuals
 from calib.robot import Robot
 from calib.robust import solve_robustly
-from calib.solver import Fit, solve
+from calib.solver import Fit, Iteration, solve
 
 Array = NDArray[np.float64]
 
@@ -155,8 +155,12 @@ def calibrate(
     tolerances: Mapping[str, float] | None = None,
     robust: bool = False,
     sizes: Mapping[str, float] | None = None,
+    start: Calibration | None = None,
 ) -> Calibration:
     """Fit the link errors, and further effects, to the training poses of a dataset.
+
+    Effects are added to a fit, an earlier one or that of the link errors alone, and gravity's loads are worked out at
+    its links: by how much effects then still move them, some 1e-3 rad, a load changes by 1e-3 of itself.
 
     Args:
         dataset: with measured points.
@@ -167,6 +171,7 @@ def calibrate(
         tolerances: of single link parameters, by name, in mm or rad, where the default of 1 mm and 0.5 deg is wrong.
         sizes: of the effects' parameters, by full name, where their usual scale is not the prior to use.
         robust: let points far from the model count less (`calib.robust`); positions only.
+        start: an earlier fit of the same arm to go on from, by its parameters' names. It saves iterations.
 
     Raises:
         FitError: no points, an unknown name, or fewer equations than the data would have to settle.
@@ -183,15 +188,25 @@ def calibrate(
     residuals = make_residuals(residual, model, observed)
     rows = len(residuals.residual(np.zeros(len(model.parameters))))
     _require_equations(dataset, observed, residual, rows - residuals.degrees_spent, rank=0)
+    if robust and residual == "distance":
+        raise FitError("robust weights need a residual of each point; take position or pairs")
+    way: tuple[Iteration, ...] = ()  # that led to where this fit begins
+    links_alone = Model(dataset.robot, (links,), model.fixed)
+    if start is not None:
+        way = _in_order_of(model, start.fit)
+    elif effects and links_alone.parameters:
+        way = _in_order_of(model, solve(make_residuals(residual, links_alone, observed), prior=prior))
+    first_x = way[-1].x if way else np.zeros(len(model.parameters))
+    if effects:
+        model = model.with_loads_at(first_x)
     weights = None
     if robust:
-        if residual == "distance":
-            raise FitError("robust weights need a residual of each point; take position or pairs")
         fit, weights = solve_robustly(
-            lambda seen: make_residuals(residual, model, seen), observed, prior=prior
+            lambda seen: make_residuals(residual, model, seen), observed, start=first_x, prior=prior
         )
     else:
-        fit = solve(residuals, prior=prior)
+        fit = solve(make_residuals(residual, model, observed), start=first_x, prior=prior)
+    fit = replace(fit, iterations=(*way[:-1], *fit.iterations))
     _require_equations(dataset, observed, residual, fit.rows - residuals.degrees_spent, fit.rank)
     if fit.rank == 0:
         raise FitError(
@@ -208,6 +223,16 @@ def calibrate(
         after=after,
         weights=weights,
     )
+
+
+def _in_order_of(model: Model, fit: Fit) -> tuple[Iteration, ...]:
+    """A fit's iterations with their parameters in the order of another model's; zero where the fit did not have one."""
+
+    def in_order(x: Array) -> Array:
+        values = dict(zip((p.name for p in fit.parameters), x.tolist(), strict=True))
+        return np.array([values.get(p.name, 0.0) for p in model.parameters])
+
+    return tuple(replace(step, x=in_order(step.x)) for step in fit.iterations)
 
 
 def _require_equations(

@@ -40,6 +40,8 @@ class Model:
     sizes: Mapping[str, float] = field(
         default_factory=dict
     )  # of parameters, by name, in place of their usual scale
+    loads_of: Robot | None = None  # whose links decide what gravity does; None: those of the state itself
+    _loaded: list[RobotState] = field(default_factory=list, init=False, compare=False, repr=False)
 
     @cached_property
     def _all_parameters(self) -> tuple[Parameter, ...]:
@@ -89,9 +91,26 @@ class Model:
         ends = np.cumsum([len(effect.parameters) for effect in self.effects])
         return np.split(full, ends[:-1])
 
+    def with_loads_at(self, x: ArrayLike) -> Model:
+        """The same model, loads worked out once at the links as they are at x.
+
+        Else they would change with every link error that is tried, which a derivative would have to follow.
+        """
+        return replace(self, loads_of=self.calibrated_robot(x))
+
+    def _start(self, poses: Poses, seen: Seen | None) -> RobotState:
+        start = RobotState.nominal(self.robot, poses, seen)
+        if self.loads_of is None:
+            return start
+        if (
+            not self._loaded or self._loaded[0].poses is not poses
+        ):  # a fit asks for the same poses again and again
+            self._loaded[:] = [RobotState.nominal(self.loads_of, poses)]
+        return start.with_loads_at(self._loaded[0])
+
     def _states(self, x: ArrayLike, poses: Poses, seen: Seen | None) -> list[RobotState]:
         """The state before each effect, in order, and after all of them."""
-        states = [RobotState.nominal(self.robot, poses, seen)]
+        states = [self._start(poses, seen)]
         for effect, values in zip(self.effects, self._values_by_effect(x), strict=True):
             states.append(apply_values(effect, states[-1], values))
         return states
@@ -113,8 +132,8 @@ class Model:
     ) -> tuple[Array, Array]:
         """A target's place (N, 3) and its derivative by the free parameters (N, 3, P).
 
-        How a later effect changes with an earlier one's parameters is of second order and left out: the solver's
-        residual is exact, so this costs it a little speed and no accuracy.
+        How a later effect changes with an earlier one's parameters is left out. Nothing in the catalogue does, once the
+        model says at what links its loads are worked out.
         """
         *before, last = self._states(x, poses, seen)
         points_mm, by_state = point_by_state(last, target)

@@ -26,19 +26,24 @@ _ROUNDS = 20
 
 
 def solve_robustly(
-    make: Callable[[Observations], Residuals], observed: Observations, *, prior: bool = True
+    make: Callable[[Observations], Residuals],
+    observed: Observations,
+    *,
+    start: Array | None = None,
+    prior: bool = True,
 ) -> tuple[Fit, Array]:
     """Fit with Tukey weights.
 
     Args:
         make: residuals from observations; one row a coordinate, point after point (positions).
         observed: the points with their covariances.
+        start, prior: as of `solve`.
 
     Returns:
         The fit, whose noise and covariance count a down-weighted point as that much less, and the weights (M,).
     """
     residuals = make(observed)
-    fit = solve(residuals, prior=prior)
+    fit = solve(residuals, start=start, prior=prior)
     weights = np.ones(len(observed.points))
     for _ in range(_ROUNDS):
         norm = point_norms(residuals.residual(fit.x), len(weights)) / np.sqrt(weights)

@@ -6,6 +6,9 @@ cost as predicted it is taken whole, which is why exact data are met in a handfu
 step is held inside a radius (More and Sorensen 1983), so that near-redundant directions, which the pseudo-inverse
 divides by almost nothing, cannot blow up.
 
+Where the residual is large, its curvature makes full steps too short or too long, and they shrink slowly. Then the last
+few are mixed so that they cancel best (Anderson 1965), and the mix is taken where it lowers the cost further.
+
 The prior says that each correction is about as large as its manufacturing tolerance. It is weighed against the noise
 that the residual shows, not the declared one: exact data overrule it entirely.
 """
@@ -30,9 +33,9 @@ _LOOSE = (
 )
 _SILENT = 1e-6  # a whole tolerance moves the residual by less than this many sigmas: nothing is told
 _WEIGHINGS = 8  # how often prior and noise are weighed anew at the most
-_CONVERGED = (
-    1e-12  # a full step would lower the cost by less than this share: no parameter moves by 1e-4 sigma
-)
+_CONVERGED = 3e-4  # a full step would move no parameter by more than this share of its sigma
+_MEMORY = 5  # full steps that are remembered
+_SLOW = 0.3  # of the full step before
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ class Fit:
     iterations: tuple[Iteration, ...]
     converged: bool
     reason: str
-    rank: int  # of the Jacobian at the start, where redundant parameters are exactly redundant
+    rank: int  # of the Jacobian at the nominal robot, where redundant parameters are exactly redundant
     known: int  # directions that the data know better than their tolerance does
     rows: int
     degrees_of_freedom: float
@@ -81,7 +84,7 @@ def solve(
 
     Args:
         residuals: what to make small.
-        start: (P,) first guess; zeros, the nominal robot, where None.
+        start: (P,) first guess, such as an earlier fit; zeros, the nominal robot, where None.
         prior: hold each parameter within about its tolerance (`Parameter.scale`).
         max_iterations: accepted steps at the most.
 
@@ -164,6 +167,19 @@ def _padded(values: Array, count: int) -> Array:
     return np.concatenate([values, np.zeros(count - len(values))])
 
 
+def _is_slow(full: list[tuple[Array, Array]]) -> bool:
+    """Whether the last full step is hardly shorter than the one before: its limit is far beyond it."""
+    return len(full) > 1 and bool(np.linalg.norm(full[-1][1]) > _SLOW * np.linalg.norm(full[-2][1]))
+
+
+def _limit(full: list[tuple[Array, Array]]) -> Array:
+    """Where full steps lead that shrink slowly: the mix of the last points whose steps cancel best (Anderson 1965)."""
+    points, steps = np.array(full).transpose(1, 2, 0)  # each (P, points)
+    moves, changes = np.diff(points), np.diff(steps)
+    mix = np.linalg.lstsq(changes, steps[:, -1], rcond=1e-6)[0]
+    return np.asarray(points[:, -1] + steps[:, -1] - (moves + changes) @ mix)
+
+
 class _Descent:
     """The state of one solution on its way: where it is, and how it came there."""
 
@@ -179,13 +195,16 @@ class _Descent:
         self.history = [Iteration(self.z * self.scales, self.cost, 0.0)]
         self.converged, self.reason = False, ""
         self._linearise()
-        s = self.factors.s
+        s = (self._factors_at(0.0 * self.z) if np.any(self.z) else self.factors).s
         self.rank = int(np.sum(s > max(1e-9 * float(s[0]), _SILENT)))
 
-    def _linearise(self) -> None:
-        at = self.residuals.linearise(self.z * self.scales)
+    def _factors_at(self, z: Array) -> _Factors:
+        at = self.residuals.linearise(z * self.scales)
         self.rows = len(at.residual)
-        self.factors = _factorise(at.jacobian * self.scales, at.residual)
+        return _factorise(at.jacobian * self.scales, at.residual)
+
+    def _linearise(self) -> None:
+        self.factors = self._factors_at(self.z)
 
     @property
     def steps(self) -> int:
@@ -206,24 +225,34 @@ class _Descent:
         """Go down to the minimum of |residual|^2 + weight^2 |z|^2, or `steps` steps towards it."""
         radius = np.inf
         last = None if steps is None else self.steps + steps
+        full: list[tuple[Array, Array]] = []  # the last points, each with its full step
         self._stop(False, "")
         while True:
             factors = self.factors.with_prior(weight, self.z)
             objective = self.cost + weight**2 * float(self.z @ self.z)
-            if factors.possible_drop <= _CONVERGED * objective:
+            if factors.possible_drop <= _CONVERGED**2 * objective / self.rows:
                 return self._stop(True, "the gradient vanishes")
             if self.steps == last:
                 return None
             if self.steps >= self.limit:
                 return self._stop(False, f"the limit of {self.limit} iterations was reached")
-            step, drop, predicted, cost = self._try(factors, radius, weight, objective)
+            step, predicted = factors.step(radius)
+            drop, cost = self._drop(step, weight, objective)
+            if np.linalg.norm(step) < 0.99 * radius:
+                full = [*full[-_MEMORY:], (self.z, step)]
+            if _is_slow(full):
+                further = _limit(full) - self.z
+                further_drop, further_cost = self._drop(further, weight, objective)
+                if further_drop > drop:
+                    step, drop, cost = further, further_drop, further_cost
             while not (drop > 0.0 and drop >= 1e-4 * predicted):
                 if self._at_floor() or predicted <= 1e-12 * objective:
                     return self._stop(True, "no step lowers the cost beyond rounding")
                 radius = 0.25 * float(np.linalg.norm(step))
                 if radius < 1e-12:
                     return self._stop(False, "no step lowers the cost, although the gradient does not vanish")
-                step, drop, predicted, cost = self._try(factors, radius, weight, objective)
+                step, predicted = factors.step(radius)
+                drop, cost = self._drop(step, weight, objective)
             length = float(np.linalg.norm(step))
             if drop > 0.75 * predicted:
                 radius = max(radius, 3.0 * length)
@@ -235,15 +264,12 @@ class _Descent:
             if self._at_floor() and drop < 0.9 * objective:
                 return self._stop(True, "the residual is at the level of rounding")
 
-    def _try(
-        self, factors: _Factors, radius: float, weight: float, objective: float
-    ) -> tuple[Array, float, float, float]:
-        """A step, by how much it lowers the objective, by how much the model said, and the data's cost there."""
-        step, predicted = factors.step(radius)
+    def _drop(self, step: Array, weight: float, objective: float) -> tuple[float, float]:
+        """By how much a step lowers the objective, and the data's cost there."""
         z = self.z + step
         residual = self.residuals.residual(z * self.scales)
         cost = float(residual @ residual) if np.all(np.isfinite(residual)) else np.inf
-        return step, objective - cost - weight**2 * float(z @ z), predicted, cost
+        return objective - cost - weight**2 * float(z @ z), cost
 
     def _at_floor(self) -> bool:
         return self.cost <= _FLOOR**2 * self.history[0].cost

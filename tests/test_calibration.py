@@ -15,12 +15,15 @@ from calib.calibration import calibrate, redundancy
 from calib.checking import check
 from calib.dataset import Dataset, Points
 from calib.dataset_file import load_dataset
+from calib.effects.catalogue import family_of
 from calib.errors import FitError
 from calib.model import geometric_model
 from calib.observations import Observations
 from calib.placement import fit_scanner_frame
 from calib.repeatability import find_repeats, pooled_sigma_mm, repeats_of
 from calib.robot import Target
+from calib.robot_file import builtin_robot
+from calib.simulation import simulate_dataset
 from test_frames import random_transform
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -282,3 +285,34 @@ def test_observations_are_the_training_poses() -> None:
     observed = Observations.of(dataset)
     assert len(observed.points) == 51
     assert geometric_model(dataset.robot).parameters[0].name == "a1"
+
+
+@pytest.mark.parametrize("robot_name", ["rb5", "panda"])
+def test_a_fit_that_goes_on_from_another_ends_where_it_would_have_ended(robot_name: str) -> None:
+    dataset = simulate_dataset(
+        builtin_robot(robot_name),
+        rng=np.random.default_rng(5),
+        effects=("joint_compliance",),
+        visible_sigmas=3.0,
+    ).dataset
+    members = family_of(dataset, "joint_compliance").members
+    plain = calibrate(dataset)
+    alone, on = calibrate(dataset, effects=members), calibrate(dataset, effects=members, start=plain)
+    np.testing.assert_allclose(on.fit.x, alone.fit.x, atol=0.0, rtol=1e-9)
+    np.testing.assert_array_equal([s.train_rmse_mm for s in on.steps], [s.train_rmse_mm for s in alone.steps])
+    assert on.fit.rank == alone.fit.rank
+    assert on.before.train is not None
+    assert plain.before.train is not None
+    assert on.before.train.rmse_mm == plain.before.train.rmse_mm
+    # Added in two rounds, or one less again: the loads come from other links, which differ by what effects moved.
+    wobbling = family_of(dataset, "transmission_error").members
+    both = calibrate(dataset, effects=(*members, *wobbling))
+    for again in (
+        calibrate(dataset, effects=(*members, *wobbling), start=on),
+        calibrate(dataset, effects=(*wobbling, *members), start=both),
+    ):
+        values = dict(zip([p.name for p in again.fit.parameters], again.fit.x, strict=True))
+        off = [abs(values[p.name] - v) for p, v in zip(both.fit.parameters, both.fit.x, strict=True)]
+        assert np.max(np.array(off) / both.fit.sigma) < 0.05
+    less = calibrate(dataset, start=both)
+    assert np.max(np.abs(less.fit.x - plain.fit.x) / plain.fit.sigma) < 0.01

@@ -112,6 +112,24 @@ def test_the_models_jacobian_is_the_derivative(effect: Effect) -> None:
         np.testing.assert_allclose(jacobian[..., k] * model.scales[k], numeric * model.scales[k], atol=2e-6)
 
 
+def test_with_its_loads_fixed_a_model_of_all_effects_has_an_exact_jacobian() -> None:
+    """Link errors included: loads that followed them would be in the map and not in the derivative."""
+    rng = np.random.default_rng(3)
+    nominal = geometric_model(DATASET.robot)
+    observed = place_scanner(Observations.of(DATASET), nominal, np.zeros(len(nominal.parameters)))
+    poses, seen = observed.used_poses[0], observed.seen()
+    model = Model(DATASET.robot, (LinkErrors(DATASET.robot), *MEMBERS))
+    model = model.with_loads_at(rng.normal(size=len(model.parameters)) * model.scales)
+    x = rng.normal(size=len(model.parameters)) * model.scales * 0.1
+    _, jacobian = model.linearise(x, poses, seen=seen)
+    for k in range(0, len(x), 3):
+        step = np.zeros(len(x))
+        step[k] = 1e-3 * model.scales[k]
+        high, low = (model.predict(x + s, poses, seen=seen) for s in (step, -step))
+        numeric = (high - low) / (2.0 * step[k])
+        np.testing.assert_allclose(jacobian[..., k] * model.scales[k], numeric * model.scales[k], atol=2e-6)
+
+
 @pytest.mark.parametrize("effect", [*MEMBERS, LinkErrors(DATASET.robot)], ids=label)
 def test_what_is_declared_linear_adds_a_multiple_of_each_value(effect: Effect) -> None:
     """The derivative, taken once at zero, makes the whole effect: at random values, upon a state with link errors."""

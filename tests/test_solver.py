@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from arms import dataset_of, elementary_points, jang_arm, park_arm, perturbed, random_arm
 from calib.dataset import Dataset
+from calib.effects.base import Parameter
 from calib.errors import FitError
 from calib.model import geometric_model
 from calib.observations import Observations
-from calib.residuals import DistanceResiduals, PositionResiduals, make_residuals
+from calib.residuals import DistanceResiduals, Linearised, PositionResiduals, make_residuals
 from calib.robot import Robot
 from calib.solver import Fit, solve
 from test_frames import random_transform
@@ -158,6 +162,38 @@ def test_a_missing_effect_is_settled_in_few_steps_near_the_nominal_arm(kind: str
     assert fit.converged
     assert len(fit.iterations) - 1 <= 12
     assert max(np.abs(i.x / [p.scale for p in fit.parameters]).max() for i in fit.iterations) < 10.0
+
+
+@dataclass(frozen=True)
+class Curved:
+    """r = (x - 0.01, k - c x^2 / 2) for each coordinate: full steps miss by the share k c of what is left."""
+
+    c: NDArray[np.float64]
+    k: float = 2.0
+    degrees_spent = 0
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(Parameter(f"x{i}", unit="1", scale=1.0) for i in range(len(self.c)))
+
+    def residual(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.concatenate([x - 0.01, self.k - self.c * x**2 / 2.0])
+
+    def linearise(self, x: NDArray[np.float64]) -> Linearised:
+        return Linearised(self.residual(x), np.vstack([np.eye(len(x)), np.diag(-self.c * x)]))
+
+
+def test_steps_that_shrink_slowly_are_followed_to_their_limit() -> None:
+    """One coordinate's steps are too short, the others' too long; full steps alone need more than 40."""
+    problem = Curved(np.array([0.47, -0.475, -0.2]))
+    fit = solve(problem, prior=False)
+    assert fit.converged
+    assert len(fit.iterations) - 1 <= 15
+    for c, x in zip(problem.c, fit.x, strict=True):
+        # d/dx of (x - 0.01)^2 + (k - c x^2 / 2)^2, divided by 2
+        roots = np.roots([c**2 / 2.0, 0.0, 1.0 - problem.k * c, -0.01])
+        real = roots[np.abs(roots.imag) < 1e-9].real
+        assert np.abs(real - x).min() < 1e-3
 
 
 def test_estimates_lie_within_their_sigmas() -> None:

@@ -89,6 +89,32 @@ def joint_torques(state: RobotState) -> Array:
     return out
 
 
+def bending(state: RobotState, link: int) -> tuple[Array, Array]:
+    """A cantilever with L / EI = 1 rad/Nm: turn of the link's end (N, 3) rad, its frame; shift (N, 3) mm, base frame.
+
+    With M0 and ML the moments across the link at its root and end of all beyond it, M1 that of its own weight at the
+    root, e its direction and L its length, the end turns by (M0 + ML) / 2 + M1 / 3 and moves by
+    L (M0 / 3 + ML / 6 + M1 / 4) x e (Euler-Bernoulli).
+    """
+    base_T_frame = state.chain.base_T_frame
+    root_mm, end = base_T_frame[:, link, :3, 3], base_T_frame[:, link + 1]
+    span_mm = end[:, :3, 3] - root_mm
+    length_mm = np.linalg.norm(span_mm, axis=1, keepdims=True)
+    along = span_mm / np.maximum(length_mm, 1.0)  # a link without length does not bend
+
+    def across(moment: Array) -> Array:
+        return np.asarray(moment - np.sum(moment * along, axis=1, keepdims=True) * along)
+
+    at_root = across(moment_about(state, root_mm, link + 1))
+    at_end = across(moment_about(state, end[:, :3, 3], link + 1))
+    weight_n = (state.robot.joints[link].mass_kg or 0.0) * np.array(state.robot.gravity_m_s2)
+    own = np.cross(0.5e-3 * span_mm, weight_n)
+    bends = length_mm >= 1.0
+    turn = bends * ((at_root + at_end) / 2.0 + own / 3.0)
+    shift_mm = bends * length_mm * np.cross(at_root / 3.0 + at_end / 6.0 + own / 4.0, along)
+    return np.einsum("nji,nj->ni", end[:, :3, :3], turn), shift_mm
+
+
 def unit_torques(state: RobotState, joint: int) -> Array:
     """(N, K) torque about a joint of 1 kg at the origin of each frame beyond it, and at the tool point: N m per kg."""
     base_T_frame, gravity = state.chain.base_T_frame, np.array(state.robot.gravity_m_s2)

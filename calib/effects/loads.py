@@ -84,12 +84,10 @@ class GravityBacklash:
 
 @dataclass(frozen=True)
 class LinkBending:
-    """A link that bends under what hangs beyond it and its own weight: a cantilever with c = L / EI (Euler-Bernoulli).
+    """A link that bends under what hangs beyond it and its own weight: a cantilever with c = L / EI, `gravity.bending`.
 
-    With M0 and ML the moments across the link at its root and end of all beyond it, M1 that of its own weight at the
-    root, e its direction and L its length, the end turns by c ((M0 + ML) / 2 + M1 / 3) and moves by
-    c L (M0 / 3 + ML / 6 + M1 / 4) x e. The part that turns about the next joint's axis is close to what compliance of
-    that joint does; only the shift tells them apart.
+    The part that turns about the next joint's axis is close to what compliance of that joint does; only the shift tells
+    them apart.
     """
 
     joint: int  # the joint that moves the link
@@ -103,28 +101,14 @@ class LinkBending:
 
     def apply(self, state: RobotState, *, c_rad_per_nm: float) -> RobotState:
         """Turn about x, y and z of the link's end (alpha and beta of its row, theta of the next), and its shift."""
-        link, frames = self.joint, state.loaded.chain.base_T_frame
-        root_mm, end = frames[:, link, :3, 3], frames[:, link + 1]
-        span_mm = end[:, :3, 3] - root_mm
-        length_mm = np.linalg.norm(span_mm, axis=1, keepdims=True)
-        along = span_mm / np.maximum(length_mm, 1.0)  # a link without length does not bend
-
-        def across(moment: Array) -> Array:
-            return np.asarray(moment - np.sum(moment * along, axis=1, keepdims=True) * along)
-
-        at_root = across(gravity.moment_about(state.loaded, root_mm, link + 1))
-        at_end = across(gravity.moment_about(state.loaded, end[:, :3, 3], link + 1))
-        weight_n = (state.robot.joints[link].mass_kg or 0.0) * np.array(state.robot.gravity_m_s2)
-        own = np.cross(0.5e-3 * span_mm, weight_n)
-        share = c_rad_per_nm * (length_mm >= 1.0)
-        turn = share * ((at_root + at_end) / 2.0 + own / 3.0)
-        shift_mm = share * length_mm * np.cross(at_root / 3.0 + at_end / 6.0 + own / 4.0, along)
-        in_link = np.einsum("nji,nj->ni", end[:, :3, :3], turn)
+        link = self.joint
+        turn, shift_mm = state.loaded.bendings[link]
+        in_link = c_rad_per_nm * turn
         return (
             state.add_link_error(link, "alpha", in_link[:, 0])
             .add_link_error(link, "beta", in_link[:, 1])
             .add_link_error(link + 1, "theta", in_link[:, 2])
-            .displace(shift_mm)
+            .displace(c_rad_per_nm * shift_mm)
         )
 
 

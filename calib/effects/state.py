@@ -49,6 +49,10 @@ class RobotState:
         offsets = {target.name: np.array(target.xyz_mm) for target in robot.targets}
         return cls(robot, poses, robot.table[None], np.zeros((1, 3)), np.zeros((1, 3)), offsets, seen)
 
+    def with_loads_at(self, loaded: RobotState) -> RobotState:
+        """The same state, loads worked out at another."""
+        return replace(self, _loaded=[loaded])
+
     @property
     def q_rad(self) -> Array:
         """(N, n) joint positions as commanded; mm for prismatic joints."""
@@ -100,7 +104,7 @@ class RobotState:
 
     @property
     def loaded(self) -> RobotState:
-        """The state at which loads are worked out: the first that an effect asked for, link errors in it.
+        """The state at which loads are worked out: the first that an effect asked for, unless the model fixed another.
 
         States that come of this one share it. Deflections of 1e-3 rad change a torque by 1e-3 of itself, so working it
         out anew after every joint's deflection would cost much and change nothing that can be measured.
@@ -118,6 +122,11 @@ class RobotState:
     def gravity_torques_nm(self) -> Array:
         """(N, n) gravity's torque about each joint (N for a prismatic one), by the masses of robot.toml."""
         return gravity.joint_torques(self)
+
+    @cached_property
+    def bendings(self) -> list[tuple[Array, Array]]:
+        """Of each link, see `gravity.bending`."""
+        return [gravity.bending(self, link) for link in range(self.robot.n_joints)]
 
     def place(self, points_mm: Array) -> Array:
         """From where the chain puts points (N, 3) to where they are: the base's turn, then the displacement."""
