@@ -1,27 +1,25 @@
-"""From the view to the scene: which arrays are drawn where. What they look like is `scene`'s."""
+"""From the view to the scene: scans, planes and corners. What they look like is in the modules of nodes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
 import numpy as np
-import viser
 from numpy.typing import NDArray
 
-from calib.observations import Observations
 from calib.scan import Scan
-from inspector.palette import rgb, role_colour
+from inspector import corner_nodes, plane_nodes
+from inspector.model_drawing import pose_colours
 from inspector.panels import words
 from inspector.panels.base import FACTORS, View, corner_of
 from inspector.panels.corner import ellipsoid_words
 from inspector.panels.planes import group_colours
-from inspector.scene import M_PER_MM, SceneView, to_scene
+from inspector.scene import SceneView
 from inspector.shapes import jig_edges, spread
 
 AROUND_JIG = 1.8  # edges of the jig
 ELLIPSOID_MM = 12.0
-ARROW_SHARE = 0.0014  # of the field: radius of a residual's arrow
-PLANE_LAYERS = {"sets", "rejected", "groups"}
+PLANE_LAYERS = ("sets", "rejected", "groups")
 
 
 def draw_pose(scene: SceneView, view: View, scan: Scan | None, visible: set[str]) -> int:
@@ -31,7 +29,18 @@ def draw_pose(scene: SceneView, view: View, scan: Scan | None, visible: set[str]
     faces = [] if corner is None else [face.inliers for face in corner.faces]
     drawn = scene.draw_scan(np.zeros((0, 3)) if scan is None else scan.points_mm, faces)
     draw_planes(scene, view, visible)
+    draw_corner(scene, view)
+    return drawn
+
+
+def draw_corner(scene: SceneView, view: View) -> None:
+    """The selected pose's corner with its uncertainty, and the jig's edges where a scan shows them."""
     found = corner_of(view, view.pose)
+    if found is None:
+        scene.draw("corner", lambda api, name: [])
+        return
+    xyz, covariance = found
+    corner = None if view.search is None else view.search.corner
     edges = None
     if corner is not None:
         edges = jig_edges(
@@ -40,15 +49,13 @@ def draw_pose(scene: SceneView, view: View, scan: Scan | None, visible: set[str]
             np.array([face.centre_mm for face in corner.faces]),
             view.session.dataset.jig.edge_mm,
         )
-    if found is None:
-        scene.draw_corner(None, None, view.factor, None, "")
-        return drawn
-    xyz, covariance = found
     text = view.pose_id
     if covariance is not None:
         text += f": σ {words.length(float(np.sqrt(np.trace(covariance))))}, {ellipsoid_words(view.factor)}"
-    scene.draw_corner(xyz, covariance, view.factor, edges, text)
-    return drawn
+    scene.draw(
+        "corner",
+        lambda api, name: corner_nodes.corner(api, name, xyz, covariance, view.factor, edges, text),
+    )
 
 
 def draw_overview(scene: SceneView, view: View, pose: int, scan: Scan, colour: str, scans: int) -> None:
@@ -67,82 +74,56 @@ def draw_overview(scene: SceneView, view: View, pose: int, scan: Scan, colour: s
 
 def draw_planes(scene: SceneView, view: View, visible: set[str]) -> None:
     """Sample sets and plane groups of the selected pose, if any of their layers is on show."""
-    search, none = view.search, np.zeros((0, 3))
-    if search is None or not PLANE_LAYERS & visible:
-        scene.draw_sets(none.reshape(0, 4, 3), none, [], none)
-        scene.draw_groups(none, none, np.zeros(0), [], [])
+    search = view.search
+    if search is None or visible.isdisjoint(PLANE_LAYERS):
+        for layer in PLANE_LAYERS:
+            scene.draw(layer, lambda api, name: [])
         return
-    sets, passed = search.sets, search.sets.passed()
+    sets, passed, groups = search.sets, search.sets.passed(), search.groups
     group_of = np.full(len(sets), -1)
-    for number, group in enumerate(search.groups):
+    for number, group in enumerate(groups):
         group_of[group.sets] = number
     colours = group_colours(search, view.grey_rejected)
-    scene.draw_sets(
-        sets.points_mm[passed],
-        sets.normals[passed],
-        [colours[g] if g >= 0 else None for g in group_of[passed]],
-        sets.centroids_mm[sets.rejected_by > 0],
+    of_sets = [colours[g] if g >= 0 else None for g in group_of[passed]]
+    scene.draw(
+        "sets",
+        lambda api, name: plane_nodes.sets(api, name, sets.points_mm[passed], sets.normals[passed], of_sets),
     )
-    groups = search.groups
-    scene.draw_groups(
-        np.array([g.centre_mm for g in groups]).reshape(-1, 3),
-        np.array([g.normal for g in groups]).reshape(-1, 3),
-        np.array([spread(sets.centroids_mm[g.sets], g.centre_mm) for g in groups]),
-        colours,
-        [i in search.chosen for i in range(len(groups))],
+    scene.draw(
+        "rejected", lambda api, name: plane_nodes.rejected(api, name, sets.centroids_mm[sets.rejected_by > 0])
+    )
+    scene.draw(
+        "groups",
+        lambda api, name: plane_nodes.groups(
+            api,
+            name,
+            np.array([g.centre_mm for g in groups]).reshape(-1, 3),
+            np.array([g.normal for g in groups]).reshape(-1, 3),
+            np.array([spread(sets.centroids_mm[g.sets], g.centre_mm) for g in groups]),
+            colours,
+            [i in search.chosen for i in range(len(groups))],
+        ),
     )
 
 
 def draw_corners(scene: SceneView, view: View, on_click: Callable[[int], None]) -> NDArray:
-    """All corners seen from the selected pose's scanner placement, each in the colour of its role. Returns them."""
+    """All corners seen from the selected pose's scanner placement, by role or by error. Returns them."""
     poses = view.session.dataset.poses
     here = [(i, corner_of(view, i)) for i in range(len(poses)) if poses.setup[i] == poses.setup[view.pose]]
     found = [(i, *corner) for i, corner in here if corner is not None]
+    which = [f[0] for f in found]
     xyz = np.array([f[1] for f in found]).reshape(-1, 3)
     known = bool(found) and all(f[2] is not None for f in found)
-    scene.draw_corners(
-        xyz,
-        np.array([f[2] for f in found]) if known else None,
-        [role_colour(str(poses.role[f[0]])) for f in found],
-        view.factor,
-        lambda instance: on_click(found[instance][0]),
+    covariance = np.array([f[2] for f in found]) if known else None
+    colours = pose_colours(view)[which]
+    selected = which.index(view.pose) if view.pose in which else None
+    scene.draw(
+        "corners",
+        lambda api, name: corner_nodes.corners(
+            api, name, xyz, covariance, colours, view.factor, lambda k: on_click(which[k]), selected
+        ),
     )
     return xyz
-
-
-def draw_residuals(scene: SceneView, view: View) -> None:
-    """An arrow from each measured point to where the model predicts it, `view.arrows` times too long, which is said."""
-    calibration = view.session.calibration
-    if calibration is None:
-        scene.draw("residuals", lambda api, name: [])
-        return
-    result, poses = calibration.after, calibration.dataset.poses
-    measured = Observations.of(calibration.dataset, np.ones(len(poses), dtype=bool)).points
-    here = poses.setup[result.pose] == poses.setup[view.pose]
-    start, error, pose = measured.xyz_mm[here], result.error_mm[here], result.pose[here]
-    seen = np.linalg.norm(error, axis=1) > 0
-    start, error, pose = start[seen], error[seen], pose[seen]
-
-    def make(api: viser.SceneApi, name: str) -> list[viser.SceneNodeHandle]:
-        if not len(start):
-            return []
-        size = ARROW_SHARE * float(np.linalg.norm(np.ptp(start, axis=0)) + 50.0) * M_PER_MM
-        arrows = to_scene(np.stack([start, start + view.arrows * error], axis=1))
-        colours = np.array([rgb(role_colour(str(poses.role[i]))) for i in pose], dtype=np.uint8)
-        top = np.array([start[:, 0].mean(), start[:, 1].min(), start[:, 2].mean()]) - [0, 20.0, 0]
-        longest = float(np.linalg.norm(error, axis=1).max())
-        return [
-            api.add_arrows(
-                f"{name}/arrows", arrows, colours, shaft_radius=size,
-                head_radius=2.5 * size, head_length=5.0 * size,
-            ),
-            api.add_label(
-                f"{name}/label", f"residuals × {view.arrows:g}, longest {words.length(longest)}",
-                position=tuple(to_scene(top).astype(float)), font_screen_scale=0.85, anchor="bottom-center",
-            ),
-        ]  # fmt: skip
-
-    scene.draw("residuals", make)
 
 
 def fitting_arrows(view: View) -> float:

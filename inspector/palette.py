@@ -16,6 +16,9 @@ GROUP_COLOURS = (
     "#882255",
     "#6699CC",
 )
+MODEL_COLOURS = {"nominal": "#8A8F98", "link errors": "#0072B2", "with effects": "#CC79A7"}
+ARM, JOINT, SLIDE = "#C3C9D1", "#6B7787", "#8C7340"  # links; joints that turn; joints that slide
+HIGHLIGHT = "#E63C3C"  # the selected corner
 REJECTED = "#8A9099"  # what a filter or the choice of the three planes left out
 SCAN_ON_LIGHT, SCAN_ON_DARK = "#5F6B7A", "#C9D1DC"  # points of the selected scan that are on no face
 UNKNOWN = "#8A8F98"  # a role or pose of which nothing is known

@@ -85,3 +85,20 @@ def unit_sphere(rings: int = 12, sectors: int = 20) -> tuple[NDArray, NDArray]:
 def spread(points_mm: NDArray, centre_mm: NDArray) -> float:
     """Radius around the centre inside which nine in ten of the points lie."""
     return float(np.percentile(np.linalg.norm(points_mm - centre_mm, axis=1), 90)) if len(points_mm) else 0.0
+
+
+def unit_cylinder(sectors: int = 28) -> tuple[NDArray, NDArray]:
+    """Vertices (V, 3) and faces (F, 3), outward, of a cylinder of radius 1 and length 1 along z, about the origin.
+
+    Rims have their vertices twice, so that caps and side are shaded apart.
+    """
+    angle = np.linspace(0, 2 * np.pi, sectors, endpoint=False)
+    ring = np.c_[np.cos(angle), np.sin(angle)]
+    low, high = np.c_[ring, np.full(sectors, -0.5)], np.c_[ring, np.full(sectors, 0.5)]
+    i = np.arange(sectors)
+    j = (i + 1) % sectors
+    side = np.concatenate([np.stack([i, j, sectors + i], 1), np.stack([j, sectors + j, sectors + i], 1)])
+    k = np.arange(1, sectors - 1)
+    bottom = 2 * sectors + np.stack([np.zeros_like(k), k + 1, k], 1)
+    top = 3 * sectors + np.stack([np.zeros_like(k), k, k + 1], 1)
+    return np.concatenate([low, high, low, high]), np.concatenate([side, bottom, top])

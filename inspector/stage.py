@@ -11,41 +11,40 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import viser
-from numpy.typing import NDArray
 
 from calib.errors import CalibError, DatasetError, ScanError
-from calib.scan import Scan, load_scan
+from calib.scan import Scan
 from inspector import session as sessions
+from inspector.comparing import Comparing
 from inspector.drawing import (
     PLANE_LAYERS,
     draw_corners,
     draw_overview,
     draw_planes,
     draw_pose,
-    draw_residuals,
     fitting_arrows,
     fitting_ellipsoids,
-    middle_of,
 )
+from inspector.looking import Looking
 from inspector.modelling import Modelling
 from inspector.palette import role_colour
-from inspector.panels.base import LOOKS, WIDE_LOOKS, View, corner_of, put
+from inspector.panels.base import View, put
+from inspector.panels.compare import ComparePanel
 from inspector.panels.corner import CornerPanel
 from inspector.panels.failure import FailurePanel
 from inspector.panels.fit import FitPanel
 from inspector.panels.learn import LearnPanel
 from inspector.panels.planes import PlanesPanel
 from inspector.panels.redundancy import RedundancyPanel
-from inspector.panels.review import LOOK_LAYERS, ReviewPanel
+from inspector.panels.review import ReviewPanel
 from inspector.panels.scans import ScansPanel
-from inspector.scene import LAYERS, SceneView
+from inspector.scan_loading import ScanLoading
+from inspector.scene import SceneView
 from inspector.session import Session
 from inspector.worker import LongWork
 
-LOOK_DISTANCE_MM = {"Scan": 330.0, "Planes": 240.0, "Corner": 170.0}
-POINTS_LOOK = "All corners"  # where there are no scans to look at
+POINTS_LOOK = "Arm"  # where there are no scans to look at
 BRAND = (0, 114, 178)
 
 
@@ -65,6 +64,7 @@ class Stage:
         fit: FitPanel,
         learn: LearnPanel,
         failure: FailurePanel,
+        compare: ComparePanel,
         on_click: Callable[[int], None],
         on_open: Callable[[], None],
     ) -> None:
@@ -73,19 +73,16 @@ class Stage:
         self.review, self.scans, self.planes, self.corner = review, scans, planes, corner
         self.redundancy, self.fit, self.learn, self.failure = redundancy, fit, learn, failure
         self.model = Modelling(self, learn)
-        self._on_click, self._on_open = on_click, on_open
+        self.on_click, self._on_open = on_click, on_open
         self.scene = SceneView(server)
+        self.comparing = Comparing(self, compare)
+        self._looking = Looking(self.scene, review)
         self.view: View | None = None
         self.name = ""  # of the dataset on show
         self._sessions: dict[str, Session] = {}  # those opened before, so that returning to one is immediate
-        self._scan: tuple[int, Scan] | None = None  # the selected pose's; no other is kept
-        self._medians: dict[int, NDArray] = {}  # (3,) middle of each scan that was loaded, mm
-        self._drawn = 0
-        self._look = LOOKS[0]
-        self._visible = set(LOOK_LAYERS[self._look])
+        self._scans: ScanLoading | None = None  # of the dataset on show
         self._search_s = 0.0
         self.theme(dark=False)
-        self._show_layers()
 
     def theme(self, *, dark: bool) -> None:
         """The page itself, light or dark."""
@@ -114,9 +111,10 @@ class Stage:
                 put(self.review.dataset, self.name)
             raise
         old = self.view
-        self.name, self._scan, self._search_s = name, None, 0.0
-        self._medians = {}
-        self.view = View(session) if old is None else replace(old, session=session, pose=0, failures={})
+        self.name, self._search_s = name, 0.0
+        self._scans = ScanLoading(session.dataset)
+        view = View(Session(session.dataset)) if old is None else replace(old, pose=0, failures={})
+        self.view = view.with_session(session)
         self._on_open()
         put(self.review.dataset, name)
         self.scene.clear_overview()
@@ -125,7 +123,7 @@ class Stage:
         if session.calibration is not None:
             self.change_arrows(fitting_arrows(self.now))
         self.redraw()
-        self.look(self._look if session.dataset.scan_folder is not None else POINTS_LOOK)
+        self.look(self._looking.name if session.dataset.scan_folder is not None else POINTS_LOOK)
         yield
         yield from self.process()
 
@@ -135,7 +133,7 @@ class Stage:
             self.analyse(str(self.redundancy.residual.value))
             yield
         tried: set[int] = set()
-        while (pose := self._next_scan(tried)) is not None:
+        while (pose := self._scanning.next(self.now.pose, tried)) is not None:
             tried.add(pose)
             started = time.perf_counter()
             self._work_on(pose)
@@ -143,11 +141,11 @@ class Stage:
             self._show_progress(running=True)
             yield
         self._show_progress(running=False)
-        self.look(self._look)
+        self.look(self._looking.name)
         if self.now.session.calibration is None:
             self.fit.update(self.now, waiting="Calibrating …")
             yield
-            yield from self.model.calibrate(str(self.fit.residual.value))
+            yield from self.model.start(str(self.fit.residual.value))
         else:
             yield from self.model.rank()
 
@@ -157,56 +155,45 @@ class Stage:
 
     def keep(self, session: Session) -> None:
         """What is known of the dataset on show from now on."""
-        self.view = replace(self.now, session=session)
+        self.view = self.now.with_session(session)
         self._sessions[self.name] = session
 
     # ---- scans ------------------------------------------------------------------------------------------------------
 
-    def _next_scan(self, tried: set[int]) -> int | None:
-        """The next scan to work on: the selected pose's first, then on from there."""
-        dataset = self.now.session.dataset
-        for k in range(len(dataset.poses)):
-            i = (self.now.pose + k) % len(dataset.poses)
-            if i not in tried and i not in self._medians and dataset.scan_path(i) is not None:
-                return i
-        return None
+    @property
+    def _scanning(self) -> ScanLoading:
+        """The scans, where there is a dataset."""
+        if self._scans is None:
+            raise DatasetError("no dataset is open; choose one in the list at the top left")
+        return self._scans
 
     def _work_on(self, pose: int) -> None:
         """Load one scan, search it where its corner is not measured, and draw it in the overview."""
         scan = self._load(pose)
         if pose in self.now.session.needed:
             self.keep(sessions.with_search(self.now.session, pose))
-        first = not self._medians
-        self._medians[pose] = np.full(3, np.nan)
+        first = not self._scanning.medians
+        self._scanning.worked_on(pose, scan)
         if scan is not None and len(scan.points_mm):
-            self._medians[pose] = np.median(scan.points_mm, axis=0)
             colour = role_colour(str(self.now.session.dataset.poses.role[pose]))
             draw_overview(self.scene, self.now, pose, scan, colour, self.now.session.scans)
         if first:
             self._choose_factor()
-            self.look(self._look)
+            self.look(self._looking.name)
         self.scans.update_list(self.now)
         if pose == self.now.pose:
             self.draw_pose()
         else:
-            draw_corners(self.scene, self.now, self._on_click)
+            draw_corners(self.scene, self.now, self.on_click)
 
     def _load(self, pose: int) -> Scan | None:
         """A pose's scan; None where there is none, or none that can be read (`View.failures` says why)."""
-        if self._scan is not None and self._scan[0] == pose:
-            return self._scan[1]
-        path = self.now.session.dataset.scan_path(pose)
-        if path is None:
-            return None
         try:
-            scan = load_scan(path)
+            return self._scanning.load(pose, keep=pose == self.now.pose)
         except ScanError as error:
             pose_id = self.now.session.dataset.poses.ids[pose]
             self.view = replace(self.now, failures={**self.now.failures, pose_id: str(error)})
             return None
-        if pose == self.now.pose:
-            self._scan = (pose, scan)
-        return scan
 
     def _choose_factor(self) -> None:
         """Enlarge the ellipsoids so that the first corner's is about a centimetre large."""
@@ -245,14 +232,14 @@ class Stage:
         scan = self._load(self.now.pose)
         view = self.now
         with self._server.atomic():
-            self._drawn = draw_pose(self.scene, view, scan, self._visible)
-            self._focus()
+            drawn = draw_pose(self.scene, view, scan, self._looking.visible)
+            self._looking.focus(view, self._scanning.medians)
             setups = view.session.dataset.poses.setup
             self.scene.hide_in_overview(view.pose, lambda i: bool(setups[i] != setups[view.pose]))
-            draw_corners(self.scene, view, self._on_click)
-            draw_residuals(self.scene, view)
+            self.comparing.draw_scan(scan)
+            self.comparing.draw()
         self.review.update(view)
-        self.scans.update(view, scan, self._drawn)
+        self.scans.update(view, scan, drawn)
         self.planes.update(view)
         self.corner.update(view)
 
@@ -273,9 +260,7 @@ class Stage:
 
     def change_arrows(self, factor: float) -> None:
         """Draw residuals so many times too long."""
-        self.view = replace(self.now, arrows=factor)
-        put(self.review.arrows, f"{factor:g}")
-        draw_residuals(self.scene, self.now)
+        self.comparing.change(arrows=factor)
 
     def dark(self, dark: bool) -> None:
         """Dark or light, with new figures: they do not follow the page by themselves."""
@@ -292,38 +277,29 @@ class Stage:
 
     def layer(self, name: str, visible: bool) -> None:
         """Show or hide one layer."""
-        self._visible = self._visible | {name} if visible else self._visible - {name}
-        self.scene.show(name, visible)
+        self._looking.layer(name, visible)
         if name in PLANE_LAYERS and visible and self.view is not None:
-            draw_planes(self.scene, self.view, self._visible)
+            draw_planes(self.scene, self.view, self._looking.visible)
 
     def look(self, what: str) -> None:
         """Show the layers of a view and put the camera where they are seen well."""
-        if what != self._look:
-            self._look = what
-            self._visible = set(LOOK_LAYERS[what])
-            self._show_layers()
-        if self.view is None:
-            return
-        draw_planes(self.scene, self.view, self._visible)
-        middle, radius = middle_of(self.now, self._medians)
-        self._focus()
-        self.scene.look(LOOK_DISTANCE_MM.get(what, max(450.0, 2.2 * radius + 250.0)), middle)
+        self._looking.choose(what)
+        if self.view is not None:
+            draw_planes(self.scene, self.view, self._looking.visible)
+            self._looking.at(self.view, self._scanning.medians)
 
-    def _show_layers(self) -> None:
-        self.review.show_layers(self._visible)
-        for name in LAYERS:
-            self.scene.show(name, name in self._visible)
+    @property
+    def look_name(self) -> str:
+        """The view on show."""
+        return self._looking.name
 
-    def _focus(self) -> None:
-        """The middle of everything for the overview, else the corner of the selected pose."""
-        found = corner_of(self.now, self.now.pose)
-        if self._look in WIDE_LOOKS:
-            self.scene.focus(middle_of(self.now, self._medians)[0])
-        elif found is not None:
-            self.scene.focus(found[0])
-        elif self.now.pose in self._medians and np.isfinite(self._medians[self.now.pose]).all():
-            self.scene.focus(self._medians[self.now.pose])
+    def show_saved(self, shown: Shown) -> None:
+        """Draw residuals and uncertainties as long as a saved session had them."""
+        if shown.arrows in FACTORS:
+            self.change_arrows(shown.arrows)
+        if shown.factor in FACTORS:
+            put(self.review.factor, f"{shown.factor:g}")
+            self.change(factor=shown.factor)
 
     # ---- the model --------------------------------------------------------------------------------------------------
 
@@ -341,7 +317,9 @@ class Stage:
         first = self.now.session.calibration is None
         self.keep(session)
         if first:  # and then no more, so that arrows shrink as the error falls
-            self.change_arrows(fitting_arrows(self.now))
-        draw_residuals(self.scene, self.now)
+            self.view = replace(self.now, arrows=fitting_arrows(self.now))
+        self.comparing.draw()
+        if first and self._looking.name == "Arm":
+            self._looking.at(self.now, self._scanning.medians)
         self.fit.update(self.now)
         self.model.show()

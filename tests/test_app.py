@@ -152,7 +152,7 @@ def test_next_and_previous_change_every_place(app: App, page: WireClient) -> Non
     shows(page, f"2 of {POSES}")
     app.worker.wait_idle(IDLE_S)
     page.wait(lambda p: p.value("Pose").startswith(f"{ids[1]} "))
-    assert plain(page).count(f"Pose {ids[1]}") == 3  # Scans, Planes and Corner
+    assert plain(page).count(f"Pose {ids[1]}") == 4  # Scans, Planes, Corner and Compare
     page.wait(lambda p: outlined(p) == [ids[1]])
     page.set(label="", value=PREVIOUS)
     shows(page, f"1 of {POSES}")
@@ -446,6 +446,9 @@ def test_requests_that_no_widget_makes_are_ignored(app: App) -> None:
     app.layer("no such layer", True)
     app.redundancy("no such residual")
     app.calibrate("no such residual")
+    app.version("no such version")
+    app.prediction("no such version", True)
+    app.colouring("by taste")
     app.select(10**9)
     app.select(-(10**9))
     assert app.worker.wait_idle(IDLE_S)

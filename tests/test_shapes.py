@@ -9,7 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from inspector.scene import M_PER_MM, to_scene
-from inspector.shapes import disc, ellipsoids, facing, jig_edges, shaded, spread, thin, unit_sphere
+from inspector.shapes import (
+    disc,
+    ellipsoids,
+    facing,
+    jig_edges,
+    shaded,
+    spread,
+    thin,
+    unit_cylinder,
+    unit_sphere,
+)
 
 
 @given(st.integers(0, 5000), st.integers(1, 800), st.integers(0, 2**32 - 1))
@@ -73,6 +83,18 @@ def test_unit_sphere_is_one_and_looks_outward() -> None:
     outward = np.sum(np.cross(b - a, c - a) * (a + b + c), axis=1)
     assert (outward >= -1e-12).all()
     assert (outward > 1e-6).sum() > 0.9 * len(faces) - 40  # those at the poles have no area
+
+
+def test_unit_cylinder_is_closed_and_looks_outward() -> None:
+    vertices, faces = unit_cylinder()
+    np.testing.assert_allclose(np.linalg.norm(vertices[:, :2], axis=1), 1)
+    np.testing.assert_allclose(np.abs(vertices[:, 2]), 0.5)
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    across = np.cross(b - a, c - a)
+    assert (np.sum(across * (a + b + c), axis=1) > 1e-9).all()
+    np.testing.assert_allclose(across.sum(axis=0), 0, atol=1e-9)  # a closed surface
+    volume = np.sum(np.cross(a, b) * c) / 6
+    assert 0.97 * np.pi < volume < np.pi
 
 
 def test_metres_are_made_in_one_place_and_keep_a_tenth_of_a_micrometre() -> None:

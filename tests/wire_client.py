@@ -123,6 +123,9 @@ class WireClient:
         elif kind == "SetSceneNodeVisibilityMessage":
             if m["name"] in self.scene:
                 self.scene[m["name"]]["visible"] = m["visible"]
+        elif kind == "SetPositionMessage":
+            if m["name"] in self.scene:
+                self.scene[m["name"]]["position"] = m["position"]
         elif "props" in m and "name" in m:
             self.scene[m["name"]] = {"visible": True, **m}
 

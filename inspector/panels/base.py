@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from calib.comparison import LINKS, Version, versions
 from calib.corners import CornerSearch
 from calib.residuals import RESIDUAL_KINDS
 from inspector.session import Session
 
 RESIDUALS = RESIDUAL_KINDS
-LOOKS = ("All scans", "Scan", "Planes", "Corner", "All corners")
-WIDE_LOOKS = ("All scans", "All corners")  # of the whole dataset, not of one pose
+LOOKS = ("All scans", "Scan", "Planes", "Corner", "All corners", "Distance", "Arm")
+POINT_LOOKS = ("Arm", "All corners", "Corner")  # where there are no scans
+WIDE_LOOKS = ("All scans", "All corners", "Arm")  # of the whole dataset, not of one pose
+BY_ROLE, BY_ERROR = "by role", "by error"
+COLOURINGS = (BY_ROLE, BY_ERROR)
 FACTORS = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000)  # enlargements of the uncertainty ellipsoids
 
 
@@ -30,6 +34,10 @@ class View:
     arrows: float = 100.0  # how many times longer residuals are drawn
     grey_rejected: bool = True
     failures: dict[str, str] = field(default_factory=dict)  # scans that could not be read, by pose id
+    versions: tuple[Version, ...] = ()  # of the session's model; none before it is calibrated
+    chosen: str = ""  # the version whose arm and errors are shown; the last where there is none of this name
+    compared: frozenset[str] = frozenset()  # the versions whose predictions are shown
+    colouring: str = BY_ROLE  # of the measured points
 
     @property
     def pose_id(self) -> str:
@@ -40,6 +48,28 @@ class View:
     def search(self) -> CornerSearch | None:
         """What was found in the selected pose's scan, as far as it has been searched."""
         return self.session.searches.get(self.pose_id)
+
+    @property
+    def version(self) -> Version | None:
+        """The version of the model whose arm and errors are shown."""
+        return next(
+            (v for v in self.versions if v.name == self.chosen), self.versions[-1] if self.versions else None
+        )
+
+    def with_session(self, session: Session) -> View:
+        """The same view of another session. What showed the latest version of the model goes on doing so."""
+        if session.calibration is self.session.calibration and (self.versions or session.calibration is None):
+            return replace(self, session=session)
+        if session.calibration is None:
+            return replace(self, session=session, versions=())
+        links = next((v.calibration for v in self.versions if v.name == LINKS), None)
+        found = versions(session.calibration, links)
+        newest, before = found[-1].name, self.versions[-1].name if self.versions else ""
+        chosen, compared = self.chosen, self.compared
+        if newest != before:
+            chosen = newest if chosen in (before, "") else chosen
+            compared = compared - {before} | {newest} if before in compared or not before else compared
+        return replace(self, session=session, versions=found, chosen=chosen, compared=compared)
 
 
 class Actions(Protocol):
@@ -66,6 +96,9 @@ class Actions(Protocol):
     def failure(self) -> None: ...
     def select_id(self, pose_id: str) -> None: ...
     def arrows(self, factor: float) -> None: ...
+    def version(self, name: str) -> None: ...
+    def prediction(self, name: str, shown: bool) -> None: ...
+    def colouring(self, by: str) -> None: ...
 
 
 def by_page(event: Any) -> bool:

@@ -7,27 +7,37 @@ import viser
 from inspector import tables
 from inspector.palette import FAILED, ROLE_COLOURS, ROLE_WORDS, role_colour
 from inspector.panels import words
-from inspector.panels.base import FACTORS, LOOKS, Actions, View, by_page, corner_of, put
+from inspector.panels.base import FACTORS, LOOKS, POINT_LOOKS, Actions, View, by_page, corner_of, put
 from inspector.server import clamped, one_of
 
 LAYER_WORDS = {
-    "scan": "This scan",
-    "faces": "Jig's faces",
-    "sets": "Sets passed",
-    "rejected": "Sets rejected",
-    "groups": "Plane groups",
-    "corner": "This corner",
-    "overview": "All scans",
-    "corners": "All corners",
-    "residuals": "Residuals",
-    "scanner": "Scanner",
+    "Scan layers": {
+        "scan": "This scan",
+        "faces": "Jig's faces",
+        "distance": "Distances",
+        "jig": "Jig's model",
+        "sets": "Sets passed",
+        "rejected": "Sets rejected",
+        "groups": "Plane groups",
+        "overview": "All scans",
+    },
+    "Model layers": {
+        "corner": "This corner",
+        "corners": "All corners",
+        "predicted": "Predicted",
+        "residuals": "Residuals",
+        "arm": "Arm",
+        "scanner": "Scanner",
+    },
 }
 LOOK_LAYERS = {
     "All scans": {"overview", "scan", "faces", "corner", "corners"},
     "Scan": {"scan", "faces", "corner"},
     "Planes": {"faces", "sets", "rejected", "groups"},
     "Corner": {"faces", "corner"},
-    "All corners": {"corner", "corners", "residuals", "scanner"},
+    "All corners": {"corner", "corners", "residuals", "predicted", "scanner"},
+    "Distance": {"scan", "distance", "jig"},
+    "Arm": {"corners", "residuals", "predicted", "arm", "scanner"},
 }
 PREVIOUS, NEXT = "◀ Previous", "Next ▶"
 
@@ -45,11 +55,14 @@ class ReviewPanel:
         self.pose = gui.add_dropdown("Pose", ("–",))
         self.walk = gui.add_button_group("", (PREVIOUS, NEXT), hint="keys: P and N")
         self._status = gui.add_html("")
-        self.view = gui.add_button_group("3D view", LOOKS, hint="keys: 1 2 3 4 5")
+        self.view = gui.add_button_group("3D view", LOOKS, hint="keys: 1 to 7")
         self.layers: dict[str, viser.GuiCheckboxHandle] = {}
-        with gui.add_folder("Layers", expand_by_default=True):
-            for name, label in LAYER_WORDS.items():
-                self.layers[name] = gui.add_checkbox(label, name in LOOK_LAYERS[LOOKS[0]])
+        self._folders: dict[str, viser.GuiFolderHandle] = {}
+        for folder, layers in LAYER_WORDS.items():
+            self._folders[folder] = gui.add_folder(folder, expand_by_default=True)
+            with self._folders[folder]:
+                for name, label in layers.items():
+                    self.layers[name] = gui.add_checkbox(label, name in LOOK_LAYERS[LOOKS[0]])
         with gui.add_folder("Display", expand_by_default=False):
             self.dark = gui.add_checkbox("Dark mode", False)
             self.grey = gui.add_checkbox(
@@ -60,11 +73,7 @@ class ReviewPanel:
                 "Ellipsoids ×", tuple(str(f) for f in FACTORS), initial_value="1000",
                 hint="how many times larger than one standard deviation the uncertainty is drawn",
             )  # fmt: skip
-            self.arrows = gui.add_dropdown(
-                "Residuals ×", tuple(str(f) for f in FACTORS), initial_value="100",
-                hint="how many times longer than they are residuals are drawn, measured to predicted",
-            )  # fmt: skip
-        gui.add_html(tables.note("Keys: N next, P previous, 1–5 views, D dark"))
+        gui.add_html(tables.note("Keys: N next, P previous, 1–7 views, D dark"))
         self._problem = gui.add_html("")
         self._connect(gui)
 
@@ -85,20 +94,13 @@ class ReviewPanel:
                 else None
             )
         )
-        self.arrows.on_update(
-            lambda e: (
-                a.arrows(float(one_of(e.target.value, [str(f) for f in FACTORS], "100")))
-                if by_page(e)
-                else None
-            )
-        )
         for name, box in self.layers.items():
             box.on_update(lambda e, name=name: a.layer(name, bool(e.target.value)) if by_page(e) else None)  # type: ignore[misc]
         gui.add_command("Next pose", hotkey="N", icon=viser.Icon.ARROW_RIGHT).on_trigger(lambda _: a.step(1))
         gui.add_command("Previous pose", hotkey="P", icon=viser.Icon.ARROW_LEFT).on_trigger(
             lambda _: a.step(-1)
         )
-        for key, look in zip("12345", LOOKS, strict=True):
+        for key, look in zip("1234567", LOOKS, strict=True):
             gui.add_command(f"Look at: {look}", hotkey=key, icon=viser.Icon.EYE).on_trigger(  # type: ignore[arg-type]
                 lambda _, look=look: a.look(look)  # type: ignore[misc]
             )
@@ -114,8 +116,11 @@ class ReviewPanel:
     # ---- showing ----------------------------------------------------------------------------------------------------
 
     def set_poses(self, view: View) -> None:
-        """The list of poses of a dataset that was just opened."""
+        """The list of poses of a dataset that was just opened, and the views that there is something to see in."""
         poses = view.session.dataset.poses
+        has_scans = view.session.dataset.scan_folder is not None
+        self._folders["Scan layers"].visible = has_scans
+        self.view.options = LOOKS if has_scans else POINT_LOOKS
         self.pose.options = tuple(
             f"{i} · {words.role(str(r))}" for i, r in zip(poses.ids, poses.role, strict=True)
         )

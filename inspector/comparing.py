@@ -1,0 +1,59 @@
+"""What is shown of the model's versions. Runs on the worker's thread only."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from calib.comparison import VERSIONS
+from calib.scan import Scan
+from inspector.drawing import draw_corners
+from inspector.model_drawing import ArmDrawing, draw_distance, draw_residuals
+from inspector.panels.base import COLOURINGS
+from inspector.panels.compare import ComparePanel
+
+if TYPE_CHECKING:
+    from inspector.stage import Stage
+
+
+class Comparing:
+    """The arm, the predictions and the tab that compares them, for the view on show."""
+
+    def __init__(self, stage: Stage, panel: ComparePanel) -> None:
+        self._stage, self._panel = stage, panel
+        self._arm = ArmDrawing(stage.scene)
+
+    def draw(self) -> None:
+        """What the versions say, at the selected pose."""
+        scene, view = self._stage.scene, self._stage.now
+        with scene.atomic():
+            draw_corners(scene, view, self._stage.on_click)
+            draw_residuals(scene, view)
+            self._arm.draw(view)
+        self._panel.update(view, self._arm.problems)
+
+    def draw_scan(self, scan: Scan | None) -> None:
+        """The jig's model over the selected pose's scan."""
+        distances_mm = draw_distance(self._stage.scene, self._stage.now, scan)
+        self._panel.update_distance(self._stage.now, distances_mm)
+
+    def change(self, **what: float | str | frozenset[str]) -> None:
+        """Change how the model is shown (`View.arrows`, `chosen`, `compared`, `colouring`)."""
+        self._stage.view = replace(self._stage.now, **what)  # type: ignore[arg-type]
+        self.draw()
+
+    def choose(self, name: str) -> None:
+        """Show the arm and the errors of a version, where there is one of this name."""
+        if name in [version.name for version in self._stage.now.versions]:
+            self.change(chosen=name)
+
+    def show(self, name: str, shown: bool) -> None:
+        """Show or hide what a version predicts."""
+        if name in VERSIONS:
+            compared = self._stage.now.compared
+            self.change(compared=compared | {name} if shown else compared - {name})
+
+    def colour_by(self, by: str) -> None:
+        """Colour the measured points by their pose's role or by their error."""
+        if by in COLOURINGS:
+            self.change(colouring=by)
