@@ -145,7 +145,7 @@ class Stage:
         if self.now.session.calibration is None:
             self.fit.update(self.now, waiting="Calibrating …")
             yield
-            yield from self.model.start(str(self.fit.residual.value))
+            yield from self.model.calibrate(str(self.fit.residual.value))
         else:
             yield from self.model.rank()
 
@@ -287,19 +287,6 @@ class Stage:
         if self.view is not None:
             draw_planes(self.scene, self.view, self._looking.visible)
             self._looking.at(self.view, self._scanning.medians)
-
-    @property
-    def look_name(self) -> str:
-        """The view on show."""
-        return self._looking.name
-
-    def show_saved(self, shown: Shown) -> None:
-        """Draw residuals and uncertainties as long as a saved session had them."""
-        if shown.arrows in FACTORS:
-            self.change_arrows(shown.arrows)
-        if shown.factor in FACTORS:
-            put(self.review.factor, f"{shown.factor:g}")
-            self.change(factor=shown.factor)
 
     # ---- the model --------------------------------------------------------------------------------------------------
 
