@@ -72,6 +72,7 @@ def _parser() -> argparse.ArgumentParser:
     sub = command("serve", commands.run_serve, "the web app", "dataset folder, or a folder of them")
     sub.add_argument("--host", default="127.0.0.1", help="address to bind (default: this machine only)")
     sub.add_argument("--port", type=_port, default=8080, help="default 8080; 0 takes a free one")
+    sub.add_argument("--session", type=Path, metavar="FILE.json", help="open a saved session again")
     sub.add_argument(
         "--effects-file", type=Path, metavar="FILE.py", help="effects of your own, read again when it changes"
     )
@@ -86,12 +87,25 @@ def _parser() -> argparse.ArgumentParser:
         commands.run_redundancy,
         "which parameters say the same thing (Pearson), and the true rank",
     )
+    sub.add_argument("--out", type=Path, metavar="FILE.csv", help="write Pearson's r of all pairs")
     _add_residual(sub)
     _add_json(sub)
 
     sub = command("calibrate", fit_commands.run_calibrate, "fit the five-parameter model")
     sub.add_argument("--out", type=Path, metavar="FILE", help="write the calibrated robot.toml")
     sub.add_argument("--force", action="store_true", help="write --out although the fit is no improvement")
+    sub.add_argument(
+        "--residuals",
+        type=Path,
+        metavar="FILE.csv",
+        help="write what is left over, a row a pose with all inputs",
+    )
+    sub.add_argument(
+        "--scene", type=Path, metavar="FILE.glb", help="write arm, points and residuals (x 100) in 3D"
+    )
+    sub.add_argument(
+        "--session", type=Path, metavar="FILE.json", help="write a session that serve --session opens"
+    )
     _add_adding(sub)
     _add_fit(sub)
     _add_json(sub)

@@ -17,18 +17,24 @@ from calib.dataset_file import find_datasets, load_dataset
 from calib.effects.descriptions import DESCRIPTIONS
 from calib.errors import DatasetError
 from calib.measurement import failed_searches, require_corners, with_corners
-from calib.points_file import points_frame
 from calib.robot_file import BUILTIN_ROBOTS, builtin_robot, load_robot
 from calib.toml_file import write_text_atomically
 from inspector import documents
+from inspector.exports import corners_csv, redundancy_csv
 from inspector.progress import processes, progress, stages
 
 
 def run_serve(options: Any) -> int:
     """The web app until Ctrl-C."""
     from inspector.app import serve  # viser takes a second to load, and only this command needs it
+    from inspector.session_file import load_session, opening
 
-    serve(options.path, host=options.host, port=options.port, effects_file=options.effects_file)
+    saved = None
+    if options.session is not None:
+        saved, notes = opening(load_session(options.session), options.path, options.effects_file)
+        for note in notes:
+            print(f"inspector: warning: {options.session}: {note}", file=sys.stderr)
+    serve(options.path, host=options.host, port=options.port, effects_file=options.effects_file, saved=saved)
     return 0
 
 
@@ -39,9 +45,7 @@ def run_corners(options: Any) -> int:
     require_corners(dataset, searches)
     if options.out is not None:
         found = with_corners(dataset, searches)
-        assert found.points is not None
-        text = points_frame(found.poses, found.points).to_csv(index=False, lineterminator="\n")
-        write_text_atomically(options.out, text)
+        write_text_atomically(options.out, corners_csv(found))
     failed = failed_searches(searches)
     words = [search.summary() for search in searches.values()]
     words.append(f"{len(searches) - len(failed)} of {len(searches)} corners found")
@@ -53,6 +57,8 @@ def run_redundancy(options: Any) -> int:
     """Which parameters say the same thing."""
     dataset = load(options.path)
     result = redundancy(dataset, residual=options.residual)
+    if options.out is not None:
+        write_text_atomically(options.out, redundancy_csv(result))
     knowable = structural_rank(dataset.robot)
     words = (
         f"{result.summary()}\nDistances, or positions from an unknown place, can tell {knowable} at best "

@@ -19,12 +19,16 @@ from calib.knowledge import known_sums
 from calib.learning import learning_curve
 from calib.robot_file import robot_to_toml
 from calib.targets_file import corrected_table, load_targets
-from calib.toml_file import write_text_atomically
+from calib.toml_file import write_bytes_atomically, write_text_atomically
 from calib.validation import cross_validate
 from inspector import documents
 from inspector.commands import load, measured, searched, show
+from inspector.exports import residuals_csv
 from inspector.progress import progress, stages
-from inspector.session import Session, with_found
+from inspector.session import GEOMETRY, HistoryStep, Session, replayed, with_found
+from inspector.session_file import save_session
+
+SCENE_ARROWS = 100.0  # how many times longer residuals are drawn in a scene's file
 
 
 def own_effects(options: Any, dataset: Dataset) -> tuple[Family, ...]:
@@ -57,7 +61,17 @@ def run_calibrate(options: Any) -> int:
     result = steps[-1].calibration
     if options.out is not None:
         result.require_improvement(force=options.force)
+    session = _as_session(options, dataset, steps) if options.session is not None else None
+    if options.out is not None:
         write_text_atomically(options.out, robot_to_toml(result.robot))
+    if options.residuals is not None:
+        write_text_atomically(options.residuals, residuals_csv(result))
+    if options.scene is not None:
+        from inspector.scene_file import scene_glb  # with trimesh, which takes a while to load
+
+        write_bytes_atomically(options.scene, scene_glb(result, dataset.poses.reference, SCENE_ARROWS))
+    if session is not None:
+        save_session(options.session, session)
     table = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.6g}")
     sums = "\n".join(f"known: {c.words} = {c.value:.6g} +- {c.sigma:.2g}" for c in known_sums(result))
     way = [f"+ {step.name}: {_errors(step.calibration)}" for step in steps[1:]]
@@ -67,6 +81,26 @@ def run_calibrate(options: Any) -> int:
     document = documents.calibration_document(result) | {"steps": documents.additions(steps)}
     show(options, document, f"{words}\n{result.summary()}")
     return 0
+
+
+def _as_session(options: Any, dataset: Dataset, steps: Sequence[Addition]) -> Session:
+    """The fits as the page would have made them. Raises CalibError for options that a session cannot hold."""
+    given = {
+        "--effect": options.effect,
+        "--hold": options.hold,
+        "--tolerance": options.tolerance,
+        "--no-prior": options.no_prior,
+        "--robust": options.robust,
+    }
+    used = [name for name, value in given.items() if value]
+    if used:
+        raise CalibError(f"--session: a session holds fits by --residual and --add only; leave out {used[0]}")
+    nan = float("nan")
+    history = [HistoryStep("nominal", nan, nan, nan)]
+    for step in steps:
+        label = GEOMETRY if step.name is None else f"+ {step.name}"
+        history.append(HistoryStep(label, nan, nan, nan, step.added, options.residual))
+    return replayed(Session(dataset, own=own_effects(options, dataset)), history)
 
 
 def _errors(calibration: Calibration) -> str:

@@ -18,6 +18,7 @@ from inspector import session as sessions
 from inspector.own_effects import OwnEffects
 from inspector.panels.learn import LearnPanel
 from inspector.session import Session
+from inspector.session_file import Saved, reopened
 from inspector.worker import LongWork
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ class Modelling:
     def __init__(self, stage: Stage, learn: LearnPanel) -> None:
         self._stage, self._learn = stage, learn
         self._undo: dict[str, _Undo] = {}  # by dataset
+        self.saved: dict[str, Saved] = {}  # sessions to open again once their dataset is there, by its name
         self.own = OwnEffects()  # none, until the app has a file of them
         self._aside = ThreadPoolExecutor(1, thread_name_prefix="inspector-aside")
 
@@ -74,6 +76,32 @@ class Modelling:
             steps.past.append(self._session)
         steps.future.clear()
         self._stage.show_model(session)
+
+    # ---- the first fit ---------------------------------------------------------------------------------------------
+
+    def start(self, residual: str) -> LongWork:
+        """The first fits of a dataset: those of a saved session where one waits for it, else the link errors."""
+        saved = self.saved.pop(self._stage.name, None)
+        if saved is None:
+            yield from self.calibrate(residual)
+            return
+        session = self._session
+        self._learn.say("Opening the saved session …")
+        yield
+        try:
+            again = yield from self._beside(lambda: reopened(self._with_own(session), saved), session)
+        except CalibError:
+            yield from self.calibrate(residual)
+            raise
+        if again is not None and again[0].calibration is not None:
+            now = self._session
+            self._change(replace(again[0], searches=now.searches, redundancy=now.redundancy))
+            self._stage.show_saved(saved.shown)
+        if again is not None:
+            self._stage.review.show_problem(" ".join(again[1]))
+        if self._session.calibration is None:
+            yield from self.calibrate(residual)
+        yield from self.rank()
 
     # ---- the link errors --------------------------------------------------------------------------------------------
 

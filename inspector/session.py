@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from calib.calibration import Calibration, redundancy
 from calib.corners import CornerSearch, search_file
 from calib.dataset import Dataset
 from calib.dataset_file import load_dataset
-from calib.diagnosis import Diagnosis, diagnose
+from calib.diagnosis import Diagnosis, diagnose, without_poses
 from calib.effects.catalogue import Family, effects_for
 from calib.errors import CalibError, DatasetError
 from calib.failure import Failure, failure_of
@@ -101,7 +101,7 @@ def with_calibration(session: Session, residual: str = "position") -> Session:
     """Fit the five-parameter model, and the effects that were added, to what is measured so far."""
     result = calibrate_with(session.measured, session.effects, residual=residual)
     label = session.history[-1].label if session.effects else GEOMETRY
-    start = HistoryStep("nominal", *_errors(result, before=True), float("nan"))
+    start = _nominal(result)
     history = (
         *(session.history[:-1] if session.effects else (start,)),
         _step(label, result, session.effects),
@@ -160,7 +160,7 @@ def with_diagnosis(session: Session, on_step: Callable[[str], None] | None = Non
 def with_found(session: Session, found: Diagnosis) -> Session:
     """Take over a diagnosis of what is measured, and the model that it leads to."""
     first = found.steps[0].calibration
-    start = HistoryStep("nominal", *_errors(first, before=True), float("nan"))
+    start = _nominal(first)
     added = tuple(Added.of(s.candidate) for s in found.steps if s.candidate is not None)
     left_out = _left_out(session.measured, first.dataset)
     steps = [
@@ -176,6 +176,28 @@ def with_found(session: Session, found: Diagnosis) -> Session:
         remains=found.remains,
         diagnosis=found,
         history=(start, *steps),
+    )
+
+
+def replayed(session: Session, steps: Sequence[HistoryStep]) -> Session:
+    """The fits of a history once more, on what is measured now; figures in `steps` are not read."""
+    fits = []
+    for step in steps[1:]:
+        dataset = without_poses(session.measured, step.left_out) if step.left_out else session.measured
+        fits.append(calibrate_with(dataset, step.effects, residual=step.residual))
+    if not fits:
+        return session
+    history = [
+        replace(_step(step.label, fit, step.effects), left_out=step.left_out)
+        for step, fit in zip(steps[1:], fits, strict=True)
+    ]
+    return _unjudged(
+        replace(
+            session,
+            calibration=fits[-1],
+            effects=steps[-1].effects,
+            history=(_nominal(fits[0]), *history),
+        )
     )
 
 
@@ -202,6 +224,10 @@ def _left_out(whole: Dataset, used: Dataset) -> tuple[str, ...]:
     assert used.points is not None
     missing = set(whole.points.pose.tolist()) - set(used.points.pose.tolist())
     return tuple(whole.poses.ids[i] for i in sorted(missing))
+
+
+def _nominal(result: Calibration) -> HistoryStep:
+    return HistoryStep("nominal", *_errors(result, before=True), float("nan"))
 
 
 def _step(label: str, result: Calibration, effects: tuple[Added, ...]) -> HistoryStep:

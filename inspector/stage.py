@@ -29,7 +29,7 @@ from inspector.drawing import (
 from inspector.looking import Looking
 from inspector.modelling import Modelling
 from inspector.palette import role_colour
-from inspector.panels.base import View, put
+from inspector.panels.base import FACTORS, View, put
 from inspector.panels.compare import ComparePanel
 from inspector.panels.corner import CornerPanel
 from inspector.panels.failure import FailurePanel
@@ -42,6 +42,7 @@ from inspector.panels.scans import ScansPanel
 from inspector.scan_loading import ScanLoading
 from inspector.scene import SceneView
 from inspector.session import Session
+from inspector.session_file import Shown
 from inspector.worker import LongWork
 
 POINTS_LOOK = "Arm"  # where there are no scans to look at
@@ -145,7 +146,7 @@ class Stage:
         if self.now.session.calibration is None:
             self.fit.update(self.now, waiting="Calibrating …")
             yield
-            yield from self.model.calibrate(str(self.fit.residual.value))
+            yield from self.model.start(str(self.fit.residual.value))
         else:
             yield from self.model.rank()
 
@@ -287,6 +288,19 @@ class Stage:
         if self.view is not None:
             draw_planes(self.scene, self.view, self._looking.visible)
             self._looking.at(self.view, self._scanning.medians)
+
+    @property
+    def look_name(self) -> str:
+        """The view on show."""
+        return self._looking.name
+
+    def show_saved(self, shown: Shown) -> None:
+        """Draw residuals and uncertainties as long as a saved session had them."""
+        if shown.arrows in FACTORS:
+            self.change_arrows(shown.arrows)
+        if shown.factor in FACTORS:
+            put(self.review.factor, f"{shown.factor:g}")
+            self.change(factor=shown.factor)
 
     # ---- the model --------------------------------------------------------------------------------------------------
 
