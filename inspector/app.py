@@ -28,10 +28,13 @@ from inspector.panels.planes import PlanesPanel
 from inspector.panels.redundancy import RedundancyPanel
 from inspector.panels.review import ReviewPanel
 from inspector.panels.scans import ScansPanel
+from inspector.panels.takeaway import TakeAwayPanel
 from inspector.scene import LAYERS
 from inspector.server import LOOPBACK, InspectorServer, start_server, tell, url_of
+from inspector.session_file import Opening, Shown
 from inspector.stage import Stage
 from inspector.tabs import add_tabs
+from inspector.taking import Taking
 from inspector.worker import LongWork, Worker
 
 log = logging.getLogger(__name__)
@@ -41,7 +44,12 @@ class App:
     """The page with its thread; `serving` makes one."""
 
     def __init__(
-        self, server: InspectorServer, folders: Sequence[Path], effects_file: Path | None = None
+        self,
+        server: InspectorServer,
+        folders: Sequence[Path],
+        effects_file: Path | None = None,
+        saved: Opening | None = None,
+        root: Path = Path(),
     ) -> None:
         self.server = server
         named = dict(zip(names_of(folders), folders, strict=True))
@@ -53,7 +61,12 @@ class App:
         self.stage.model.own = OwnEffects(effects_file)
         self.worker = Worker(self._failed)
         self._watch = Watch(self.stage.model.own, self.effects)
-        self.open(self._known[0])
+        self.taking = Taking(self.stage, self.worker, self._take_away, root)
+        start = self._known[0]
+        if saved is not None:
+            start = next(name for name, folder in named.items() if folder == saved.folder)
+            self.stage.model.saved[start] = saved.session
+        self.open(start)
 
     def _build(self, folders: dict[str, Path]) -> Stage:
         gui = self.server.gui
@@ -77,6 +90,8 @@ class App:
             learn = LearnPanel(gui, self)
         with tab["Where it fails"]:
             failure = FailurePanel(gui, self)
+        with tab["Take away"]:
+            self._take_away = TakeAwayPanel(gui, self)
         left.dock_left()
         left.set_width(290)
         gui.main_panel.dock_right()
@@ -90,6 +105,7 @@ class App:
         """End the work and the server."""
         self._watch.stop()
         self.worker.stop()
+        self.taking.close()
         self.stage.model.close()
         self.server.stop()
 
@@ -113,6 +129,22 @@ class App:
     def _opened(self) -> None:
         with self._asking:
             self._wanted = 0  # another dataset starts at its first pose
+        saved = self.stage.model.saved.get(self.stage.name)
+        if saved is not None:
+            self._look_again(saved.shown)
+
+    def _look_again(self, shown: Shown) -> None:
+        """What a saved session had on show."""
+        if shown.pose is not None:
+            self.select_id(shown.pose)
+        if shown.look is not None:
+            self.look(shown.look)
+        if shown.dark is not None:
+            self.dark(shown.dark)
+
+    def take(self, what: str, client: viser.ClientHandle) -> None:
+        """Make a file and send it to the page that asks."""
+        self.taking.take(what, client)
 
     def select(self, pose: int) -> None:
         """Select a pose by its index."""
@@ -257,7 +289,12 @@ def names_of(folders: Sequence[Path]) -> list[str]:
 
 @contextmanager
 def serving(
-    path: Path, *, host: str = LOOPBACK, port: int = 8080, effects_file: Path | None = None
+    path: Path,
+    *,
+    host: str = LOOPBACK,
+    port: int = 8080,
+    effects_file: Path | None = None,
+    saved: Opening | None = None,
 ) -> Iterator[App]:
     """The app on a dataset folder or a folder of datasets, while inside.
 
@@ -271,19 +308,26 @@ def serving(
     if effects_file is not None and not effects_file.is_file():
         raise CalibError(f"{effects_file}: no such effects file")
     server = start_server(host, port, label="Calibration inspector")
-    app = App(server, folders, effects_file)
+    app = App(server, folders, effects_file, saved, path)
     try:
         yield app
     finally:
         app.close()
 
 
-def serve(path: Path, *, host: str = LOOPBACK, port: int = 8080, effects_file: Path | None = None) -> None:
+def serve(
+    path: Path,
+    *,
+    host: str = LOOPBACK,
+    port: int = 8080,
+    effects_file: Path | None = None,
+    saved: Opening | None = None,
+) -> None:
     """Serve until interrupted (Ctrl-C); says on stdout where the page is.
 
     Raises: as `serving`.
     """
-    with serving(path, host=host, port=port, effects_file=effects_file) as app:
+    with serving(path, host=host, port=port, effects_file=effects_file, saved=saved) as app:
         sys.stdout.write(f"Open {url_of(app.server)} in a browser. Ctrl-C ends.\n")
         sys.stdout.flush()
         try:

@@ -8,11 +8,13 @@ STEPS: dict[str, tuple[str, ...]] = {  # a step without tabs of its own is one i
     "Measure": ("Scans", "Planes", "Corner"),
     "Model": ("Compare", "Fit", "Redundancy"),
     "Learn": ("What is missing", "Where it fails"),
+    "Take away": (),
 }
 ICONS = {
     "Measure": viser.Icon.RULER_MEASURE,
     "Model": viser.Icon.ROBOT,
     "Learn": viser.Icon.BULB,
+    "Take away": viser.Icon.DOWNLOAD,
 }
 MODEL_FIRST = ("Learn", "Model", "Measure")
 
