@@ -178,6 +178,38 @@ def test_two_pages_see_one_session_and_one_may_leave(app: App, page: WireClient)
         shows(late, "Verdict: ", f"link errors + {HIDDEN}")
 
 
+def test_two_pages_that_press_at_once_end_up_alike(app: App, page: WireClient) -> None:
+    with WireClient(app.server.get_port()) as other:
+        for _ in range(25):
+            page.trigger("Next pose")
+            other.click(ADD)
+            other.set("Model", UNDO)
+        assert app.worker.wait_idle(IDLE_S)
+        shows(page, "26 of 45")
+        shows(other, "26 of 45")
+        page.click(ADD)
+        shows(other, f"link errors + {HIDDEN}", "nothing more is missing")
+        assert app.worker.wait_idle(IDLE_S)
+        page.wait(lambda p: p.text() == other.text())
+        assert page.figures() == other.figures()
+        assert not page.notifications
+        assert not other.notifications
+
+
+def test_a_page_that_vanishes_in_the_middle_harms_no_one(app: App, page: WireClient) -> None:
+    other = WireClient(app.server.get_port())
+    other.click(FIND)
+    page.wait(lambda p: p.has("Stop looking"))
+    other.vanish()
+    page.trigger("Next pose")
+    shows(page, "2 of 45")
+    page.wait(lambda p: "Verdict: " in plain(p), 60)
+    assert app.worker.wait_idle(IDLE_S)
+    with WireClient(app.server.get_port()) as late:
+        shows(late, "Verdict: ", "2 of 45")
+    assert not page.notifications
+
+
 def test_an_effect_that_does_not_help_is_shown_as_such(app: App, page: WireClient) -> None:
     page.click(ADD)
     shows(page, f"+ {HIDDEN}: the test error fell")

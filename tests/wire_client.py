@@ -5,6 +5,7 @@ It can do what a page does and, unlike a page, whatever a hostile client would d
 
 from __future__ import annotations
 
+import socket
 import struct
 import threading
 from collections.abc import Callable
@@ -75,6 +76,10 @@ class WireClient:
 
     def close(self) -> None:
         self._socket.close()
+
+    def vanish(self) -> None:
+        """Leave without a word, as a page whose machine falls asleep."""
+        self._socket.socket.shutdown(socket.SHUT_RDWR)
 
     def send(self, **message: Any) -> None:
         self._socket.send(msgspec.msgpack.encode(message))
