@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import argparse
 import os
+import resource
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations
@@ -251,9 +252,10 @@ def tell_outside(rows: pd.DataFrame) -> None:
 
 
 def tell_growth(counts: Sequence[int]) -> None:
-    """Seconds for the parts of a diagnosis as the poses become more: medians of five, one run from 1000 poses on."""
-    print("seconds, RB5 with joint compliance, this process alone")
-    for count in counts:
+    """Seconds for the parts of a diagnosis and peak memory as the poses become more, and by which power they grow."""
+    print("seconds of CPU, RB5 with joint compliance, this process alone; in brackets the power of growth")
+    before: tuple[int, dict[str, float]] | None = None
+    for count in sorted(counts):
         dataset = simulate_dataset(
             builtin_robot("rb5"),
             rng=np.random.default_rng(count),
@@ -262,25 +264,52 @@ def tell_growth(counts: Sequence[int]) -> None:
             conditions=True,
             poses=round(count * 80 / 64),
         ).dataset
-        spent = pd.DataFrame([seconds_of(dataset) for _ in range(5 if count < 1000 else 1)]).median()
-        told = ", ".join(f"{name} {value:.3f}" for name, value in spent.items())
-        print(f"  {np.sum(~dataset.poses.is_test)} training poses: {told}")
+        spent = (
+            pd.DataFrame([seconds_of(dataset) for _ in range(5 if count < 1000 else 1)]).median().to_dict()
+        )
+        told = [f"{name} {value:.3f}{growth(name, count, spent, before)}" for name, value in spent.items()]
+        memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # of the process so far
+        poses = np.sum(~dataset.poses.is_test)
+        print(f"  {poses} training poses: {', '.join(told)}; peak memory {memory_mb:.0f} MB", flush=True)
+        before = (count, spent)
+
+
+def growth(
+    name: str, count: int, spent: Mapping[str, float], before: tuple[int, Mapping[str, float]] | None
+) -> str:
+    """The power p of time ~ poses^p from one count to the next."""
+    if before is None:
+        return ""
+    return f" ({np.log(spent[name] / before[1][name]) / np.log(count / before[0]):.2f})"
 
 
 def seconds_of(dataset: Dataset) -> dict[str, float]:
-    """Wall time of each part. The refit is the step of the diagnosis: the members and sizes that the evidence chose."""
-    clock = [time.perf_counter()]
+    """CPU time of each part. The refit is the step of the diagnosis: the members and sizes that the evidence chose."""
+    clock = [time.process_time()]
+
+    def done() -> None:
+        clock.append(time.process_time())
+
     fitted = calibrate(dataset)
-    clock.append(time.perf_counter())
+    done()
     best = screen(fitted, effects_for(dataset)).candidates[0]
-    clock.append(time.perf_counter())
+    done()
+    calibrate(dataset, effects=best.members, sizes=best.sizes, start=fitted)
+    done()
     calibrate(dataset, effects=best.members, sizes=best.sizes)
-    clock.append(time.perf_counter())
-    calibrate(dataset, effects=effects_named(dataset, ["joint_compliance"]))
-    clock.append(time.perf_counter())
+    done()
+    calibrate(dataset, effects=effects_named(dataset, ["joint_compliance"]), start=fitted)
+    done()
     diagnose(dataset)
-    clock.append(time.perf_counter())
-    names = ("geometric fit", "all families", "refit of the best", "refit with all joints", "diagnosis")
+    done()
+    names = (
+        "geometric fit",
+        "all families",
+        "refit of the best, from that fit",
+        "the same from scratch",
+        "refit with all joints",
+        "diagnosis",
+    )
     return dict(zip(names, np.diff(clock).tolist(), strict=True))
 
 
