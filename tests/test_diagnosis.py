@@ -17,7 +17,6 @@ from calib.effects.descriptions import FAMILY_NAMES
 from calib.effects.own import check_effects, load_effects
 from calib.effects.state import RobotState
 from calib.errors import CalibError, FitError
-from calib.evidence import Problem, holm, weigh
 from calib.explanation import explain
 from calib.failure import failure_of
 from calib.leftover import leftover_of
@@ -270,29 +269,6 @@ def test_where_it_fails_shows_the_joint_that_fails() -> None:
     assert failure.worst(3)[0] == frame_of.sort_values("error_mm").iloc[-1]["pose"]
 
 
-def test_evidence_and_gate_are_blind_to_the_noises_size_and_order() -> None:
-    rng = np.random.default_rng(0)
-    columns = tuple(rng.normal(size=(100, 2)) for _ in range(4))
-    residual = rng.normal(size=100) + columns[2] @ [0.8, -0.5]
-    one = weigh(Problem(residual, columns, 100))
-    scaled = weigh(Problem(7.0 * residual, tuple(7.0 * c for c in columns), 100))
-    turned = weigh(Problem(residual, columns[::-1], 100))
-    assert one.p_value < 1e-6
-    assert scaled.p_value == pytest.approx(one.p_value)
-    assert scaled.log_evidence == pytest.approx(one.log_evidence, abs=0.1)  # sizes come from a grid
-    assert turned.log_evidence == pytest.approx(one.log_evidence)
-    assert np.flatnonzero(one.sizes).tolist() == [2]
-    np.testing.assert_allclose(one.coefficients[2], [0.8, -0.5], atol=0.35)
-
-
-def test_p_values_of_pure_noise_are_uniform_or_larger() -> None:
-    rng = np.random.default_rng(1)
-    columns = tuple(rng.normal(size=(60, 2)) for _ in range(5))
-    p = np.array([weigh(Problem(rng.normal(size=60), columns, 60)).p_value for _ in range(400)])
-    assert np.mean(p < 0.05) < 0.08
-    assert np.mean(p < 0.01) < 0.03
-
-
 def test_structure_of_pure_noise_is_rarely_found() -> None:
     alarms = 0
     for seed in range(12):
@@ -300,10 +276,6 @@ def test_structure_of_pure_noise_is_rarely_found() -> None:
         remains = examine(dataset, leftover_of(calibrate(dataset)), draws=199)
         alarms += bool(remains.structured) or bool(remains.outlier_poses)
     assert alarms <= 2
-
-
-def test_holm_is_the_textbooks() -> None:
-    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
 
 
 def test_the_explanation_says_what_an_engineer_asks() -> None:
