@@ -142,12 +142,12 @@ def _screenshot(asked: Asked, client: viser.ClientHandle) -> tuple[str, bytes]:
 
 
 MAKERS: dict[str, Callable[[Asked], tuple[str, bytes]]] = {
-    "Report": _report,
-    "Calibrated robot": _robot,
-    "Session": _session,
-    "Residuals": _residuals,
-    "Measured points": _points,
-    "Redundancy": _redundancy,
-    "3D scene": _scene,
+    "Report (HTML)": _report,
+    "Calibrated robot (TOML)": _robot,
+    "Session (JSON)": _session,
+    "Residuals (CSV)": _residuals,
+    "Measured points (CSV)": _points,
+    "Redundancy (CSV)": _redundancy,
+    "3D scene (GLB)": _scene,
 }
 """How each is made; the screenshot needs its page."""

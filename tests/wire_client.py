@@ -49,6 +49,8 @@ class WireClient:
         self.scene: dict[str, dict[str, Any]] = {}
         self.commands: dict[str, dict[str, Any]] = {}
         self.notifications: list[dict[str, Any]] = []
+        self.downloads: dict[str, bytes] = {}  # by file name, those that came whole
+        self._coming: dict[str, tuple[str, int, dict[int, bytes]]] = {}
         self.log: list[str] = []
         self.bytes_received = 0
         self._changed = threading.Condition()
@@ -109,6 +111,13 @@ class WireClient:
             self.commands[m["uuid"]] = m["props"]
         elif kind == "NotificationShowMessage":
             self.notifications.append(m)
+        elif kind == "FileTransferStartDownload":
+            self._coming[m["transfer_uuid"]] = (m["filename"], m["part_count"], {})
+        elif kind == "FileTransferPart":
+            name, parts, got = self._coming[m["transfer_uuid"]]
+            got[m["part_index"]] = bytes(m["content"])
+            if len(got) == parts:
+                self.downloads[name] = b"".join(got[i] for i in range(parts))
         elif kind == "GuiUpdateMessage":
             for name, value in m["updates"].items() if m["uuid"] in self.gui else ():
                 if name == "value":

@@ -13,42 +13,42 @@ NOTE = (
     "Each is made when you press and goes to your browser's downloads; nothing is written where the server runs. "
     "Behind each stands the command that does the same."
 )
-SCREENSHOT = "Screenshot"
+SCREENSHOT = "Screenshot (PNG)"
 ITEMS: dict[str, tuple[str, str]] = {  # what the button is called: icon, what the file holds
-    "Report": (
+    "Report (HTML)": (
         viser.Icon.FILE_DESCRIPTION,
-        "HTML, one page to send to someone: verdict, figures that can be hovered, parameters, method, versions. "
-        "Opens without a network. inspector report",
+        "One page to send to someone: verdict, figures that can be hovered, parameters, method, versions. "
+        "Opens without a network. Command: inspector report",
     ),
-    "Calibrated robot": (
+    "Calibrated robot (TOML)": (
         viser.Icon.ROBOT,
-        "robot.toml with the fitted table, unless the test poses got worse; effects have no place in it. "
-        "inspector calibrate --out",
+        "The fitted table as robot.toml, unless the test poses got worse; effects have no place in it. "
+        "Command: inspector calibrate --out",
     ),
-    "Session": (
+    "Session (JSON)": (
         viser.Icon.DEVICE_FLOPPY,
-        "JSON: the dataset's name and content, the steps of the model, what is on show. Open it again with "
-        "inspector serve --session; made by inspector calibrate --session",
+        "The dataset's name and content, the steps of the model, what is on show. Open it again with "
+        "inspector serve --session; made by the command inspector calibrate --session",
     ),
-    "Residuals": (
+    "Residuals (CSV)": (
         viser.Icon.TABLE,
-        "CSV, a row a pose: role, error, predicted and measured point in mm, every input. "
-        "inspector calibrate --residuals",
+        "A row a pose: role, error, predicted and measured point in mm, every input. "
+        "Command: inspector calibrate --residuals",
     ),
-    "Measured points": (
+    "Measured points (CSV)": (
         viser.Icon.TABLE,
-        "CSV in the form of points.csv: corners in mm in the scanner's frame with covariance. inspector corners --out",
+        "In the form of points.csv: corners in mm in the scanner's frame with covariance. Command: inspector corners --out",
     ),
-    "Redundancy": (
+    "Redundancy (CSV)": (
         viser.Icon.TABLE,
-        "CSV: Pearson's r of all pairs of parameters. inspector redundancy --out",
+        "Pearson's r of all pairs of parameters. Command: inspector redundancy --out",
     ),
-    "3D scene": (
+    "3D scene (GLB)": (
         viser.Icon.CUBE,
-        "GLB for Blender and the like, in metres: the arm at this pose, measured and predicted points, residuals as "
-        "long as on show. inspector calibrate --scene",
+        "For Blender and the like, in metres: the arm at this pose, measured and predicted points, residuals as "
+        "long as on show. Command: inspector calibrate --scene",
     ),
-    SCREENSHOT: (viser.Icon.CAMERA, "PNG of your 3D view as it is now, as large as your window."),
+    SCREENSHOT: (viser.Icon.CAMERA, "Your 3D view as it is now, as large as your window."),
 }
 
 
