@@ -2,8 +2,8 @@
 
 Jang chooses three groups with perpendicular normals and near centres. Beside a box, or in a room, several triples are
 perpendicular; what tells the jig is its outline. Seen from the apex each face is a right triangle with legs of the
-jig's edge: a plane of the jig fills its triangle and ends there, others leave it empty or spill over. A candidate is
-worth what its weakest face is worth.
+jig's edge: a plane of the jig fills its triangle, ends there, and nobody sees through it. Others leave it empty, spill
+over, or show what stands behind. A candidate is worth what its weakest face is worth.
 
 A face that got no group of its own (nearly edge-on, or mostly hidden) is voted for: the two other planes leave one
 direction for its normal, and its points agree on one offset along it.
@@ -11,21 +11,25 @@ direction for its normal, and its points agree on one offset along it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.clustering import PlaneGroup
+from calib.intersection import intersect
 from calib.jig import Jig
 from calib.normals import Neighbourhoods
 
 _CELLS = 12  # cells along an edge when a face's area is counted
 _TRIANGLE_CELLS = _CELLS * (_CELLS - 1) // 2  # whole cells in the triangle
+_COLLAR = 0.25  # of the edge
 _MOST_GROUPS = 60
 _MOST_PEAKS = 4
-_CLEAR = 0.03  # of the edge: voters keep this distance from the other two faces and the far edge
+_SETS_TO_TELL_OF = 3  # a plane of fewer sets is mostly a splinter of another
+_CLEAR = 0.015  # of the edge: voters keep this distance from the other two faces and the far edge
+_NEAR_END = 0.12  # of the edge: how far from where the two other faces end the third may be
 
 
 @dataclass(frozen=True)
@@ -36,9 +40,13 @@ class ChoiceTolerances:
     member_normal_rad: float  # a point belongs to a plane if its own normal agrees to this
     height_mm: float  # ... and its height over the plane is below this
     # What the best, the second and the weakest face have to be worth. A cube's square face, of whatever size, is worth
-    # 0.75 at most as a triangle, so no box passes the first two. A jig in plain view reaches 1.0 and 0.92.
-    least_worth: tuple[float, float, float] = (0.9, 0.8, 0.06)
-    min_votes: int = 12
+    # 0.75 at most as a triangle, so no box passes the first. A jig in plain view reaches 1.0 and 0.92; the second face
+    # may be half hidden.
+    least_worth: tuple[float, float, float] = (0.85, 0.4, 0.04)
+    most_wrong: float = (
+        0.2  # share of a face that may be seen through or spilt over; its edges are never quite sharp
+    )
+    min_votes: int = 6
 
 
 @dataclass(frozen=True)
@@ -47,33 +55,39 @@ class FaceChoice:
 
     groups: tuple[PlaneGroup, ...]  # all groups; where a face was voted for, it is the last and has no sets
     chosen: tuple[int, int, int]  # indices into groups
-    worth: NDArray  # (3,) share of the face that has points, less what spills over it
+    worth: NDArray  # (3,) share of the face that has points, less the share that is wrong
+    wrong: NDArray  # (3,) area of what is seen through the face or spills over it, as a share of the face
 
 
-def choose_faces(
+def face_choices(
     points_mm: NDArray,
     groups: Sequence[PlaneGroup],
     around: Neighbourhoods,
     jig: Jig,
     tolerances: ChoiceTolerances,
-) -> FaceChoice | str:
-    """The three planes that look most like the jig, or the reason why none do, with numbers and a way out.
+) -> Iterator[FaceChoice]:
+    """The triples of planes that look like the jig, the likeliest first; those with a voted face come last.
 
     points_mm  # (N, 3) the whole scan; `around` its thinned points with normals.
     """
     planes = _Planes(groups, around, jig, tolerances)
-    triples = planes.triples()
-    found = _best(triples, tolerances) or _best(_vote_third_faces(points_mm, planes), tolerances)
-    if found is not None:
-        return found
-    mirrored = replace(jig, convex=not jig.convex)
-    if _best(_Planes(groups, around, mirrored, tolerances).triples(), tolerances) is not None:
+    yield from _acceptable(planes.triples(), tolerances)
+    yield from _acceptable(_vote_third_faces(points_mm, planes), tolerances)
+
+
+def why_none(
+    groups: Sequence[PlaneGroup], around: Neighbourhoods, jig: Jig, tolerances: ChoiceTolerances
+) -> str:
+    """Why no three planes are the jig, with numbers and a way out."""
+    mirrored = _Planes(groups, around, replace(jig, convex=not jig.convex), tolerances)
+    if _acceptable(mirrored.triples(), tolerances):
         seen, said = ("away from", "true") if jig.convex else ("toward", "false")
         return (
             f"found a corner of the jig's size whose apex points {seen} the scanner, but the jig is described with "
             f"convex = {said}; check convex in dataset.toml, and that the scanner is the origin of the scan's frame"
         )
-    return _why_none(planes, triples, jig)
+    planes = _Planes(groups, around, jig, tolerances)
+    return _what_was_found(planes, planes.triples(), jig)
 
 
 class _Planes:
@@ -107,8 +121,7 @@ class _Planes:
         for i, j in np.argwhere(np.triu(self.perpendicular)).tolist():
             for k in np.flatnonzero(self.perpendicular[i] & self.perpendicular[j]).tolist():
                 if k > j:
-                    worth = [self.worth(i, (j, k)), self.worth(j, (i, k)), self.worth(k, (i, j))]
-                    found.append(FaceChoice(self.groups, (i, j, k), np.array(worth)))
+                    found.append(self.candidate(self.groups, (i, j, k)))
         return found
 
     def strip(self, pair: tuple[int, int]) -> NDArray:
@@ -117,38 +130,82 @@ class _Planes:
         along = self.sign * self.heights[members, pair[1]]
         return members[(along > -0.1 * self.edge_mm) & (along < self.edge_mm)]
 
-    def worth(self, face: int, others: tuple[int, int]) -> float:
-        """Worth of one plane as the face between the two edges that leave the planes `others`."""
-        return outline_worth(
-            self.sign * self.heights[np.ix_(self.members[face], np.array(others))], self.edge_mm
+    def candidate(self, groups: tuple[PlaneGroup, ...], chosen: tuple[int, int, int]) -> FaceChoice:
+        """Three planes with what each is worth as the face between the edges that leave the two others."""
+        normals = np.array([groups[g].normal for g in chosen])
+        offsets = np.array([groups[g].offset_mm for g in chosen])
+        apex = intersect(normals, offsets)
+        near = np.sum(np.cross(self.around.points_mm, apex) ** 2, axis=1) < (1.5 * self.edge_mm) ** 2 * (
+            apex @ apex
         )
+        points, point_normals = self.around.points_mm[near], self.around.normals[near]
+        heights = points @ normals.T - offsets
+        solid = (
+            self.around.thickness_mm[near] < self.tolerances.height_mm
+        )  # part of a surface, no stray point
+        shares = []
+        for face in range(3):
+            others = [i for i in range(3) if i != face]
+            on = np.abs(heights[:, face]) <= self.tolerances.height_mm
+            agrees = point_normals @ normals[face] >= np.cos(self.tolerances.member_normal_rad)
+            # Where the ray of a point behind the plane has gone through it; the scanner is the origin.
+            behind = solid & (heights[:, face] < -2 * self.tolerances.height_mm)
+            way = points[behind] @ normals[face]
+            crossing = points[behind] * (offsets[face] / np.where(way < 0, way, -np.inf))[:, None]
+            through = crossing @ normals[others].T - offsets[others]
+            shares.append(
+                outline_shares(
+                    self.sign * heights[np.ix_(on, others)],
+                    agrees[on],
+                    self.sign * through,
+                    self.edge_mm,
+                )
+            )
+        filled, spilt, seen_through = np.array(shares).T
+        # One face may be mostly broken or cut away, where one does see through it.
+        seen_through[np.argmin(filled - spilt - seen_through)] = 0.0
+        wrong = spilt + seen_through
+        return FaceChoice(groups, chosen, filled - wrong, wrong)
 
 
-def outline_worth(along_mm: NDArray, edge_mm: float) -> float:
-    """Share of a face's triangle that has points, less the area (in triangles) of the points that spill over it.
+def outline_shares(
+    along_mm: NDArray, agrees: NDArray, through_mm: NDArray, edge_mm: float
+) -> tuple[float, float, float]:
+    """Areas, as shares of a face's triangle, that are filled, spilt over, and seen through.
 
-    along_mm  # (K, 2) coordinates of the plane's points along the face's two edges, from the apex. Both areas are
-    counted in cells of a twelfth of the edge, so that the density of the points does not matter.
+    along_mm  # (K, 2) coordinates of the plane's points along the face's two edges, from the apex; agrees  # (K,)
+    whether a point's own normal is that of the plane, without which it is not counted as spilt: it may belong to what
+    the plane cuts. What spills does so in a collar around the triangle; farther off the plane may graze something else.
+    through_mm  # (M, 2) where the rays of points behind the plane went through it. All areas are
+    counted in cells of a twelfth of the edge, so that the density of the points does not matter; a cell with more
+    points behind it than on it is seen through.
     """
+    on, behind = np.zeros((2, 2 * _CELLS, 2 * _CELLS), dtype=np.int64)
     a, b = along_mm.T / edge_mm
-    near = (a > -0.5) & (b > -0.5) & (a < 1.5) & (b < 1.5)
-    a, b = a[near], b[near]
-    i, j = np.floor(a * _CELLS).astype(int), np.floor(b * _CELLS).astype(int)
-    key = (i + _CELLS) * 4 * _CELLS + j + _CELLS
-    inside = (i >= 0) & (j >= 0) & (i + j <= _CELLS - 2)
     margin = 0.5 / _CELLS
-    spills = (a < -margin) | (b < -margin) | (a + b > 1 + 1.5 * margin)
-    filled, spilt = len(np.unique(key[inside])), len(np.unique(key[spills]))
-    return filled / _TRIANGLE_CELLS - spilt / (_CELLS**2 / 2)
+    spills = agrees & ((a < -margin) | (b < -margin) | (a + b > 1 + 1.5 * margin))
+    spills &= (a > -_COLLAR) & (b > -_COLLAR) & (a + b < 1 + np.sqrt(2) * _COLLAR)
+    spilt = len(np.unique(np.floor(along_mm[spills] / edge_mm * _CELLS).astype(int), axis=0))
+    for table, points in ((on, along_mm), (behind, through_mm)):
+        cell = np.floor(points[np.all((points >= 0) & (points < edge_mm), axis=1)] / edge_mm * _CELLS).astype(
+            int
+        )
+        np.add.at(table, (cell[:, 0], cell[:, 1]), 1)
+    row, column = np.indices(on.shape)
+    inside = row + column <= _CELLS - 2
+    filled = int(np.sum(inside & (on > 0) & (on >= behind)))
+    seen_through = int(np.sum(inside & (behind > on)))
+    return filled / _TRIANGLE_CELLS, spilt / (_CELLS**2 / 2), seen_through / _TRIANGLE_CELLS
 
 
-def _best(candidates: Sequence[FaceChoice], tolerances: ChoiceTolerances) -> FaceChoice | None:
-    """The candidate with the most worth in its weakest face, of those whose faces all reach what they have to."""
+def _acceptable(candidates: Sequence[FaceChoice], tolerances: ChoiceTolerances) -> list[FaceChoice]:
+    """The candidates whose faces all reach what they have to, the one with the most worth in all first."""
 
     def is_jig(candidate: FaceChoice) -> bool:
-        return bool(np.all(np.sort(candidate.worth)[::-1] >= tolerances.least_worth))
+        enough = np.all(np.sort(candidate.worth)[::-1] >= tolerances.least_worth)
+        return bool(enough and candidate.wrong.max() <= tolerances.most_wrong)
 
-    return max(filter(is_jig, candidates), key=lambda c: float(c.worth.min()), default=None)
+    return sorted(filter(is_jig, candidates), key=lambda c: -float(c.worth.sum()))
 
 
 def _vote_third_faces(points_mm: NDArray, planes: _Planes) -> list[FaceChoice]:
@@ -177,20 +234,16 @@ def _vote(points_mm: NDArray, planes: _Planes, pair: tuple[int, int]) -> list[Fa
         third = -third
     along = planes.sign * (points_mm @ normals.T - offsets)
     over = np.all(along > _CLEAR * edge_mm, axis=1) & (along.sum(axis=1) < (1 - _CLEAR) * edge_mm)
-    along, height = along[over], points_mm[over] @ third
+    height = points_mm[over] @ third
+    # The two faces end at the third one, so they tell its offset to a cell or so; its few points tell the rest.
+    ends = [float(np.quantile(planes.sign * (strip @ third), 0.02)) * planes.sign for strip in strips]
+    close = np.abs(height - 0.5 * sum(ends)) < _NEAR_END * edge_mm
     found = []
-    for offset in _fullest_bands(height, height_mm / 2, planes.tolerances.min_votes):
-        worth = []
-        for face, other in (pair, pair[::-1]):
-            members = planes.members[face]
-            heights = np.column_stack([planes.heights[members, other], thinned_mm[members] @ third - offset])
-            worth.append(outline_worth(planes.sign * heights, edge_mm))
+    for offset in _fullest_bands(height[close], height_mm / 2, planes.tolerances.min_votes):
         on = np.abs(height - offset) <= height_mm / 2
-        # The voters all lie inside the outline, so they cannot spill: a voted face is never one of the two best.
-        worth.append(min(outline_worth(along[on], edge_mm), *worth))
-        centre = points_mm[over][on].mean(axis=0)
-        voted = PlaneGroup(np.zeros(0, dtype=np.int64), centre, third, offset)
-        found.append(FaceChoice((*planes.groups, voted), (*pair, len(planes.groups)), np.array(worth)))
+        voted = PlaneGroup(np.zeros(0, dtype=np.int64), points_mm[over][on].mean(axis=0), third, offset)
+        groups = (*planes.groups, voted)
+        found.append(planes.candidate(groups, (pair[0], pair[1], len(planes.groups))))
     return found
 
 
@@ -208,10 +261,10 @@ def _fullest_bands(height_mm: NDArray, width_mm: float, min_votes: int) -> list[
     return bands
 
 
-def _why_none(planes: _Planes, triples: Sequence[FaceChoice], jig: Jig) -> str:
-    """Why no three planes are the jig."""
-    count = len(planes.groups)
-    sizes = [f"{len(m)}" for m in planes.members[:3]]
+def _what_was_found(planes: _Planes, triples: Sequence[FaceChoice], jig: Jig) -> str:
+    """The planes and triples there were, and what to do."""
+    count = sum(len(g.sets) >= _SETS_TO_TELL_OF for g in planes.groups) or len(planes.groups)
+    sizes = [f"{len(m)}" for m in planes.members[: min(count, 3)]]
     if count < 3:
         found = f"found {count} plane{'s' * (count != 1)}" + (
             f" ({' and '.join(sizes)} points)" if sizes else ""

@@ -8,16 +8,17 @@ from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass, field
 from functools import partial
 from hashlib import blake2b
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.choice import ChoiceTolerances, FaceChoice, choose_faces
+from calib.choice import ChoiceTolerances, face_choices, why_none
 from calib.clustering import ClusterTolerances, PlaneGroup, cluster
 from calib.dataset import Dataset
 from calib.errors import CornerError, DatasetError, ScanError
-from calib.filters import FilterTolerances, SampleSets, apply_filters, draw_sample_sets
+from calib.filters import FilterTolerances, SampleSets, apply_filters, draw_sample_sets, walk_for
 from calib.intersection import Corner
 from calib.jig import Jig
 from calib.normals import Neighbourhoods, estimate_normals, thin_to_voxels
@@ -26,6 +27,7 @@ from calib.refinement import RefinementOptions, refine
 from calib.scan import Scan, load_scan
 
 MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
+MOST_CHOICES = 4  # triples of planes that are refined before the search gives up
 _EDGE_VOXELS = 35  # voxels along the jig's edge
 
 
@@ -101,21 +103,29 @@ def find_corner(
     around = estimate_normals(scan.points_mm[thin_to_voxels(scan.points_mm, jig.edge_mm / _EDGE_VOXELS)])
     tolerances = _Tolerances.of(around, jig, max(scan_sigma_mm or 0.0, around.noise_mm()))
     drawn = draw_sample_sets(
-        around.tree, options.sample_sets, rng or _generator(scan.points_mm), local=options.local_sets
+        around.neighbours,
+        options.sample_sets,
+        rng or _generator(scan.points_mm),
+        long_walk=walk_for(2 * tolerances.filters.distance_mm[0], around.reach_mm),
+        local=options.local_sets,
     )
     sets = apply_filters(around.points_mm[drawn], around.normals[drawn], tolerances.filters)
     groups = cluster(sets, tolerances.clusters)
-    choice = choose_faces(scan.points_mm, groups, around, jig, tolerances.choice)
     chosen: tuple[int, ...] = ()
-    corner = None
-    if isinstance(choice, FaceChoice):
-        groups, chosen = choice.groups, choice.chosen
+    corner, all_groups, failure = None, groups, ""
+    for choice in islice(face_choices(scan.points_mm, groups, around, jig, tolerances.choice), MOST_CHOICES):
         sigma_mm = tolerances.clusters.sigma_mm
-        corner, failure = refine(scan.points_mm, groups, choice.chosen, jig, sigma_mm, options.refinement)
-    else:
-        failure = choice
+        corner, said = refine(
+            scan.points_mm, choice.groups, choice.chosen, jig, sigma_mm, options.refinement, scan_sigma_mm
+        )
+        if not chosen or corner is not None:  # what is told of a failure is that of the likeliest
+            all_groups, chosen, failure = choice.groups, choice.chosen, said
+        if corner is not None:
+            break
+    if not chosen:
+        failure = why_none(groups, around, jig, tolerances.choice)
     return CornerSearch(
-        scan.name, around.points_mm, around.normals, sets, groups, chosen, corner, failure, elapsed()
+        scan.name, around.points_mm, around.normals, sets, all_groups, chosen, corner, failure, elapsed()
     )
 
 
@@ -179,12 +189,12 @@ class _Tolerances:
     @staticmethod
     def of(around: Neighbourhoods, jig: Jig, sigma_mm: float) -> _Tolerances:
         edge_mm = jig.edge_mm
-        normals_rad = float(np.clip(4 * np.median(around.normal_sigma_rad), np.radians(8), np.radians(25)))
+        normals_rad = float(np.clip(5 * np.median(around.normal_sigma_rad), np.radians(8), np.radians(25)))
         height_mm = max(15 * sigma_mm, edge_mm / 120)
         out_of_square_rad = np.radians(max(abs(angle - 90) for angle in jig.face_angles_deg))
         return _Tolerances(
             FilterTolerances(
-                distance_mm=(max(edge_mm / 40, 20 * sigma_mm), edge_mm / 3),
+                distance_mm=(max(edge_mm / 40, 12 * sigma_mm), edge_mm / 3),
                 point_normals_rad=normals_rad,
                 triangle_normals_rad=max(np.radians(3), 0.6 * normals_rad),
             ),
@@ -192,7 +202,7 @@ class _Tolerances:
                 parallel_rad=np.radians(4), in_plane_rad=np.radians(4), height_mm=height_mm, sigma_mm=sigma_mm
             ),
             ChoiceTolerances(
-                perpendicular_rad=np.radians(1.5) + out_of_square_rad,
+                perpendicular_rad=np.radians(1.5) + out_of_square_rad + 12 * sigma_mm / edge_mm,
                 member_normal_rad=max(normals_rad, np.radians(15)),
                 height_mm=height_mm,
             ),

@@ -3,7 +3,7 @@
 A passing set is a small piece of a plane: its points, its centroid and the mean normal of its four triangles. The
 paper draws the four points from the whole scan; there one set in 8000 passes filter 1 in a scene with background. Here
 the sets are drawn among neighbours, at two scales: the small one fits into a narrow face, the large one gives a normal
-that carries across it. All sets pass through the filters in one batch, as arrays.
+that carries across it, and is larger still where the noise is. All sets pass the filters in one batch, as arrays.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 PASSED = 0
-LOCAL_SCALES = (36, 160)  # neighbours among which a set's points are drawn
+SHORT_WALK, LONG_WALK = 2, 8  # steps from neighbour to neighbour: as far as 36 and 160 nearest points reach
+_LONGEST_WALK = 60
 _PAIRS = tuple(combinations(range(4), 2))
 _TRIANGLES = tuple(combinations(range(4), 3))
 
@@ -51,25 +51,39 @@ class FilterTolerances:
     triangle_normals_rad: float  # filter 3: largest angle of a triangle's normal to the points' mean normal
 
 
-def draw_sample_sets(tree: cKDTree, count: int, rng: np.random.Generator, *, local: bool = True) -> NDArray:
-    """Indices (count, 4) of the points of each set into the tree's points.
+def draw_sample_sets(
+    neighbours: NDArray,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    long_walk: int = LONG_WALK,
+    local: bool = True,
+) -> NDArray:
+    """Indices (count, 4) of the points of each set.
 
-    `local` draws each set around a random point, half of the sets among its 36 nearest, half among its 160 nearest
-    points; otherwise the four points come from the whole cloud, as in the paper. A set whose draw hit a point twice is
-    left to filter 3, which no such set passes.
+    neighbours  # (V, k) indices of each point's nearest points. `local` draws each set around a random point, by four
+    walks from neighbour to neighbour: of 2 steps for half of the sets, of `long_walk` steps for the other half.
+    Otherwise the four points come from the whole cloud, as in the paper. A set whose draw hit a point twice is left to
+    filter 3, which no such set passes.
     """
-    total = tree.n
+    total, k = neighbours.shape
     if not local:
         return rng.integers(total, size=(count, 4))
     parts = []
-    for scale in LOCAL_SCALES:
-        size = count // len(LOCAL_SCALES)
-        seeds = rng.integers(total, size=size)
-        k = min(scale, total)
-        _, near = tree.query(tree.data[seeds], k=k)
-        chosen = rng.integers(k, size=(size, 3))
-        parts.append(np.c_[seeds, np.take_along_axis(near.reshape(size, k), chosen, axis=1)])
+    for steps in (SHORT_WALK, long_walk):
+        at = np.repeat(rng.integers(total, size=(count // 2, 1)), 4, axis=1)
+        for turns in rng.integers(k, size=(steps, *at.shape)):
+            at = neighbours[at, turns]
+        parts.append(at)
     return np.concatenate(parts)
+
+
+def walk_for(distance_mm: float, step_mm: float) -> int:
+    """Steps of a walk that strays `distance_mm` off (RMS), between neighbourhoods of radius `step_mm`; 8 at least.
+
+    One step strays r / sqrt(2) off, n steps sqrt(n) times as far.
+    """
+    return int(np.clip(2 * (distance_mm / max(step_mm, 1e-9)) ** 2, LONG_WALK, _LONGEST_WALK))
 
 
 def filter_1(points_mm: NDArray, distance_mm: tuple[float, float]) -> NDArray:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.quality import CornerQuality
+
 
 @dataclass(frozen=True)
 class Face:
@@ -33,9 +35,8 @@ class Corner:
     xyz_mm: NDArray  # (3,)
     covariance_mm2: NDArray  # (3, 3)
     faces: tuple[Face, Face, Face]
-    plane_covariance: (
-        NDArray  # (9, 9) of the three faces' (h, s_1, s_2) in turn; faces share a smooth scanner error
-    )
+    plane_covariance: NDArray  # (9, 9) of the faces' (h, s_1, s_2) in turn: a smooth scanner error is shared
+    quality: CornerQuality
 
     def sigma_mm(self) -> float:
         """Standard deviation of the apex, all three axes together: sqrt(trace of the covariance)."""

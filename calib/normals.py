@@ -28,7 +28,8 @@ class Neighbourhoods:
     normals: NDArray  # (V, 3) unit, toward the scanner
     thickness_mm: NDArray  # (V,) noise along the normal, as the neighbours show it
     normal_sigma_rad: NDArray  # (V,) the normal's own uncertainty
-    tree: cKDTree  # of points_mm
+    neighbours: NDArray  # (V, k) indices of the nearest points, the point itself first
+    reach_mm: float  # median radius of a neighbourhood
 
     def noise_mm(self) -> float:
         """Noise along the normals in the flat parts of the scene.
@@ -61,9 +62,9 @@ def estimate_normals(points_mm: NDArray) -> Neighbourhoods:
 
     points_mm  # (V, 3), V >= 4. The trimming keeps a normal near an edge on its own side of the edge.
     """
-    tree = cKDTree(points_mm)
     k = min(NEIGHBOURS, len(points_mm))
-    _, near = tree.query(points_mm, k=k)
+    tree = cKDTree(points_mm, balanced_tree=False, compact_nodes=False)
+    distance, near = (np.asarray(found) for found in tree.query(points_mm, k=k))
     local = np.ascontiguousarray(np.moveaxis(points_mm[near] - points_mm[:, None], 2, 0))  # (3, V, k)
     kept = max(4, round(TRIM_KEPT * k))
     plane = _fit_planes(local, np.ones((len(points_mm), k)))
@@ -75,7 +76,12 @@ def estimate_normals(points_mm: NDArray) -> Neighbourhoods:
     thickness = np.sqrt(plane.variances[:, 0] / _TRIMMED_VARIANCE)
     sigma_rad = thickness / np.sqrt(np.maximum(plane.variances[:, 1], 1e-12) * kept)
     return Neighbourhoods(
-        points_mm, np.where(away, -plane.normals, plane.normals), thickness, sigma_rad, tree
+        points_mm,
+        np.where(away, -plane.normals, plane.normals),
+        thickness,
+        sigma_rad,
+        near,
+        float(np.median(distance[:, -1])),
     )
 
 

@@ -13,14 +13,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.choice import outline_shares
 from calib.clustering import PlaneGroup
 from calib.intersection import Corner, Face, intersect, intersection_covariance
 from calib.jig import Jig
-from calib.plane_fit import PlaneFit, fit_plane_robustly
-from calib.waviness import plane_uncertainty
+from calib.plane_fit import TUKEY, PlaneFit, fit_plane_robustly
+from calib.quality import CornerQuality, FaceQuality, angle_errors
+from calib.rigid import angle_derivative, found_angles_deg, hold_to_angles, turned_normals
+from calib.waviness import PlaneUncertainty, plane_uncertainty
 
-_ROUNDS = 4
+_ROUNDS = 6
 _BAND_SIGMA = 12.0
+_MARGIN_SIGMA = 4.0  # a face's own noise must not carry its points over the edge into the other face's band
+_RINGS = (
+    1 / 200,
+    1 / 120,
+    1 / 80,
+    1 / 60,
+    1 / 40,
+    1 / 30,
+    1 / 20,
+    1 / 12,
+)  # margins to choose from, of the edge
+_RING_SIGMA = 3.5  # mean height of a ring of points along the edges that tells rounding from noise
 _LEAST_SPREAD = 1 / 200  # standard deviation across the strip of points on a face, of the edge
 SQUARENESS_DEG = 1.0
 MOST_INCIDENCE_DEG = 84.0
@@ -30,8 +45,9 @@ MOST_INCIDENCE_DEG = 84.0
 class RefinementOptions:
     """Which points take part."""
 
-    edge_margin_mm: float = 0.75  # kept away from every edge of a face: rounding, blurred and flying pixels
-    min_face_points: int = 12
+    # Kept away from every edge of a face: rounding, blurred and flying pixels. None: found from the points' heights.
+    edge_margin_mm: float | None = None
+    min_face_points: int = 6
 
 
 def refine(
@@ -41,42 +57,98 @@ def refine(
     jig: Jig,
     sigma_mm: float,
     options: RefinementOptions,
+    scan_sigma_mm: float | None = None,
 ) -> tuple[Corner | None, str]:
     """The corner of three plane groups refined on all inliers, or None and the reason.
 
-    points_mm  # (N, 3) the whole scan; sigma_mm is the noise along the normals, which sets the first, wide bands.
+    points_mm  # (N, 3) the whole scan; sigma_mm is the noise along the normals, which sets the first, wide bands;
+    scan_sigma_mm is what the scanner is said to have, for the quality figures only.
     """
     normals = np.array([groups[g].normal for g in chosen])
     start_offsets = np.array([groups[g].offset_mm for g in chosen])
     origin = intersect(normals, start_offsets)
     near = np.flatnonzero(np.sum((points_mm - origin) ** 2, axis=1) < (1.25 * jig.edge_mm) ** 2)
     local = points_mm[near] - origin  # small numbers: the planes are fitted around the first apex
-    offsets = start_offsets - normals @ origin
-    bands = np.full(3, max(_BAND_SIGMA * sigma_mm, 0.4))
-    planes: list[PlaneFit] = []
-    for _ in range(_ROUNDS):
-        heights = local @ normals.T - offsets
-        planes = []
-        for face in range(3):
-            on = _face_points(heights, face, bands[face], jig, options.edge_margin_mm)
-            failure = _too_little(local[on], jig, options)
-            if failure:
-                return None, failure
-            planes.append(fit_plane_robustly(local[on], near[on], normals[face], offsets[face]))
-        normals = np.array([p.normal for p in planes])
-        offsets = np.array([p.offset_mm for p in planes])
-        bands = np.array([max(_BAND_SIGMA * p.sigma_mm, 1e-6) for p in planes])
-        apex = intersect(normals, offsets)
+    planes, margin_mm, failure = _fit_faces(
+        local, near, normals, start_offsets - normals @ origin, jig, sigma_mm, options
+    )
+    if failure:
+        return None, failure
     known = plane_uncertainty(planes, jig.edge_mm, origin / max(float(np.linalg.norm(origin)), 1e-9))
     failure = _doubt(planes, known.covariance, origin, jig)
     if failure:
         return None, failure
-    covariance = intersection_covariance(normals, height_covariance(planes, known.covariance, apex))
-    first, second, third = (
-        _face(p, known.covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3], origin, group)
-        for i, (p, group) in enumerate(zip(planes, chosen, strict=True))
-    )
-    return Corner(origin + apex, covariance, (first, second, third), known.covariance), ""
+    covariance, moves = known.covariance, np.zeros(9)
+    notes: tuple[str, ...] = ()
+    if jig.certified:
+        rigid = hold_to_angles(planes, known.covariance, jig.face_angles_deg)
+        if rigid.moves is None:
+            notes = (rigid.why,)
+        else:
+            covariance, moves = rigid.covariance, rigid.moves
+    normals = turned_normals(planes, moves)
+    offsets = np.array([normals[i] @ p.centre_mm + moves[3 * i] for i, p in enumerate(planes)])
+    apex = intersect(normals, offsets)
+    corner = Corner(
+        origin + apex,
+        intersection_covariance(normals, height_covariance(planes, covariance, apex)),
+        tuple(_face(p, normals[i], offsets[i], origin, group, covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3])
+            for i, (p, group) in enumerate(zip(planes, chosen, strict=True))),  # type: ignore[arg-type]
+        covariance,
+        _quality(planes, known, covariance, origin, apex, jig, margin_mm, scan_sigma_mm, notes),
+    )  # fmt: skip
+    return corner, ""
+
+
+def _fit_faces(
+    local: NDArray,
+    near: NDArray,
+    normals: NDArray,
+    offsets: NDArray,
+    jig: Jig,
+    sigma_mm: float,
+    options: RefinementOptions,
+) -> tuple[list[PlaneFit], float, str]:
+    """Planes and outlines in turns: the three fits, the margin left along the edges, and why they cannot be made."""
+    bands = np.full(3, _BAND_SIGMA * max(sigma_mm, jig.edge_mm / 1800))
+    margin_mm = options.edge_margin_mm or jig.edge_mm / 40
+    planes: list[PlaneFit] = []
+    for turn in range(_ROUNDS):
+        heights = local @ normals.T - offsets
+        if turn >= _ROUNDS - 3 and options.edge_margin_mm is None:
+            margin_mm = _margin(heights, planes, jig)
+        least_mm = max(margin_mm, _MARGIN_SIGMA * bands.max() / _BAND_SIGMA)
+        planes = []
+        for face in range(3):
+            on = _face_points(heights, face, bands[face], jig, least_mm)
+            failure = _too_little(local[on], jig, options)
+            if failure:
+                return [], margin_mm, failure
+            planes.append(fit_plane_robustly(local[on], near[on], normals[face], offsets[face]))
+        normals = np.array([p.normal for p in planes])
+        offsets = np.array([p.offset_mm for p in planes])
+        bands = np.array([max(_BAND_SIGMA * p.sigma_mm, 1e-6) for p in planes])
+    return planes, least_mm, ""
+
+
+def _margin(heights: NDArray, planes: Sequence[PlaneFit], jig: Jig) -> float:
+    """The least margin beyond which the faces are flat: no ring of points along the edges lies off the planes.
+
+    heights  # (K, 3). A rounded edge lowers the points beside it, and the ring where the rounding begins lies within
+    the noise point by point, but not as a whole. The rings are tried from the inside out; the three faces count as one.
+    """
+    margins_mm = np.array(_RINGS) * jig.edge_mm
+    total, count = np.zeros((2, len(margins_mm) + 1))
+    for face, plane in enumerate(planes):
+        along = (-heights if jig.convex else heights)[:, [i for i in range(3) if i != face]]
+        inward = np.minimum(along.min(axis=1), (jig.edge_mm - along.sum(axis=1)) / np.sqrt(2))
+        z = heights[:, face] / plane.sigma_mm
+        on = (np.abs(z) < TUKEY) & (inward > margins_mm[0])
+        ring = np.searchsorted(margins_mm, inward[on])
+        total += np.bincount(ring, z[on], len(margins_mm) + 1)
+        count += np.bincount(ring, minlength=len(margins_mm) + 1)
+    off = np.abs(total[1:-1]) > _RING_SIGMA * np.sqrt(count[1:-1])
+    return float(margins_mm[np.flatnonzero(off)[-1] + 1 if off.any() else 0])
 
 
 def height_covariance(planes: Sequence[PlaneFit], covariance: NDArray, point_mm: NDArray) -> NDArray:
@@ -118,11 +190,10 @@ def _too_little(points: NDArray, jig: Jig, options: RefinementOptions) -> str:
 def _doubt(planes: Sequence[PlaneFit], covariance: NDArray, origin: NDArray, jig: Jig) -> str:
     """Why the three refined planes are not to be trusted, or ""."""
     for plane in planes:
-        way = plane.centre_mm + origin
-        incidence_deg = float(np.degrees(np.arccos(np.abs(plane.normal @ way) / np.linalg.norm(way))))
-        if incidence_deg > MOST_INCIDENCE_DEG:
+        seen_at_deg = incidence_deg(plane, origin)
+        if seen_at_deg > MOST_INCIDENCE_DEG:
             return (
-                f"the third face would be seen edge-on ({len(plane.indices)} points, {incidence_deg:.1f} deg off its "
+                f"the third face would be seen edge-on ({len(plane.indices)} points, {seen_at_deg:.1f} deg off its "
                 f"normal; beyond {MOST_INCIDENCE_DEG:g} deg stray points along an edge look the same); "
                 "turn the jig so that three faces are seen"
             )
@@ -140,15 +211,73 @@ def _doubt(planes: Sequence[PlaneFit], covariance: NDArray, origin: NDArray, jig
     return ""
 
 
-def _face(plane: PlaneFit, covariance: NDArray, origin: NDArray, group: int) -> Face:
+def _face(
+    plane: PlaneFit, normal: NDArray, offset_mm: float, origin: NDArray, group: int, covariance: NDArray
+) -> Face:
+    centre = plane.centre_mm + (offset_mm - normal @ plane.centre_mm) * normal
     return Face(
-        normal=plane.normal,
-        offset_mm=float(plane.offset_mm + plane.normal @ origin),
-        centre_mm=plane.centre_mm + origin,
+        normal=normal,
+        offset_mm=float(offset_mm + normal @ origin),
+        centre_mm=centre + origin,
         points=len(plane.indices),
         rms_mm=plane.sigma_mm,
         inliers=plane.indices,
         group=group,
-        axes=plane.axes,
+        axes=plane.axes - np.outer(plane.axes @ normal, normal),
         covariance=covariance,
     )
+
+
+def _quality(
+    planes: Sequence[PlaneFit],
+    known: PlaneUncertainty,
+    covariance: NDArray,
+    origin: NDArray,
+    apex: NDArray,
+    jig: Jig,
+    margin_mm: float,
+    scan_sigma_mm: float | None,
+    notes: tuple[str, ...],
+) -> CornerQuality:
+    normals = np.array([p.normal for p in planes])
+
+    def apex_sigma_mm(plane_covariance: NDArray) -> float:
+        heights = height_covariance(planes, plane_covariance, apex)
+        return float(np.sqrt(np.trace(intersection_covariance(normals, heights))))
+
+    def face(index: int) -> FaceQuality:
+        plane = planes[index]
+        slopes = known.covariance[3 * index + 1 : 3 * index + 3, 3 * index + 1 : 3 * index + 3]
+        others = [p for p in planes if p is not plane]
+        along = np.column_stack([np.abs(plane.points_mm @ p.normal - p.offset_mm) for p in others])
+        filled, _, _ = outline_shares(along, np.zeros(len(along), dtype=bool), along[:0], jig.edge_mm)
+        told = None if not scan_sigma_mm else plane.sigma_mm / scan_sigma_mm
+        return FaceQuality(
+            len(plane.indices), incidence_deg(plane, origin), filled, plane.sigma_mm, told,
+            float(np.degrees(np.sqrt(np.linalg.eigvalsh(slopes)[-1]))),
+        )  # fmt: skip
+
+    angles = found_angles_deg(planes)
+    derivative = angle_derivative(planes) / np.sin(np.radians(angles))[:, None]
+    sigmas = np.degrees(np.sqrt(np.diag(derivative @ known.covariance @ derivative.T)))
+    middles = np.sqrt(sum(known.covariance[3 * i, 3 * i] for i in range(3)))
+    return CornerQuality(
+        faces=(face(0), face(1), face(2)),
+        angles_deg=angles,
+        angle_sigmas_deg=tuple(sigmas.tolist()),
+        angle_errors_deg=tuple(angle_errors(angles, jig.face_angles_deg).tolist()),
+        condition=float(np.linalg.cond(normals)),
+        amplification=apex_sigma_mm(covariance) / float(middles),
+        smooth_error_mm=known.smooth_mm,
+        smooth_length_mm=known.smooth_length_mm,
+        smooth_factor=apex_sigma_mm(known.covariance) / apex_sigma_mm(known.white_covariance),
+        rigid=jig.certified and not notes,
+        margin_mm=margin_mm,
+        notes=notes,
+    )
+
+
+def incidence_deg(plane: PlaneFit, origin: NDArray) -> float:
+    """Angle between the line of sight to the middle of the plane's points and its normal."""
+    way = plane.centre_mm + origin
+    return float(np.degrees(np.arccos(np.abs(plane.normal @ way) / np.linalg.norm(way))))

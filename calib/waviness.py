@@ -26,6 +26,7 @@ _POINTS_A_PATCH = 4  # at least, on average: otherwise the patches are larger
 _LENGTHS = (1 / 30, 1 / 16, 1 / 9, 1 / 6, 1 / 4, 1 / 2.8)  # of the edge
 _SIZES = np.geomspace(0.02, 20.0, 25)  # of the patch means' own standard deviation
 _PRIOR_WHITE = 0.5
+_POINTS_OF_OTHERS = 3
 
 
 @dataclass(frozen=True)
@@ -58,8 +59,11 @@ class _Patches:
 def plane_uncertainty(planes: Sequence[PlaneFit], edge_mm: float, sight: NDArray) -> PlaneUncertainty:
     """Joint covariance of three fitted planes. sight  # (3,) unit, from the scanner to the apex."""
     parts, white = [], np.zeros((9, 9))
+    variances = [float(np.sum(p.psi_mm**2)) / p.slope**2 / max(len(p.psi_mm) - 3, 1) for p in planes]
     for face in range(3):
-        patches, white[3 * face : 3 * face + 3, 3 * face : 3 * face + 3] = _patches(planes, face, edge_mm)
+        patches, white[3 * face : 3 * face + 3, 3 * face : 3 * face + 3] = _patches(
+            planes, face, edge_mm, max(variances)
+        )
         parts.append(patches)
     patches = _Patches(*(np.concatenate(columns) for columns in zip(*map(_columns, parts), strict=True)))
     evidence, covariances, squares, lengths = [], [], [], []
@@ -88,8 +92,13 @@ def _columns(patches: _Patches) -> tuple[NDArray, ...]:
     )  # fmt: skip
 
 
-def _patches(planes: Sequence[PlaneFit], face: int, edge_mm: float) -> tuple[_Patches, NDArray]:
-    """Patches of one face, and the covariance (3, 3) of its plane from white noise."""
+def _patches(
+    planes: Sequence[PlaneFit], face: int, edge_mm: float, other_variance_mm2: float
+) -> tuple[_Patches, NDArray]:
+    """Patches of one face, and the covariance (3, 3) of its plane from white noise.
+
+    A face of ten points hardly tells its own noise: the largest of the faces' counts as three points more.
+    """
     plane = planes[face]
     design = plane.design(plane.points_mm)
     values = plane.psi_mm / plane.slope
@@ -108,7 +117,8 @@ def _patches(planes: Sequence[PlaneFit], face: int, edge_mm: float) -> tuple[_Pa
 
     means = mean(values)
     # Within the patches what is smooth does not show, so this is the white part; the plane has been taken out before.
-    within = float(np.sum((values - means[patch]) ** 2)) / max(total - len(count), 1)
+    squares = float(np.sum((values - means[patch]) ** 2)) + _POINTS_OF_OTHERS * other_variance_mm2
+    within = squares / (max(total - max(len(count), 3), 0) + _POINTS_OF_OTHERS)
     normal_matrix = np.linalg.inv(design.T @ design)
     rows = np.column_stack([mean(column) for column in design.T])
     wide, influence = np.zeros((2, len(count), 9))

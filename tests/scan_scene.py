@@ -117,7 +117,8 @@ def room(rng: np.random.Generator) -> tuple[Patch, ...]:
 def box_beside(rng: np.random.Generator, size: float) -> tuple[Patch, ...]:
     """A box whose corner looks at the scanner, to the left of the jig."""
     turn = jig_rotation(rng.uniform(0, 20), rng.uniform(0, 360), rng.uniform(0, 120))
-    return tuple(box(np.array([-75.0, rng.uniform(-20, 20), 690.0]), turn, (size, size, size)))
+    left = -43.0 - 0.8 * size  # clear of the jig
+    return tuple(box(np.array([left, rng.uniform(-20, 20), 690.0]), turn, (size, size, size)))
 
 
 def make_scene(

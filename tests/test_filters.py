@@ -14,6 +14,7 @@ from calib.filters import (
     filter_2,
     filter_3,
     triangle_normals,
+    walk_for,
 )
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -78,20 +79,36 @@ def test_a_set_takes_the_side_of_its_points_normals() -> None:
 
 def test_local_sets_are_neighbours_and_random_ones_are_not() -> None:
     rng = np.random.default_rng(3)
-    tree = cKDTree(rng.uniform(0, 1000, (4000, 3)) * [1, 1, 0])
-    local = draw_sample_sets(tree, 1000, rng)
-    anywhere = draw_sample_sets(tree, 1000, rng, local=False)
+    points = rng.uniform(0, 1000, (4000, 2))
+    neighbours = cKDTree(points).query(points, k=20)[1]
+    local = draw_sample_sets(neighbours, 1000, rng)
+    anywhere = draw_sample_sets(neighbours, 1000, rng, local=False)
     assert local.shape == anywhere.shape == (1000, 4)
 
     def reach(sets: np.ndarray) -> np.ndarray:
-        return np.linalg.norm(tree.data[sets] - tree.data[sets[:, :1]], axis=2).max(axis=1)
+        return np.linalg.norm(points[sets] - points[sets].mean(axis=1, keepdims=True), axis=2).max(axis=1)
 
-    assert reach(local).max() < 300  # 160 of 4000 points lie within about 115, at the border farther
+    assert reach(local).max() < 320  # 20 of 4000 points lie within about 40: at most 8 such steps
     assert np.median(reach(local)[:500]) < np.median(reach(local)[500:]) / 1.5  # two scales
-    assert np.median(reach(anywhere)) > 500
+    assert np.median(reach(anywhere)) > 300
+
+
+@pytest.mark.parametrize("distance", [80.0, 120.0])
+def test_a_longer_walk_strays_as_far_as_it_should(distance: float) -> None:
+    x, y = np.meshgrid(np.arange(-100.0, 101.0), np.arange(-100.0, 101.0))
+    points = 10 * np.column_stack([x.ravel(), y.ravel()])
+    radius, neighbours = cKDTree(points).query(points, k=20)
+    middle = np.argmin(np.sum(points**2, axis=1))
+    steps = walk_for(distance, float(np.median(radius[:, -1])))
+    rng = np.random.default_rng(1)
+    at = np.full(4000, middle)
+    for _ in range(steps):
+        at = neighbours[at, rng.integers(20, size=len(at))]
+    assert np.sqrt(np.mean(np.sum(points[at] ** 2, axis=1))) == pytest.approx(distance, rel=0.15)
 
 
 def test_the_same_generator_draws_the_same_sets() -> None:
-    tree = cKDTree(np.random.default_rng(0).uniform(size=(300, 3)))
-    first = draw_sample_sets(tree, 100, np.random.default_rng(7))
-    np.testing.assert_array_equal(first, draw_sample_sets(tree, 100, np.random.default_rng(7)))
+    points = np.random.default_rng(0).uniform(size=(300, 3))
+    neighbours = cKDTree(points).query(points, k=20)[1]
+    first = draw_sample_sets(neighbours, 100, np.random.default_rng(7))
+    np.testing.assert_array_equal(first, draw_sample_sets(neighbours, 100, np.random.default_rng(7)))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calib.choice import outline_worth
+from calib.choice import outline_shares
 from calib.clustering import PlaneGroup
 from calib.intersection import intersect, intersection_covariance
 from calib.jig import Jig
@@ -60,23 +60,47 @@ def filled(width: float, height: float, count: int = 3000) -> np.ndarray:
     return np.random.default_rng(2).uniform(0, 1, (count, 2)) * [width, height]
 
 
+NOTHING = np.zeros((0, 2))
+
+
+def worth(on: np.ndarray, edge_mm: float = 60.0, behind: np.ndarray = NOTHING) -> float:
+    filled, spilt, seen_through = outline_shares(on, np.ones(len(on), dtype=bool), behind, edge_mm)
+    return filled - spilt - seen_through
+
+
 def test_a_full_triangle_is_worth_one_and_no_square_reaches_what_the_best_face_must() -> None:
     square = filled(60, 60)
-    assert outline_worth(square[square.sum(axis=1) < 60], 60.0) > 0.97
+    assert worth(square[square.sum(axis=1) < 60]) > 0.97
     for side in range(20, 121, 4):
-        assert outline_worth(filled(side, side), 60.0) < 0.78
+        for other in range(20, 121, 20):
+            assert worth(filled(side, other)) < 0.8
 
 
-def test_points_beyond_the_outline_cost_what_points_inside_bring() -> None:
-    assert outline_worth(filled(60, 60), 60.0) == pytest.approx(0.0, abs=0.15)
-    assert outline_worth(filled(90, 90), 60.0) < -1
-    assert outline_worth(np.zeros((0, 2)), 60.0) == 0
+def test_points_beyond_the_outline_cost_unless_they_belong_to_another_surface() -> None:
+    square = filled(60, 60)
+    assert 0.4 < outline_shares(square, np.ones(len(square), dtype=bool), NOTHING, 60.0)[1] < 0.8
+    assert outline_shares(square, square.sum(axis=1) < 60, NOTHING, 60.0)[1] == 0
+    assert worth(filled(90, 90)) < 0.3
+    assert worth(NOTHING) == 0
+
+
+def test_a_hole_that_one_sees_through_costs_and_one_that_nothing_is_known_of_does_not() -> None:
+    triangle = filled(60, 60)
+    triangle = triangle[triangle.sum(axis=1) < 60]
+    in_hole = triangle[:, 0] < 20
+    whole = np.count_nonzero(in_hole) / len(triangle)
+    shares = outline_shares(
+        triangle[~in_hole], np.ones(np.sum(~in_hole), dtype=bool), triangle[in_hole], 60.0
+    )
+    assert shares == pytest.approx((1 - whole, 0, whole), abs=0.1)
+    assert worth(triangle[~in_hole]) == pytest.approx(1 - whole, abs=0.1)
+    assert worth(triangle, behind=triangle[::4]) > 0.9  # some stray points behind a surface that is there
 
 
 @given(count=st.integers(4000, 20000))
 def test_worth_does_not_depend_on_the_density(count: int) -> None:
     half = filled(60, 30, count)
-    assert outline_worth(half[half.sum(axis=1) < 60], 60.0) == pytest.approx(0.75, abs=0.08)
+    assert worth(half[half.sum(axis=1) < 60]) == pytest.approx(0.75, abs=0.08)
 
 
 def faces(normals: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:

@@ -1,0 +1,120 @@
+"""How good a corner is, in figures that a person can act on."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+HIGH_INCIDENCE_DEG = 75.0
+FEW_POINTS = 50
+LOW_COVERAGE = 0.4
+HIGH_RMS = 3.0  # times the scanner's own figure
+HIGH_AMPLIFICATION = 6.0
+OUT_OF_SQUARE_SIGMA = 4.0
+HIGH_SMOOTH_SHARE = 1.5  # corner's sigma over what white noise alone would give
+
+
+@dataclass(frozen=True)
+class FaceQuality:
+    """One face."""
+
+    points: int
+    incidence_deg: float  # between the line of sight to the face's middle and its normal
+    coverage: float  # 0..1, share of the jig's face that has points
+    rms_mm: float  # of the points' heights over the plane
+    rms_over_scan_sigma: float | None  # None where the scanner's sigma is not known
+    tilt_sigma_deg: float  # standard deviation of the plane's tilt in its weakest direction
+
+
+@dataclass(frozen=True)
+class CornerQuality:
+    """The figures of a corner, and what they say."""
+
+    faces: tuple[FaceQuality, FaceQuality, FaceQuality]
+    angles_deg: tuple[float, float, float]  # as measured, between faces 1-2, 2-3, 3-1
+    angle_sigmas_deg: tuple[float, float, float]
+    angle_errors_deg: tuple[
+        float, float, float
+    ]  # measured less the nearest naming of the jig's face_angles_deg
+    condition: float  # of the three normals: 1 where perpendicular; the worst amplification over the best
+    amplification: (
+        float  # sigma of the apex over that of the planes at their middles: how far it is extrapolated
+    )
+    smooth_error_mm: float  # standard deviation of the part of the scanner's error that neighbours share
+    smooth_length_mm: float
+    smooth_factor: float  # sigma of the apex over what white noise alone would make it
+    rigid: bool  # the faces were held to the certified angles
+    margin_mm: float  # left out along every edge: rounding, blurred and flying pixels
+    notes: tuple[str, ...] = field(default=())  # from the search itself
+
+    def doubts(self) -> tuple[str, ...]:
+        """What deserves a look, each with its number and what would help; () where nothing does."""
+        said = list(self.notes)
+        for number, face in enumerate(self.faces, start=1):
+            if face.incidence_deg > HIGH_INCIDENCE_DEG:
+                said.append(
+                    f"face {number} is seen at {face.incidence_deg:.0f} deg off its normal; turn the jig so that all "
+                    f"faces stay below {HIGH_INCIDENCE_DEG:.0f} deg"
+                )
+            if face.points < FEW_POINTS:
+                said.append(
+                    f"face {number} has {face.points} points only; scan finer or clear the view to it"
+                )
+            if face.coverage < LOW_COVERAGE:
+                said.append(f"only {face.coverage:.0%} of face {number} is seen; clear the view to it")
+            if face.rms_over_scan_sigma is not None and face.rms_over_scan_sigma > HIGH_RMS:
+                said.append(
+                    f"face {number} scatters {face.rms_mm:.3g} mm, {face.rms_over_scan_sigma:.1f} times scan_sigma_mm; "
+                    "clean the face, check the exposure, or correct scan_sigma_mm"
+                )
+        for pair, error, sigma in zip(
+            ("1-2", "2-3", "3-1"), self.angle_errors_deg, self.angle_sigmas_deg, strict=True
+        ):
+            if abs(error) > max(OUT_OF_SQUARE_SIGMA * sigma, 0.02):
+                said.append(
+                    f"faces {pair} meet {error:+.3f} deg off the jig's angle ({abs(error) / sigma:.0f} sigma); "
+                    "measure the jig and give face_angles_deg, or look for something on the faces"
+                )
+        if self.amplification > HIGH_AMPLIFICATION:
+            said.append(
+                f"the apex is {self.amplification:.1f} times less certain than the planes at their middles; "
+                "more of the faces near the apex has to be seen"
+            )
+        if self.smooth_factor > HIGH_SMOOTH_SHARE:
+            said.append(
+                f"the scanner's error is smooth over {self.smooth_length_mm:.0f} mm ({self.smooth_error_mm:.3f} mm), "
+                f"which makes the apex {self.smooth_factor:.1f} times less certain; only repeats show what is "
+                "smoother still"
+            )
+        return tuple(said)
+
+    def summary(self) -> str:
+        """One line of figures."""
+        faces = "; ".join(
+            f"{f.points} points at {f.incidence_deg:.0f} deg, {f.coverage:.0%} seen" for f in self.faces
+        )
+        angles = ", ".join(f"{a:.3f}" for a in self.angles_deg)
+        return f"faces: {faces}; angles {angles} deg; amplification {self.amplification:.1f}"
+
+    def document(self) -> dict[str, Any]:
+        """All figures as plain values, and the doubts, for JSON."""
+        out = asdict(self)
+        out.pop("notes")
+        return {**out, "doubts": list(self.doubts())}
+
+
+def angle_errors(
+    angles_deg: tuple[float, float, float], jig_angles_deg: tuple[float, float, float]
+) -> NDArray:
+    """Measured angles less the jig's (3,), the jig's faces named so that the errors are least.
+
+    Turning or mirroring the numbering of three faces permutes the three angles in every possible way.
+    """
+    measured = np.array(angles_deg)
+    order = np.argsort(measured)
+    errors = np.empty(3)
+    errors[order] = measured[order] - np.sort(jig_angles_deg)
+    return errors
