@@ -37,7 +37,8 @@ ITEMS: dict[str, tuple[str, str]] = {  # what the button is called: icon, what t
     ),
     "Measured points (CSV)": (
         viser.Icon.TABLE,
-        "In the form of points.csv: corners in mm in the scanner's frame with covariance. Command: inspector corners --out",
+        "In the form of points.csv: corners in mm in the scanner's frame with covariance. "
+        "Command: inspector corners --out",
     ),
     "Redundancy (CSV)": (
         viser.Icon.TABLE,
