@@ -8,7 +8,7 @@ by a Kinect from a metre away, with a label a point. They are read where they li
 
 A box is not the jig: its edges have three lengths. So each labelled object gets a first corner by generous RANSAC
 planes, and around it what a jig of --edge-mm would show is cut out, the same points for both methods. They are split at
-random into halves, a corner is found in each, and their distance over sqrt(2) is the repeatability of one. That says how
+random into halves, a corner is found in each, and their distance over sqrt(2) is the repeatability of one. It says how
 much of the error is noise of single points; what the Kinect bends, both halves share.
 """
 
