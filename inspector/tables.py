@@ -58,6 +58,11 @@ def table(
     )
 
 
+def wrapping(value: object) -> Html:
+    """A cell that may take several lines."""
+    return Html(f'<span style="white-space:normal">{text(value)}</span>')
+
+
 def swatch(colour: str) -> Html:
     """A small square in a colour of the palette (never one from outside)."""
     return Html(

@@ -46,8 +46,11 @@ class LearnPanel:
         self._state = gui.add_html("")
         self._doing = gui.add_html("")
         self._advice = gui.add_html("")
+        self.follow = gui.add_button(
+            "Add", icon=viser.Icon.PLUS, visible=False, hint="as the ranking advises"
+        )
         self._history = hidden_plot(gui, 0.6)
-        self._verdict = gui.add_html("")
+        self._reasons = gui.add_html("")
         self._ranking = gui.add_html("")
         self._chosen = gui.add_html("")
         self._variable = hidden_plot(gui, 0.7)
@@ -55,6 +58,8 @@ class LearnPanel:
         self._untestable = gui.add_html("")
         self.find.on_click(lambda _: actions.find(self.find.label == FIND))
         self.choice.on_update(lambda e: actions.candidate() if by_page(e) else None)
+        self._advised = ""  # the effect that the button beside the advice adds
+        self.follow.on_click(lambda _: self._follow())
         self.add.on_click(lambda _: actions.add_effect(str(self.choice.value)))
         self.change.on_click(lambda e: self._pressed(str(e.target.value)))
 
@@ -84,17 +89,28 @@ class LearnPanel:
         self._offer(session)
         self._own.content = tables.alert(own, colour=html.BAD) if own else ""
         self._state.content = html.state_html(session, undo, redo)
-        found = session.diagnosis is None and session.screening is not None and session.remains is not None
-        self._advice.content = (
-            html.advice_html(advise(session.screening, session.remains))  # type: ignore[arg-type]
-            if found
-            else ""
-        )
+        self._advise(session)
         self.update_figure(view)
-        self._verdict.content = html.verdict_html(session.diagnosis)
+        self._reasons.content = html.reasons_html(session.diagnosis)
         self.update_choice(view)
         screening = session.screening
         self._untestable.content = html.untestable_html(screening.untestable) if screening else ""
+
+    def _advise(self, session: Session) -> None:
+        """The verdict where the program looked by itself; else what is left, and what to do next, with its button."""
+        self._advised = ""
+        self._advice.content = html.verdict_html(session.diagnosis)
+        if session.diagnosis is None and session.screening is not None and session.remains is not None:
+            advice = advise(session.screening, session.remains)
+            self._advice.content = html.advice_html(advice)
+            self._advised = advice.effects[0] if advice.kind == "add" else ""
+        self.follow.visible = bool(self._advised)
+        if self._advised:
+            self.follow.label = f"Add {self._advised}"
+
+    def _follow(self) -> None:
+        if self._advised:
+            self._actions.add_effect(self._advised)
 
     def update_figure(self, view: View) -> None:
         """The history of the error."""
@@ -113,14 +129,17 @@ class LearnPanel:
     def update_choice(self, view: View) -> None:
         """The ranking with the chosen effect marked, and what is known of that."""
         session, name = view.session, self.chosen
+        inside = [added.name for added in session.effects]
         screening = session.screening
         candidate = None if screening is None else html.named(screening, name)
         self._variable.visible = candidate is not None and bool(candidate.members)
+        self.add.disabled = (
+            name == NONE or name in inside or (candidate is not None and not candidate.members)
+        )
         self._next.content = ""
         if screening is None:
             self._ranking.content = self._chosen.content = ""
             return
-        inside = [added.name for added in session.effects]
         own = {family.name for family in session.own}
         self._ranking.content = html.ranking_html(screening, name, own)
         self._chosen.content = ""

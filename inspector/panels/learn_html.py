@@ -73,15 +73,18 @@ def last_change(session: Session) -> tuple[str, str]:
 
 
 def verdict_html(diagnosis: Diagnosis | None) -> str:
-    """The verdict, and all that led to it in words."""
+    """The verdict of a diagnosis, in a line or two."""
     if diagnosis is None:
         return ""
-    *paragraphs, verdict = explain(diagnosis).split("\n\n")
-    return (
-        tables.heading("Verdict")
-        + tables.alert(verdict, colour=VERDICTS[diagnosis.verdict])
-        + "".join(tables.note(paragraph) for paragraph in paragraphs)
-    )
+    return tables.alert(explain(diagnosis).split("\n\n")[-1], colour=VERDICTS[diagnosis.verdict])
+
+
+def reasons_html(diagnosis: Diagnosis | None) -> str:
+    """All that led to the verdict, in words."""
+    if diagnosis is None:
+        return ""
+    *paragraphs, _ = explain(diagnosis).split("\n\n")
+    return tables.heading("How it was found") + "".join(tables.note(paragraph) for paragraph in paragraphs)
 
 
 def advice_html(advice: Advice) -> str:
@@ -160,7 +163,7 @@ def chosen_html(
     rows = [parameter_row(v.name, v.value, v.sigma, v.unit, calibration) for v in candidate.values]
     return (
         out
-        + tables.table(("estimated parameter", "value ± sigma", "unit", "that is"), rows, height="260px")
+        + tables.table(("estimated", "value ± sigma", "that is"), rows, height="260px")
         + tables.note(
             "Linear estimates from what is left over; a fit with the effect in the model settles them. Below: each "
             "coordinate that is left over against what the effect would make of it. Points along the line speak for it."
@@ -176,7 +179,7 @@ def fitted_html(calibration: Calibration, name: str) -> str:
         if str(row["name"]).startswith(f"{name}.")
     ]
     return tables.note("It is in the model. Fitted together with everything else:") + tables.table(
-        ("fitted parameter", "value ± sigma", "unit", "that is"), rows, height="260px"
+        ("fitted", "value ± sigma", "that is"), rows, height="260px"
     )
 
 
@@ -187,10 +190,11 @@ def value_row(value: Value) -> tuple[str, str, str, str]:
 
 def parameter_row(
     name: str, value: float, sigma: float, unit: str, calibration: Calibration
-) -> tuple[str, str, str, str]:
+) -> tuple[str, str, tables.Html]:
     """A parameter with its unit and what it means on the arm; the family's name is in the heading."""
     short = name.partition(".")[2] or name
-    return short, f"{value:.3g} ± {sigma:.1g}", unit, meaning(name, value, unit, calibration) or "–"
+    means = meaning(name, value, unit, calibration) or "–"
+    return short, f"{value:.3g} ± {sigma:.1g} {'' if unit == '1' else unit}".strip(), tables.wrapping(means)
 
 
 def next_html(name: str, rival: str, poses: Sequence[NextPose], robot: Robot, noise_mm: float) -> str:
