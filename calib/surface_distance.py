@@ -62,13 +62,16 @@ def face_distances(points_mm: ArrayLike, corner: Corner, jig: Jig) -> tuple[Arra
         raise ScanError(f"distances to the jig: found points of shape {points.shape}; (N, 3) would do")
     distance = np.full(len(points), np.nan)
     nearest = np.full(len(points), -1)
-    limit = np.full(len(points), REACH * jig.edge_mm)
+    # Most of a scan is wall and arm: only points in the box around the jig are looked at closely.
+    close = np.flatnonzero((np.abs(points - corner.xyz_mm) <= (1.0 + RIM + REACH) * jig.edge_mm).all(axis=1))
+    around = points[close]
+    limit = np.full(len(around), REACH * jig.edge_mm)
     for number, (face, outline) in enumerate(zip(corner.faces, jig_outline(corner, jig), strict=True)):
-        height = points @ face.normal - face.offset_mm
+        height = around @ face.normal - face.offset_mm
         sides = np.column_stack([outline[1] - outline[0], outline[2] - outline[0], face.normal])
-        along = np.linalg.solve(sides, (points - outline[0]).T)
+        along = np.linalg.solve(sides, (around - outline[0]).T)
         inside = (along[0] > -RIM) & (along[1] > -RIM) & (along[0] + along[1] < 1.0 + RIM)
         better = inside & (np.abs(height) <= limit)
-        distance[better], nearest[better] = height[better], number
+        distance[close[better]], nearest[close[better]] = height[better], number
         limit[better] = np.abs(height[better])
     return distance, nearest

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from numpy.typing import NDArray
+
 from calib.comparison import VERSIONS
 from calib.scan import Scan
 from inspector.drawing import draw_corners
-from inspector.model_drawing import ArmDrawing, draw_distance, draw_residuals
+from inspector.model_drawing import ArmDrawing, draw_distance, draw_jig, draw_residuals, jig_distances
 from inspector.panels.base import COLOURINGS
 from inspector.panels.compare import ComparePanel
 
@@ -22,6 +24,9 @@ class Comparing:
     def __init__(self, stage: Stage, panel: ComparePanel) -> None:
         self._stage, self._panel = stage, panel
         self._arm = ArmDrawing(stage.scene)
+        self._scan: Scan | None = None  # the selected pose's
+        self._distances_mm: NDArray | None = None  # of its points to the jig
+        self._drawn = False  # whether they are in the scene
 
     def draw(self) -> None:
         """What the versions say, at the selected pose."""
@@ -32,10 +37,21 @@ class Comparing:
             self._arm.draw(view)
         self._panel.update(view, self._arm.problems)
 
-    def draw_scan(self, scan: Scan | None) -> None:
+    def draw_scan(self, scan: Scan | None, visible: set[str]) -> None:
         """The jig's model over the selected pose's scan."""
-        distances_mm = draw_distance(self._stage.scene, self._stage.now, scan)
-        self._panel.update_distance(self._stage.now, distances_mm)
+        view = self._stage.now
+        self._scan, self._distances_mm, self._drawn = scan, jig_distances(view, scan), False
+        draw_jig(self._stage.scene, view)
+        self.draw_distance(visible)
+        self._panel.update_distance(view, self._distances_mm)
+
+    def draw_distance(self, visible: set[str]) -> None:
+        """The scan's points by their distance to the jig, sent only once their layer is on show."""
+        if "distance" in visible and not self._drawn:
+            draw_distance(self._stage.scene, self._scan, self._distances_mm)
+            self._drawn = True
+        elif not self._drawn:
+            draw_distance(self._stage.scene, None, None)
 
     def change(self, **what: float | str | frozenset[str]) -> None:
         """Change how the model is shown (`View.arrows`, `chosen`, `compared`, `colouring`)."""

@@ -161,23 +161,27 @@ def distance_limit_mm(distances_mm: NDArray) -> float:
     return colour_map.round_limit(float(np.percentile(known, 98))) if len(known) else 1.0
 
 
-def draw_distance(scene: SceneView, view: View, scan: Scan | None) -> NDArray | None:
-    """The jig's model where the corner was found, and the scan's points on it coloured by their distance to its faces.
-
-    Returns those distances (N,), nan for points that are no part of the jig; None without a corner.
-    """
+def jig_distances(view: View, scan: Scan | None) -> NDArray | None:
+    """Signed distance (N,) of the scan's points to the jig's faces, nan beside the jig; None without a corner."""
     corner = None if view.search is None else view.search.corner
     if scan is None or corner is None:
-        scene.draw_distance(np.zeros((0, 3)), np.zeros((0, 3)))
-        scene.draw("jig", lambda api, name: [])
         return None
-    jig = view.session.dataset.jig
-    distances, _ = face_distances(scan.points_mm, corner, jig)
-    on_jig = np.isfinite(distances)
-    limit = distance_limit_mm(distances)
-    scene.draw_distance(
-        scan.points_mm[on_jig], colour_map.coloured(distances[on_jig], -limit, limit, colour_map.SIGNED)
-    )
-    outline = jig_outline(corner, jig)
-    scene.draw("jig", lambda api, name: model_nodes.jig(api, name, outline, FACE_COLOURS))
-    return distances
+    return face_distances(scan.points_mm, corner, view.session.dataset.jig)[0]
+
+
+def draw_jig(scene: SceneView, view: View) -> None:
+    """The jig's model where the corner was found."""
+    corner = None if view.search is None else view.search.corner
+    outline = np.zeros((0, 3, 3)) if corner is None else jig_outline(corner, view.session.dataset.jig)
+    scene.draw("jig", lambda api, name: model_nodes.jig(api, name, outline, FACE_COLOURS[: len(outline)]))
+
+
+def draw_distance(scene: SceneView, scan: Scan | None, distances_mm: NDArray | None) -> None:
+    """The scan's points on the jig, coloured by their distance to its faces."""
+    if scan is None or distances_mm is None:
+        scene.draw_distance(np.zeros((0, 3)), np.zeros((0, 3)))
+        return
+    on_jig = np.isfinite(distances_mm)
+    limit = distance_limit_mm(distances_mm)
+    colours = colour_map.coloured(distances_mm[on_jig], -limit, limit, colour_map.SIGNED)
+    scene.draw_distance(scan.points_mm[on_jig], colours)

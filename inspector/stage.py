@@ -237,7 +237,7 @@ class Stage:
             self._looking.focus(view, self._scanning.medians)
             setups = view.session.dataset.poses.setup
             self.scene.hide_in_overview(view.pose, lambda i: bool(setups[i] != setups[view.pose]))
-            self.comparing.draw_scan(scan)
+            self.comparing.draw_scan(scan, self._looking.visible)
             self.comparing.draw()
         self.review.update(view)
         self.scans.update(view, scan, drawn)
@@ -281,12 +281,14 @@ class Stage:
         self._looking.layer(name, visible)
         if name in PLANE_LAYERS and visible and self.view is not None:
             draw_planes(self.scene, self.view, self._looking.visible)
+        self.comparing.draw_distance(self._looking.visible)
 
     def look(self, what: str) -> None:
         """Show the layers of a view and put the camera where they are seen well."""
         self._looking.choose(what)
         if self.view is not None:
             draw_planes(self.scene, self.view, self._looking.visible)
+            self.comparing.draw_distance(self._looking.visible)
             self._looking.at(self.view, self._scanning.medians)
 
     @property
