@@ -1,8 +1,3 @@
 """The inspector: commands and a browser app over `calib`."""
 
-import os
-
-# Before numpy loads: the matrices here are small, and BLAS threads that wait for each other cost up to ten times what
-# they save, more so beside worker processes. Whoever sets the variable decides.
-for _variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ.setdefault(_variable, "1")
+import calib  # noqa: F401  before numpy: it sets how many threads BLAS has
