@@ -69,6 +69,7 @@ def corners_document(searches: Mapping[str, CornerSearch]) -> dict[str, Any]:
                 "seconds": search.seconds,
                 "sample_sets": search.filter_counts(),
                 "plane_groups": len(search.groups),
+                "quality": corner.quality.document(),
             }
         )
     failed = [{"pose": pose_id, "reason": reason} for pose_id, reason in failed_searches(searches).items()]
