@@ -8,6 +8,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,6 +16,7 @@ import pytest
 import trimesh
 from PIL import Image
 
+from browser_support import colours_in, node_drawn, open_page
 from calib.adding import add_in_turn
 from calib.calibration import Calibration
 from calib.dataset import Dataset
@@ -28,7 +30,9 @@ from inspector import exports
 from inspector.app import App, serving
 from inspector.cli import main
 from inspector.panels.takeaway import ITEMS, SCREENSHOT
+from inspector.scene import ROOT
 from inspector.scene_file import PREDICTED, scene_glb
+from inspector.server import url_of
 from inspector.session_file import dataset_of, load_session, opening
 from tiny_dataset import HOSTILE
 from wire_client import WireClient
@@ -353,3 +357,24 @@ def test_a_session_of_a_dataset_that_changed_says_so_on_the_page(
     with serving(there, port=0, saved=saved) as again, WireClient(again.server.get_port()) as page:
         assert again.worker.wait_idle(IDLE_S)
         page.wait(lambda p: "has changed since the session was saved" in p.text())
+
+
+@pytest.mark.browser
+def test_a_browser_downloads_its_picture_and_the_report(chromium: Any, app: App, tmp_path: Path) -> None:
+    app.dark(False)
+    page = open_page(chromium, url_of(app.server), 1000, 700)
+    page.set_default_timeout(120_000)
+    node_drawn(page, f"{ROOT}/corners/points")
+    page.get_by_role("tab", name="Take away").click()
+    for what, name in ((SCREENSHOT, "view.png"), ("Session (JSON)", "session.json")):
+        with page.expect_download() as download:
+            page.get_by_role("button", name=what).click()
+        download.value.save_as(tmp_path / name)
+        assert download.value.suggested_filename.endswith(name)
+    picture = Image.open(tmp_path / "view.png")
+    assert picture.mode == "RGB"
+    assert picture.width > 200
+    assert colours_in((tmp_path / "view.png").read_bytes()) > 20
+    assert load_session(tmp_path / "session.json").shown.dark is False
+    assert page.problems == []
+    page.close()
