@@ -123,7 +123,7 @@ class ArmDrawing:
         dataset = view.session.dataset
         setup = str(dataset.poses.setup[view.pose])
         placed = version.evaluation.scanner_T_base[setup]
-        text = f"arm at {view.pose_id}, {version.name}"
+        text = f"{view.pose_id}, {version.name}"
 
         def make(api: viser.SceneApi, name: str) -> list[viser.SceneNodeHandle]:
             self._load(api, dataset)

@@ -54,7 +54,7 @@ def arm(
     nodes.append(
         api.add_label(
             f"{name}/label", text, position=tuple(to_scene(shape.tip_mm).astype(float)), font_screen_scale=0.85,
-            anchor="top-left",
+            anchor="top-center",
         )
     )  # fmt: skip
     return nodes

@@ -11,6 +11,7 @@ import viser
 from browser_support import colours_in, need_chromium, node_drawn, open_page, open_tab
 from inspector.app import App, serving
 from inspector.panels import words
+from inspector.panels.compare import SHOW_ARM, SHOW_DISTANCE
 from inspector.panels.review import NEXT, PREVIOUS
 from inspector.scene import ROOT
 from inspector.server import url_of
@@ -121,6 +122,22 @@ def test_a_failed_scan_is_explained(page: Any, app: App) -> None:
     page.mouse.click(600, 650)
 
 
+def test_compare_tab_has_each_versions_figures_and_draws_the_arm(page: Any, app: App) -> None:
+    assert app.worker.wait_idle(IDLE_S)
+    open_tab(page, "Compare")
+    for version in app.stage.now.versions:
+        assert version.evaluation.test is not None
+        says(page, words.millimetres(version.evaluation.test.rmse_mm))
+    says(page, "noise alone")
+    page.get_by_role("button", name=SHOW_ARM).click()
+    node_drawn(page, f"{ROOT}/arm/cylinders")
+    node_drawn(page, f"{ROOT}/residuals/arrows")
+    page.get_by_role("button", name=SHOW_DISTANCE).click()
+    node_drawn(page, f"{ROOT}/jig/face2")
+    node_drawn(page, f"{ROOT}/distance/points")
+    says(page, "Distance to the nearest chosen face")
+
+
 def test_redundancy_tab_has_the_heatmap_and_the_groups(page: Any) -> None:
     open_tab(page, "Redundancy")
     says(page, "a6 and aTCP always act together (r = 1): keep a6")
@@ -149,7 +166,7 @@ def test_fit_tab_has_curves_table_and_bars(page: Any, app: App) -> None:
 
 
 def test_nothing_is_cut_off_sideways(page: Any) -> None:
-    for name in ("Scans", "Planes", "Corner", "Redundancy", "Fit"):
+    for name in ("Scans", "Planes", "Corner", "Compare", "Redundancy", "Fit"):
         open_tab(page, name)
         page.wait_for_timeout(200)
         wide = page.evaluate(

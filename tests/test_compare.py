@@ -103,7 +103,7 @@ def test_the_arm_is_drawn_in_the_scanners_frame_at_every_pose(app: App, page: Wi
         )
         page.wait(lambda p, e=expected: np.allclose(cylinder_ends_mm(p), e, atol=1e-3))  # type: ignore[misc]
         label = page.scene[f"{ROOT}/arm/label"]["props"]["text"]
-        assert label == f"arm at {app.stage.now.pose_id}, {LINKS}"
+        assert label == f"{app.stage.now.pose_id}, {LINKS}"
         measured = app.stage.now.session.dataset.points
         assert measured is not None
         tip = 1000 * np.asarray(page.scene[f"{ROOT}/arm/label"]["position"])
@@ -114,7 +114,7 @@ def test_the_arm_is_drawn_in_the_scanners_frame_at_every_pose(app: App, page: Wi
 def test_key_figures_are_those_of_each_version_with_the_noise(app: App, page: WireClient) -> None:
     app.add_effect("transmission_error")
     assert app.worker.wait_idle(IDLE_S)
-    page.wait(lambda p: f"arm at p01, {EFFECTS}" in p.scene[f"{ROOT}/arm/label"]["props"]["text"])
+    page.wait(lambda p: f"p01, {EFFECTS}" in p.scene[f"{ROOT}/arm/label"]["props"]["text"])
     for name in (NOMINAL, LINKS, EFFECTS):
         for figures in (version(app, name).evaluation.train, version(app, name).evaluation.test):
             assert figures is not None
@@ -194,7 +194,7 @@ def test_a_hostile_page_changes_nothing(app: App, page: WireClient) -> None:
         page.set(label, "nowhere")
     page.trigger("Next pose")
     page.trigger("Previous pose")
-    page.wait(lambda p: f"arm at {before.pose_id}, {LINKS}" == p.scene[f"{ROOT}/arm/label"]["props"]["text"])
+    page.wait(lambda p: f"{before.pose_id}, {LINKS}" == p.scene[f"{ROOT}/arm/label"]["props"]["text"])
     assert app.worker.wait_idle(IDLE_S)
     after = app.stage.now
     assert (after.chosen, after.colouring, after.compared) == (

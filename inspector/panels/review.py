@@ -36,7 +36,7 @@ LOOK_LAYERS = {
     "Planes": {"faces", "sets", "rejected", "groups"},
     "Corner": {"faces", "corner"},
     "All corners": {"corner", "corners", "residuals", "predicted", "scanner"},
-    "Distance": {"scan", "distance", "jig"},
+    "Distance": {"distance", "jig"},
     "Arm": {"corners", "residuals", "predicted", "arm", "scanner"},
 }
 PREVIOUS, NEXT = "◀ Previous", "Next ▶"
