@@ -21,7 +21,7 @@ from calib.errors import CornerError, DatasetError, ScanError
 from calib.filters import FilterTolerances, SampleSets, apply_filters, draw_sample_sets, walk_for
 from calib.intersection import Corner
 from calib.jig import Jig
-from calib.normals import Neighbourhoods, estimate_normals, thin_to_voxels
+from calib.normals import NEIGHBOURS, Neighbourhoods, estimate_normals, thin_to_voxels
 from calib.parallel import as_they_come
 from calib.refinement import RefinementOptions, refine
 from calib.scan import Scan, load_scan
@@ -100,7 +100,14 @@ def find_corner(
     failure = _unworkable(scan, jig)
     if failure:
         return _failed(scan.name, failure, elapsed())
-    around = estimate_normals(scan.points_mm[thin_to_voxels(scan.points_mm, jig.edge_mm / _EDGE_VOXELS)])
+    thinned = thin_to_voxels(scan.points_mm, jig.edge_mm / _EDGE_VOXELS)
+    if len(thinned) < NEIGHBOURS:
+        failure = (
+            f"the scan's points lie in {len(thinned)} spots of {jig.edge_mm / _EDGE_VOXELS:.2g} mm, a corner needs "
+            f"{NEIGHBOURS} at the very least; scan the pose again"
+        )
+        return _failed(scan.name, failure, elapsed())
+    around = estimate_normals(scan.points_mm[thinned])
     tolerances = _Tolerances.of(around, jig, max(scan_sigma_mm or 0.0, around.noise_mm()))
     drawn = draw_sample_sets(
         around.neighbours,

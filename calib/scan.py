@@ -78,7 +78,7 @@ def _content(path: Path) -> bytes:
 def _with_value(points: NDArray) -> NDArray:
     """(N,) whether a row of points (N, 3) is a place, and not a scanner's sign for "nothing seen here"."""
     usable = np.all(np.abs(points) < _BEYOND_ANY_LENGTH_MM, axis=1)  # NaN is not below it either
-    at_scanner = ~np.any(points, axis=1)
+    at_scanner = np.all(points == 0, axis=1)
     if np.count_nonzero(at_scanner) > 1:
         usable &= ~at_scanner
     return np.asarray(usable)

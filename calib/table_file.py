@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import csv
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from io import StringIO
+from itertools import islice, zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -40,17 +42,22 @@ class TableFile:
         if not rows:
             raise DatasetError(f"{path}: the file is empty; a header line with column names is needed")
         names, *body = rows
+        names = [" ".join(name.split()) for name in names]
+        while names and not names[-1]:  # a spreadsheet's empty columns on the right
+            names.pop()
         for line, row in enumerate(body, start=2):
             if any(row[len(names) :]):
                 raise DatasetError(
                     f"{path}: line {line}: found {len(row)} cells, the header names {len(names)} columns; "
                     "name the others or remove them"
                 )
-        full = [(row + [""] * len(names))[: len(names)] for row in body]
-        cells = pd.DataFrame(full, columns=[name.strip() for name in names], dtype=str)
-        repeated = cells.columns[cells.columns.duplicated()]
-        if len(repeated):
-            raise DatasetError(f"{path}: line 1: column {repeated[0]!r} stands there twice; rename one")
+        repeated = next((name for name, times in Counter(names).items() if times > 1), None)
+        if repeated is not None:
+            raise DatasetError(f"{path}: line 1: column {repeated!r} stands there twice; rename one")
+        columns = zip_longest(*body, fillvalue="")
+        cells = pd.DataFrame(
+            dict(zip_longest(names, islice(columns, len(names)), fillvalue=[""] * len(body))), dtype=str
+        )
         return cls(path, cells)
 
     def __len__(self) -> int:
@@ -80,13 +87,15 @@ class TableFile:
         """(rows, columns) finite numbers."""
         out = np.empty((len(self), len(columns)))
         for k, column in enumerate(columns):
-            for row, text in enumerate(self.text(column)):
-                try:
-                    out[row, k] = float(text)
-                except ValueError:
-                    raise self.error(row, column, f"found {text!r}", "a number is needed") from None
-                if not np.isfinite(out[row, k]):
-                    raise self.error(row, column, f"found {text!r}", "a finite number is needed")
+            texts = self.text(column)
+            try:
+                out[:, k] = np.array(texts, dtype=np.str_).astype(np.float64)
+            except ValueError:
+                wrong = next(row for row, text in enumerate(texts) if not _is_number(text))
+                raise self.error(wrong, column, f"found {texts[wrong]!r}", "a number is needed") from None
+            if not np.all(np.isfinite(out[:, k])):
+                row = int(np.flatnonzero(~np.isfinite(out[:, k]))[0])
+                raise self.error(row, column, f"found {texts[row]!r}", "a finite number is needed")
         return out
 
     def choices(self, column: str, allowed: tuple[str, ...]) -> list[str]:
@@ -105,3 +114,11 @@ class TableFile:
             if len(numeric) and numeric.notna().all():
                 frame[name] = numeric
         return frame
+
+
+def _is_number(text: str) -> bool:
+    try:
+        np.float64(text)
+    except ValueError:
+        return False
+    return True

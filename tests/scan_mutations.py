@@ -122,6 +122,7 @@ def _plane(rng: np.random.Generator, n: int, z_mm: float = 700.0) -> NDArray:
 CLOUDS: dict[str, Callable[[np.random.Generator], NDArray]] = {
     "0 to 12 points": lambda rng: rng.uniform(-30, 30, (rng.integers(0, 13), 3)),
     "all equal": lambda rng: np.tile(rng.uniform(-700, 700, 3), (1500, 1)),
+    "three spots": lambda rng: rng.uniform(-700, 700, (3, 3))[np.arange(1500) % 3],
     "on a line": lambda rng: np.outer(rng.uniform(-90, 90, 1500), rng.normal(size=3)) + np.array([0, 0, 700]),
     "one plane": lambda rng: _plane(rng, 1500),
     "two planes": lambda rng: np.vstack([_plane(rng, 800), _plane(rng, 800)[:, [0, 2, 1]] - [0, 780, -780]]),

@@ -165,7 +165,8 @@ def test_text_however_it_is_delimited(tmp_path: Path, text: str, suffix: str) ->
 @pytest.mark.parametrize(
     "empty",
     [
-        "7,8,nan", "7,8,NaN", "7,8,", ",,", "7,,9", ",8,9", "7, ,9", "7,8,-nan(ind)", "7,8,-1.#IND", "7,8,inf", "7,8,N/A",
+        "7,8,nan", "7,8,NaN", "7,8,", ",,", "7,,9", ",8,9", "7, ,9", "7,8,-nan(ind)", "7,8,-1.#IND", "7,8,inf",
+        "7,8,N/A",
         "7,8,3.4028235e38", "7,8,null",
     ],
 )  # fmt: skip
@@ -274,3 +275,16 @@ def test_pixels_at_the_scanners_own_place_have_no_depth(tmp_path: Path) -> None:
     np.testing.assert_array_equal(scan.points_mm, POINTS[:150])
     assert scan.dropped == 350
     assert load(tmp_path, "b.xyz", "0 0 0\n1 2 3\n").dropped == 0  # one alone may be a point
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.filterwarnings("error")
+def test_a_nan_that_signals_is_a_nan(tmp_path: Path, order: str) -> None:
+    """Any bits are a number; those of a signalling NaN make numpy warn wherever it touches them."""
+    signalling = (0x7FF0000000000001).to_bytes(8, {"<": "little", ">": "big"}[order])
+    body = (POINTS[:4].astype(order + "f8").tobytes() + signalling * 3) * 2
+    kind = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    elements = "element vertex 10\nproperty double x\nproperty double y\nproperty double z"
+    scan = load(tmp_path, "a.ply", ply("\n", kind, elements, body))
+    assert scan.dropped == 2
+    np.testing.assert_array_equal(scan.points_mm, np.vstack([POINTS[:4]] * 2))
