@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from calib.plane_fit import PlaneFit
 
-_PATCHES_AN_EDGE = 7
+_PATCHES_AN_EDGE = 6
 _POINTS_A_PATCH = 4  # at least, on average: otherwise the patches are larger
 _LENGTHS = (1 / 30, 1 / 16, 1 / 9, 1 / 6, 1 / 4, 1 / 2.8)  # of the edge
 _SIZES = np.geomspace(0.02, 20.0, 25)  # of the patch means' own standard deviation
-_PRIOR_WHITE = 0.5
+_PRIOR_WHITE = 0.75  # with half, white noise alone would widen the covariance by a tenth
 _POINTS_OF_OTHERS = 3
 
 
@@ -139,30 +139,30 @@ def _seen_kernel(patches: _Patches, planes: Sequence[PlaneFit], sight: NDArray, 
     """(B, B) covariance of patch means under an error along the ray of variance 1, smooth across the view."""
     across = np.linalg.svd(sight[None])[2][1:]
     cosine = np.abs(np.array([plane.normal @ sight for plane in planes]))[patches.face]
-    return _kernel(patches, across, length_mm) * np.outer(cosine, cosine)
+    return _kernel(patches, across, length_mm, slice(None)) * np.outer(cosine, cosine)
 
 
 def _surface_kernel(patches: _Patches, planes: Sequence[PlaneFit], length_mm: float) -> NDArray:
     """(B, B) covariance of patch means under unevenness of variance 1 of each face by itself."""
     kernel = np.zeros((len(patches.face), len(patches.face)))
     for face, plane in enumerate(planes):
-        on = patches.face == face
-        kernel[np.ix_(on, on)] = _kernel(patches, plane.axes, length_mm)[np.ix_(on, on)]
+        on = np.flatnonzero(patches.face == face)
+        kernel[np.ix_(on, on)] = _kernel(patches, plane.axes, length_mm, on)
     return kernel
 
 
-def _kernel(patches: _Patches, axes: NDArray, length_mm: float) -> NDArray:
-    """exp(-r^2 / 2 l^2) averaged over pairs of patches, r measured along the two axes (2, 3).
+def _kernel(patches: _Patches, axes: NDArray, length_mm: float, on: NDArray | slice) -> NDArray:
+    """exp(-r^2 / 2 l^2) averaged over pairs of the patches `on`, r measured along the two axes (2, 3).
 
     With patches taken as Gaussian of their own second moments S the average is closed:
     l^2 / sqrt(det M) exp(-d . M^-1 d / 2), M = l^2 I + S_b + S_c.
     """
-    centres = patches.centres_mm @ axes.T
-    spreads = axes @ patches.spreads_mm2 @ axes.T
-    m = spreads[:, None] + spreads[None] + length_mm**2 * np.eye(2)
-    x, y = np.moveaxis(centres[:, None] - centres[None], -1, 0)
-    determinant = m[..., 0, 0] * m[..., 1, 1] - m[..., 0, 1] ** 2
-    way = (m[..., 1, 1] * x * x - 2 * m[..., 0, 1] * x * y + m[..., 0, 0] * y * y) / determinant
+    x, y = (centre[:, None] - centre for centre in axes @ patches.centres_mm[on].T)
+    spreads = axes @ patches.spreads_mm2[on] @ axes.T
+    xx, xy, yy = (spreads[:, i, j, None] + spreads[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
+    xx, yy = xx + length_mm**2, yy + length_mm**2
+    determinant = xx * yy - xy**2
+    way = (yy * x * x - 2 * xy * x * y + xx * y * y) / determinant
     return np.asarray(length_mm**2 / np.sqrt(determinant) * np.exp(-0.5 * way))
 
 
