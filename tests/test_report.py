@@ -131,6 +131,14 @@ def test_a_model_put_together_by_hand_is_told_as_such(folder: Path) -> None:
     assert "2026-03-04 05:06" in page
 
 
+def test_effects_that_are_given_stand_in_the_first_step(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "report.html"
+    assert main(["report", str(folder / "hidden"), "--out", str(out), "--effect", HIDDEN]) == 0
+    labels = figures(out.read_text())[0]["light"]["data"][0]["customdata"]
+    assert labels[:2] == ["nominal", f"link errors + {HIDDEN}"]
+    assert f"held against what the model of link errors + {HIDDEN} leaves over" in plain(out.read_text())
+
+
 def test_data_without_test_poses_or_declared_noise_make_a_report_too(folder: Path, tmp_path: Path) -> None:
     dataset = load_dataset(folder / "hidden")
     role = np.where(dataset.poses.role == "test", "train", dataset.poses.role)
