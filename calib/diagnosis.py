@@ -128,11 +128,11 @@ def diagnose(
         sizes: dict[str, float] = {}
         for one in added:
             sizes |= one.candidate.sizes
-        return calibrate(
-            dataset, effects=[*given, *(m for one in added for m in one.candidate.members)], sizes=sizes
-        )
+        members = [*given, *(m for one in added for m in one.candidate.members)]
+        return calibrate(dataset, effects=members, sizes=sizes, start=calibration)
 
     tell("fitting the geometry")
+    calibration: Calibration | None = None  # each fit goes on from the last model that was taken
     calibration = fit(())
     added: list[_Added] = []
     screening = screen(calibration, families)

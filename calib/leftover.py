@@ -65,10 +65,11 @@ def leftover_of(calibration: Calibration) -> Leftover:
     at = residuals.linearise(x)
     frames = residuals.frame_directions(x)
     scaled = at.jacobian * model.scales
-    u, s, _ = np.linalg.svd(scaled, full_matrices=False)
+    q, triangle = np.linalg.qr(scaled)
+    turn, s, _ = np.linalg.svd(triangle)  # of a few rows, however many poses there are
     noise = calibration.fit.noise if np.isfinite(calibration.fit.noise) else 1.0
     known = s > max(_KNOWN * noise, 1e-9 * float(s[0]))
-    basis = np.linalg.qr(np.concatenate([frames, u[:, known]], axis=1))[0]
+    basis = np.linalg.qr(np.concatenate([frames, q @ turn[:, known]], axis=1))[0]
     freedom = len(at.residual) - basis.shape[1]
     if freedom < 3:
         raise FitError(

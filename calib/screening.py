@@ -7,7 +7,7 @@ untestable with these poses.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -129,8 +129,9 @@ def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
         positive = tuple(all(p.positive for p in member.parameters) for member in family.members)
         evidence.append(weigh(Problem(-leftover.residual, groups, leftover.freedom, positive)))
     corrected = holm([e.p_value for e in evidence])
+    spans = {family.name: _span(groups) for family, groups in zip(tested, columns, strict=True)}
     candidates = [
-        _candidate(leftover, family, groups, e, p, dict(zip((f.name for f in tested), columns, strict=True)))
+        _candidate(leftover, family, groups, e, p, spans)
         for family, groups, e, p in zip(tested, columns, evidence, corrected, strict=True)
     ]
     candidates.sort(key=lambda c: (-c.log_evidence, c.p_value))
@@ -155,7 +156,7 @@ def _candidate(
     groups: tuple[Array, ...],
     evidence: Evidence,
     p_holm: float,
-    everyone: dict[str, tuple[Array, ...]],
+    spans: Mapping[str, Array],
 ) -> Candidate:
     active = [i for i, size in enumerate(evidence.sizes) if size > 0.0 and np.any(groups[i])]
     columns = (
@@ -196,21 +197,23 @@ def _candidate(
         sizes=sizes,
         explained=-evidence.explained,
         overlaps={
-            n: s
-            for n, g in everyone.items()
-            if n != family.name and (s := _overlap(evidence.explained, g)) > 0.2
+            name: share
+            for name, span in spans.items()
+            if name != family.name and (share := _overlap(evidence.explained, span)) > 0.2
         },
     )
 
 
-def _overlap(explained: Array, groups: tuple[Array, ...]) -> float:
-    """Share of a signal (R,) that the columns of another family could make."""
-    size = float(explained @ explained)
-    if size <= 0.0:
-        return 0.0
+def _span(groups: tuple[Array, ...]) -> Array:
+    """(R, rank) orthonormal directions that a family's columns make."""
     u, s, _ = np.linalg.svd(np.concatenate(groups, axis=1), full_matrices=False)
-    inside = u[:, s > 1e-6 * s[0]].T @ explained
-    return float(inside @ inside) / size
+    return np.asarray(u[:, s > 1e-6 * s[0]])
+
+
+def _overlap(explained: Array, span: Array) -> float:
+    """Share of a signal (R,) that another family could make, by its `_span`."""
+    size = float(explained @ explained)
+    return float(np.sum((span.T @ explained) ** 2)) / size if size > 0.0 else 0.0
 
 
 def _cross_validated(leftover: Leftover, columns: Array, spread: Array) -> float:

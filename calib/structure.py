@@ -8,11 +8,12 @@ that looking in many places is paid for.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
@@ -34,6 +35,7 @@ FAULT_EVIDENCE = 3.0  # log evidence from which a simple story outside the catal
 SIGMA_DOUBT = 1.25  # a sigma that was declared, not measured, is believed to this factor
 _WIDTHS = (0.04, 0.12, 0.35)  # of the bumps, in shares of an input's range
 _CENTRES = 25
+_BLOCK = 3_000_000  # numbers of noise held at once
 
 
 @dataclass(frozen=True)
@@ -109,12 +111,7 @@ def judge(calibration: Calibration) -> Remains:
 
 def examine(dataset: Dataset, leftover: Leftover, *, draws: int = DRAWS) -> Remains:
     """Outliers first; then structure, with the outliers left out; then the size of what remains."""
-    rng = np.random.default_rng(0)  # the same data give the same verdict
-    noise = rng.standard_normal((len(leftover.residual), draws))
-    noise = leftover.project(noise)
-    size = float(np.linalg.norm(leftover.residual))
-    noise *= size / np.linalg.norm(noise, axis=0)
-    outliers = _outliers(leftover, noise)
+    outliers = _outliers(leftover, draws)
     lack, noise_mm, source, residual_mm = _lack_of_fit(dataset, leftover)
     poses, row = leftover.residuals.observed.used_poses
     return Remains(
@@ -122,10 +119,23 @@ def examine(dataset: Dataset, leftover: Leftover, *, draws: int = DRAWS) -> Rema
         noise_mm=noise_mm,
         noise_from=source,
         residual_mm=residual_mm,
-        inputs=_structure(leftover, noise, outliers[row]),
+        inputs=_structure(leftover, outliers[row], draws),
         outlier_poses=tuple(poses.ids[i] for i in np.flatnonzero(outliers)),
         fault=fault_of(_without(leftover, outliers[row]), FAULT_EVIDENCE),
     )
+
+
+def _noise(leftover: Leftover, draws: int) -> Iterator[Array]:
+    """Simulated noise (R, D) that went through the same fit, as large as the residual; `draws` in all, in blocks.
+
+    The same data give the same noise and so the same verdict.
+    """
+    rng = np.random.default_rng(0)
+    rows, size = len(leftover.residual), float(np.linalg.norm(leftover.residual))
+    block = max(_BLOCK // rows, 1)
+    for first in range(0, draws, block):
+        noise = leftover.project(rng.standard_normal((rows, min(block, draws - first))))
+        yield noise * (size / np.linalg.norm(noise, axis=0))
 
 
 def _without(leftover: Leftover, outlier: NDArray[np.bool_]) -> Leftover:
@@ -135,41 +145,46 @@ def _without(leftover: Leftover, outlier: NDArray[np.bool_]) -> Leftover:
     return replace(leftover, residual=residual)
 
 
-def _outliers(leftover: Leftover, noise: Array) -> NDArray[np.bool_]:
+def _outliers(leftover: Leftover, draws: int) -> NDArray[np.bool_]:
     """(N,) poses whose residual is larger than the largest of a whole dataset of noise should be."""
-    poses, row = leftover.residuals.observed.used_poses
-    count = len(poses)
-    mean_square = np.bincount(row, minlength=count).astype(float) * 3.0
+    of_pose = _sum_by_pose(leftover)
+    numbers = 3.0 * np.asarray(of_pose.sum(axis=1))  # (N, 1) coordinates at each pose
 
-    def per_pose(values: Array) -> Array:
-        square = np.sum(values.reshape(len(row), 3, -1) ** 2, axis=1)
-        out = np.zeros((count, square.shape[1]))
-        np.add.at(out, row, square)
-        return out / mean_square[:, None]
+    def mean_square(values: Array) -> Array:
+        return np.asarray(of_pose @ np.sum(values.reshape(of_pose.shape[1], 3, -1) ** 2, axis=1) / numbers)
 
-    ours, theirs = per_pose(leftover.residual)[:, 0], per_pose(noise)
+    ours = mean_square(leftover.residual)[:, 0]
+    largest = [
+        np.max(theirs / np.median(theirs, axis=0), axis=0)
+        for theirs in map(mean_square, _noise(leftover, draws))
+    ]
     # A large outlier swells the common scale, so each is compared with the median of its own dataset.
-    limit = np.quantile(np.max(theirs / np.median(theirs, axis=0), axis=0), 1.0 - OUTLIER_LEVEL)
+    limit = np.quantile(np.concatenate(largest), 1.0 - OUTLIER_LEVEL)
     return np.asarray(ours / np.median(ours) > limit)
 
 
-def _structure(leftover: Leftover, noise: Array, outlier: NDArray[np.bool_]) -> tuple[InputTest, ...]:
+def _sum_by_pose(leftover: Leftover) -> csr_matrix:
+    """(N, M) sums what the points of a pose say."""
+    poses, row = leftover.residuals.observed.used_poses
+    points = np.arange(len(row))
+    return csr_matrix((np.ones(len(row)), (row, points)), shape=(len(poses), len(row)))
+
+
+def _structure(leftover: Leftover, outlier: NDArray[np.bool_], draws: int) -> tuple[InputTest, ...]:
     """Westfall-Young corrected p of each input."""
-    inputs = inputs_of(leftover)
-    both = np.column_stack([leftover.residual, noise])
-    both[np.repeat(outlier, 3)] = 0.0
-    both /= np.maximum(np.linalg.norm(both, axis=0), 1e-300)
-    channels = _channels(leftover, both)
+    look = _Look.at(leftover, outlier)
+    ours = look.scores(leftover.residual[:, None])
+    blocks = [look.scores(noise) for noise in _noise(leftover, draws)]
     standard, where = {}, {}
-    for name, values in inputs.items():
-        relevant = _relevant(name, channels)
-        score = np.stack(
-            [np.sum((bumps.T @ channels[c]) ** 2, axis=0) for c in relevant for bumps in _bumps(values)]
+    for name, channels in look.channels_of.items():
+        theirs = np.concatenate([scores[name] for scores in blocks], axis=1)
+        mean, spread = (
+            theirs.mean(axis=1, keepdims=True),
+            np.maximum(theirs.std(axis=1, keepdims=True), 1e-300),
         )
-        mean, spread = score[:, 1:].mean(axis=1, keepdims=True), score[:, 1:].std(axis=1, keepdims=True)
-        score = (score - mean) / np.maximum(spread, 1e-300)
+        score = (np.column_stack([ours[name], theirs]) - mean) / spread
         standard[name] = np.max(score, axis=0)
-        where[name] = relevant[int(np.argmax(score[:, 0])) // (len(score) // len(relevant))]
+        where[name] = channels[int(np.argmax(score[:, 0])) // (len(score) // len(channels))]
     largest = np.max(np.stack([s[1:] for s in standard.values()]), axis=0)
     tests = [
         InputTest(name, float((1 + np.sum(largest >= score[0])) / (len(largest) + 1)), where[name])
@@ -177,6 +192,50 @@ def _structure(leftover: Leftover, noise: Array, outlier: NDArray[np.bool_]) -> 
     ]
     order = sorted(range(len(tests)), key=lambda i: -list(standard.values())[i][0])
     return tuple(tests[i] for i in order)
+
+
+@dataclass(frozen=True)
+class _Look:
+    """Where structure is looked for: bumps over each input, laid against scalars a pose ("channels").
+
+    Channels are the three axes and each joint's apparent motion.
+    """
+
+    of_pose: csr_matrix  # (N, M)
+    kept: Array  # (R, 1) 0 at outliers
+    directions: dict[str, Array]  # (M, 3) by channel
+    bumps: dict[str, list[Array]]  # by input, for each width (N, C)
+    channels_of: dict[str, list[str]]  # by input
+
+    @classmethod
+    def at(cls, leftover: Leftover, outlier: NDArray[np.bool_]) -> _Look:
+        directions = {}
+        for axis, name in enumerate("xyz"):
+            directions[name] = np.broadcast_to(np.eye(3)[axis], (len(outlier), 3))
+        for j, direction in enumerate(joint_directions(leftover)):
+            size = max(float(np.sqrt(np.mean(direction**2))), 1e-300)
+            directions[f"joint {j + 1}"] = direction / size
+        inputs = inputs_of(leftover)
+        return cls(
+            _sum_by_pose(leftover),
+            np.where(np.repeat(outlier, 3), 0.0, 1.0)[:, None],
+            directions,
+            {name: _bumps(values) for name, values in inputs.items()},
+            {name: _relevant(name, directions) for name in inputs},
+        )
+
+    def scores(self, values: Array) -> dict[str, Array]:
+        """For each input (S, D) responses of residuals (R, D), each scaled to length 1: channels times widths."""
+        values = values * self.kept
+        values /= np.maximum(np.linalg.norm(values, axis=0), 1e-300)
+        rows = values.reshape(self.of_pose.shape[1], 3, -1)
+        seen = {name: self.of_pose @ np.einsum("mi,mid->md", d, rows) for name, d in self.directions.items()}
+        return {
+            name: np.stack(
+                [np.sum((bump.T @ seen[c]) ** 2, axis=0) for c in channels for bump in self.bumps[name]]
+            )
+            for name, channels in self.channels_of.items()
+        }
 
 
 def _bumps(values: Array) -> list[Array]:
@@ -193,24 +252,7 @@ def _bumps(values: Array) -> list[Array]:
     return out
 
 
-def _channels(leftover: Leftover, values: Array) -> dict[str, Array]:
-    """Scalars a pose (N, D) that structure is looked for in: three axes, and each joint's apparent motion."""
-    observed = leftover.residuals.observed
-    poses, row = observed.used_poses
-    rows = values.reshape(len(row), 3, -1)
-    out = {}
-    for axis in range(3):
-        total = np.zeros((len(poses), values.shape[1]))
-        np.add.at(total, row, rows[:, axis])
-        out["xyz"[axis]] = total
-    for j, direction in enumerate(joint_directions(leftover)):
-        total = np.zeros((len(poses), values.shape[1]))
-        np.add.at(total, row, np.einsum("mi,mid->md", direction, rows))
-        out[f"joint {j + 1}"] = total / max(float(np.sqrt(np.mean(direction**2))), 1e-300)
-    return out
-
-
-def _relevant(name: str, channels: Mapping[str, Array]) -> list[str]:
+def _relevant(name: str, channels: Iterable[str]) -> list[str]:
     """The axes for every input; a joint's own motion for its own inputs, every joint's for time, load and the like."""
     axes = [key for key in channels if not key.startswith("joint")]
     stem = name.rstrip("0123456789")
