@@ -1,14 +1,22 @@
-"""How near the corner comes to the Cramer-Rao bound, beside Open3D's segment_plane on the same scans.
+"""How near the corner comes to the Cramer-Rao bound, in kind and unkind scenes, beside Open3D on the same scans.
 
-    python benchmarks/corners.py [--scans 20] [--points 12000 50000 200000] [--no-open3d]
+    python benchmarks/corners.py [--scans 5] [--points 12000 50000] [--peer-points 50000 200000 1000000]
+                                 [--peer-scans 4] [--cases NAME ...] [--no-open3d]
 
-Scans are those of the tests' ray caster (tests/scan_scene.py): a jig of 60 mm edge some 700 mm away on its flange, with
-link, wall and table behind, 0.02 mm * (0.5 + 0.5 / cos^2 incidence) of noise along the ray, 35 % flying pixels at depth
-edges, dropouts at grazing incidence. The bound is that of three free planes, of each scan.
+Scans are those of the tests' ray caster (tests/scan_scene.py, cases in tests/scan_cases.py): a jig of 60 mm edge some
+700 mm away on its flange, with link, wall and table behind, 0.02 mm * (0.5 + 0.5 / cos^2 incidence) of noise along the
+ray, 35 % flying pixels at depth edges, dropouts at grazing incidence. The bound is that of three free planes, of each
+scan, and white noise; a smooth error ("waves") is not in it. Columns of the first table:
+
+    RMS/bound   root mean square over the scans of error over bound: 1 is the best there is
+    Mahal.^2    mean squared error in units of the reported covariance: 3 is honest
+    wrong       a corner more than 10 bounds and more than 5 of its own sigmas off
+    seconds     median CPU time of one corner
 
 The peer takes planes from the cloud by RANSAC until three are perpendicular (0.1 mm, 1000 iterations, at most 8
 planes), and intersects them: once on the whole scan, as this project does, and once with the favour of a crop of 60 mm
-around the true apex, which leaves little but the jig.
+around the true apex, which leaves little but the jig. Time ratios are of wall times of the same scans, one after the
+other; errors are RMS over the bound.
 """
 
 from __future__ import annotations
@@ -16,7 +24,8 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
@@ -28,25 +37,24 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from calib.corners import find_corner  # noqa: E402
 from calib.intersection import intersect  # noqa: E402
-from calib.jig import Jig  # noqa: E402
-from scan_scene import SceneScan, make_scene  # noqa: E402
+from scan_cases import CASES, Case  # noqa: E402
+from scan_scene import SceneScan  # noqa: E402
 
-WRONG_MM = 1.0  # an apex farther off is not a measurement but a mistake
 Found = tuple[NDArray, NDArray | None] | None
 
 
-def ours(scene: SceneScan) -> Found:
+def ours(scene: SceneScan, case: Case) -> Found:
     """The product's corner and its covariance."""
-    corner = find_corner(scene.scan, Jig(), scan_sigma_mm=0.02).corner
+    corner = find_corner(scene.scan, case.jig, scan_sigma_mm=case.told_sigma_mm).corner
     return None if corner is None else (corner.xyz_mm, corner.covariance_mm2)
 
 
-def open3d_whole(scene: SceneScan) -> Found:
+def open3d_whole(scene: SceneScan, case: Case) -> Found:
     """Open3D on the whole scan."""
     return open3d_planes(scene.scan.points_mm)
 
 
-def open3d_cropped(scene: SceneScan) -> Found:
+def open3d_cropped(scene: SceneScan, case: Case) -> Found:
     """Open3D on what lies around the true apex."""
     points = scene.scan.points_mm
     return open3d_planes(points[np.all(np.abs(points - scene.apex_mm) < 60, axis=1)])
@@ -71,48 +79,108 @@ def open3d_planes(points_mm: NDArray) -> Found:
     return None
 
 
-def measure(name: str, method: Callable[[SceneScan], Found], scenes: list[SceneScan]) -> str:
-    """One line of the table."""
-    ratios, mahalanobis, seconds, wrong, failed = [], [], [], 0, 0
+@dataclass(frozen=True)
+class Measured:
+    """What one method did with some scans."""
+
+    ratios: NDArray  # (K,) error over bound of the corners found
+    mahalanobis: NDArray  # (K,) squared, NaN without a covariance
+    failed: int
+    wrong: int
+    cpu_s: float  # median
+    wall_s: float  # median
+
+    def rms(self) -> float:
+        """Root mean square of the ratios."""
+        return float(np.sqrt(np.mean(self.ratios**2))) if len(self.ratios) else float("nan")
+
+
+def measure(method: Callable[[SceneScan, Case], Found], scenes: list[SceneScan], case: Case) -> Measured:
+    """Run one method on all scans."""
+    ratios, mahalanobis, cpu, wall, failed = [], [], [], [], 0
     for scene in scenes:
-        started = time.perf_counter()
-        found = method(scene)
-        seconds.append(time.perf_counter() - started)
+        started, started_cpu = time.perf_counter(), time.process_time()
+        found = method(scene, case)
+        wall.append(time.perf_counter() - started)
+        cpu.append(time.process_time() - started_cpu)
         if found is None:
             failed += 1
             continue
         error = found[0] - scene.apex_mm
-        if np.linalg.norm(error) > WRONG_MM:
-            wrong += 1
-            continue
         ratios.append(np.linalg.norm(error) / scene.bound_mm)
-        if found[1] is not None:
-            mahalanobis.append(error @ np.linalg.solve(found[1], error))
-    points = int(np.median([len(s.label) for s in scenes]))
-    bound = float(np.median([s.bound_mm for s in scenes]))
-    ratio = f"{np.sqrt(np.mean(np.square(ratios))):10.2f}" if ratios else f"{'-':>10}"
-    honest = f"{np.mean(mahalanobis):11.2f}" if mahalanobis else f"{'-':>11}"
-    return f"{name:14}{points:9}{bound:11.4f}{ratio}{honest}{np.median(seconds):9.2f}{failed:8}{wrong:7}{len(scenes):7}"
+        mahalanobis.append(np.nan if found[1] is None else error @ np.linalg.solve(found[1], error))
+    far = np.array(ratios) > 10
+    wrong = int(np.sum(far & ~(np.array(mahalanobis) <= 25)))
+    return Measured(
+        np.array(ratios), np.array(mahalanobis), failed, wrong, float(np.median(cpu)), float(np.median(wall))
+    )
+
+
+def case_table(names: list[str], points: list[int], scans: int) -> Iterator[str]:
+    """Lines of the first table."""
+    yield (
+        f"{'case':20}{'points':>9}{'bound mm':>10}{'RMS/bound':>11}{'Mahal.^2':>10}{'failed':>8}{'wrong':>7}"
+        f"{'scans':>7}{'seconds':>9}"
+    )
+    squared: dict[bool, list[float]] = {False: [], True: []}
+    for rays in points:
+        for name in names:
+            case = CASES[name]
+            scenes = [case.scene(name, seed, rays) for seed in range(scans)]
+            found = measure(ours, scenes, case)
+            squared["waves" in name] += found.mahalanobis.tolist()
+            count = int(np.median([len(s.label) for s in scenes]))
+            bound = float(np.median([s.bound_mm for s in scenes]))
+            mean = float(np.mean(found.mahalanobis)) if len(found.mahalanobis) else float("nan")
+            yield (
+                f"{name:20}{count:9}{bound:10.4f}{found.rms():11.2f}{mean:10.2f}{found.failed:8}{found.wrong:7}"
+                f"{scans:7}{found.cpu_s:9.2f}"
+            )
+    for wavy, values in squared.items():
+        if values:
+            kind = "a smooth error" if wavy else "white noise"
+            spread = np.std(values) / np.sqrt(len(values))
+            yield f"squared Mahalanobis error, {kind}: {np.mean(values):.2f} +- {spread:.2f} ({len(values)} corners)"
+
+
+def peer_table(points: list[int], scans: int) -> Iterator[str]:
+    """Lines of the second table: plain scans, this project and Open3D one after the other."""
+    yield (
+        f"{'plain scans':20}{'points':>9}{'RMS/bound':>11}{'failed':>8}{'seconds':>9}{'error of peer':>15}"
+        f"{'times faster':>14}"
+    )
+    case = CASES["plain"]
+    for rays in points:
+        scenes = [case.scene("plain", seed, rays) for seed in range(scans)]
+        mine = measure(ours, scenes, case)
+        count = int(np.median([len(s.label) for s in scenes]))
+        yield f"{'this project':20}{count:9}{mine.rms():11.2f}{mine.failed:8}{mine.wall_s:9.2f}"
+        for name, method in (("Open3D whole", open3d_whole), ("Open3D crop", open3d_cropped)):
+            peer = measure(method, scenes, case)
+            yield (
+                f"{name:20}{count:9}{peer.rms():11.2f}{peer.failed:8}{peer.wall_s:9.2f}"
+                f"{mine.rms() / peer.rms():15.2f}{peer.wall_s / mine.wall_s:14.1f}"
+            )
 
 
 def main() -> None:
-    """Print the table."""
+    """Print both tables, a line as soon as it is known."""
     parser = argparse.ArgumentParser(description="corner accuracy against the Cramer-Rao bound")
-    parser.add_argument("--scans", type=int, default=20)
-    parser.add_argument("--points", type=int, nargs="+", default=[12_000, 50_000, 200_000])
+    parser.add_argument("--scans", type=int, default=5, help="scans a case and size")
+    parser.add_argument("--points", type=int, nargs="*", default=[12_000, 50_000])
+    parser.add_argument("--cases", nargs="*", default=list(CASES), choices=list(CASES), metavar="NAME")
+    parser.add_argument("--peer-points", type=int, nargs="*", default=[50_000, 200_000, 1_000_000])
+    parser.add_argument("--peer-scans", type=int, default=4)
     parser.add_argument("--no-open3d", action="store_true")
     arguments = parser.parse_args()
-    lines = [
-        f"{'method':14}{'points':>9}{'bound mm':>11}{'RMS/bound':>10}{'Mahal.^2':>11}{'seconds':>9}"
-        f"{'failed':>8}{'wrong':>7}{'scans':>7}"
-    ]
-    for rays in arguments.points:
-        scenes = [make_scene(np.random.default_rng([rays, seed]), rays) for seed in range(arguments.scans)]
-        lines.append(measure("this project", ours, scenes))
-        if not arguments.no_open3d:
-            lines.append(measure("Open3D whole", open3d_whole, scenes))
-            lines.append(measure("Open3D crop", open3d_cropped, scenes))
-    sys.stdout.write("\n".join(lines) + "\n")
+    for line in case_table(arguments.cases, arguments.points, arguments.scans):
+        sys.stdout.write(line + "\n")
+        sys.stdout.flush()
+    if not arguments.no_open3d:
+        sys.stdout.write("\n")
+        for line in peer_table(arguments.peer_points, arguments.peer_scans):
+            sys.stdout.write(line + "\n")
+            sys.stdout.flush()
 
 
 if __name__ == "__main__":
