@@ -201,7 +201,7 @@ def _history(report: Report) -> list[str | page.Figure]:
         page.table(
             ("errors, mm", "before", "after", "reduction"),
             _before_after(report.calibration),
-            caption="In full",
+            caption="All figures; distances are to the reference pose",
         ),
     ]
 

@@ -14,6 +14,7 @@ from calib.dataset import Dataset
 from calib.failure import running_median
 from calib.knowledge import Combination, known_sums
 from calib.measurement import failed_searches
+from calib.screening import Candidate
 from calib.sigma_check import check_sigma
 from calib.structure import InputTest
 from inspector import report_page as page
@@ -94,7 +95,7 @@ def ranking(report: Report) -> Parts:
             probability(c.p_holm),
             f"{100 * c.explained_share:.0f}",
             words.millimetres(c.cv_rmse_mm),
-            ", ".join(f"{n} {100 * s:.0f} %" for n, s in list(c.overlaps.items())[:3]) or "–",
+            _likeness(c),
         )
         for c in report.ranking.candidates
     ]
@@ -118,6 +119,12 @@ def ranking(report: Report) -> Parts:
         out.append(page.paragraph("Cannot be tested with these data:"))
         out.append(page.bullets(f"{u.name}: {u.why}. To test it: {u.would_help}." for u in silent))
     return out
+
+
+def _likeness(candidate: Candidate) -> str:
+    """The effects that could make most of what a candidate explains."""
+    most = sorted(candidate.overlaps.items(), key=lambda item: -item[1])[:3]
+    return ", ".join(f"{name} {100 * share:.0f}\u00a0%" for name, share in most) or "–"
 
 
 def look(report: Report, look: Look) -> Parts:
