@@ -92,7 +92,7 @@ def run(folder: Path, kind: str, workers: int) -> None:
     dataset = load_dataset(folder)
     started = time.perf_counter()
     with executor_of(kind, workers) as executor:
-        found = find_corners(dataset, executor=executor)
+        found = find_corners(dataset, executor=executor, intermediate=False)
         wall = time.perf_counter() - started
     mine, children = resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN)
     corners = [search.corner for search in found.values() if search.corner is not None]

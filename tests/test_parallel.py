@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import pickle
 import subprocess
 import sys
 import time
@@ -115,6 +116,18 @@ def test_another_name_changes_nothing_and_more_blas_threads_only_the_covariances
     assert said[0] == corner.xyz_mm.tobytes().hex()
     covariance = np.frombuffer(bytes.fromhex(said[1])).reshape(3, 3)
     np.testing.assert_allclose(covariance, corner.covariance_mm2, rtol=1e-9)
+
+
+def test_what_is_only_looked_at_may_stay_away(dataset: Any, alone: dict[str, CornerSearch]) -> None:
+    with ProcessPoolExecutor(1, mp_context=SPAWN) as executor:
+        brief = find_corners(dataset, executor=executor, intermediate=False)
+    for pose_id, search in alone.items():
+        assert brief[pose_id].filter_counts() == search.filter_counts()
+        said = [s.summary().rpartition(",")[0] for s in (brief[pose_id], search)]  # without the seconds
+        assert said[0] == said[1]
+        if search.corner is not None:
+            assert brief[pose_id].corner.xyz_mm.tobytes() == search.corner.xyz_mm.tobytes()  # type: ignore[union-attr]
+            assert len(pickle.dumps(brief[pose_id])) < 0.2 * len(pickle.dumps(search))
 
 
 def _die(path: Path, **_: Any) -> None:
