@@ -173,7 +173,9 @@ def write_scans(folder: Path, points: int, count: int) -> None:
             (look * turn * upright).as_matrix().T
         )  # rows: the unit edges that leave the apex, away from us
         face = rng.integers(0, 3, points)
-        across = rng.uniform(1.0, edge_mm, (points, 2))
+        across = rng.uniform(0.0, edge_mm, (points, 2))
+        folded = across.sum(axis=1) > edge_mm
+        across[folded] = edge_mm - across[folded]  # a face is the triangle between two edges
         xyz = apex_mm + across[:, :1] * edges[face] + across[:, 1:] * edges[(face + 1) % 3]
         write_scan(folder / "scans" / name, Scan(name, xyz + rng.normal(0.0, 0.02, xyz.shape)))
     write_dataset(replace(dataset, points=None, scan_folder="scans"), folder)

@@ -12,7 +12,7 @@ from calib.calibration import Calibration
 from calib.decision import is_convincing
 from calib.diagnosis import Diagnosis
 from calib.effects.descriptions import DESCRIPTIONS
-from calib.explanation import MEASURE_NEXT, explain
+from calib.explanation import MEASURE_NEXT, explain, left_in_short, verdict_words
 from calib.meaning import meaning
 from calib.next_poses import NextPose
 from calib.robot import Robot
@@ -76,7 +76,8 @@ def verdict_html(diagnosis: Diagnosis | None) -> str:
     """The verdict of a diagnosis, in a line or two."""
     if diagnosis is None:
         return ""
-    return tables.alert(explain(diagnosis).split("\n\n")[-1], colour=VERDICTS[diagnosis.verdict])
+    left = f"What is left: {left_in_short(diagnosis.remains)}."
+    return tables.alert(f"{left} {verdict_words(diagnosis)}", colour=VERDICTS[diagnosis.verdict])
 
 
 def reasons_html(diagnosis: Diagnosis | None) -> str:
