@@ -18,6 +18,7 @@ TRIM_KEPT = 0.7  # share of the neighbours that the second and third PCA see
 # Variance of a normal variable cut to its central 70 %, and the 3 of the plane's degrees of freedom taken off.
 _TRIMMED_VARIANCE = 0.310 * (14 - 3) / 14
 _VOXELS_AN_AXIS = 2**20
+_MOST_COUNTERS = 8e6
 
 
 @dataclass(frozen=True)
@@ -45,12 +46,32 @@ def thin_to_voxels(points_mm: NDArray, voxel_mm: float) -> NDArray:
     points_mm  # (N, 3). Flying pixels and stray points mostly live in those sparse voxels. Where the scan has about
     one point a voxel (less than four at the median) nothing can be called sparse, and all are kept.
     """
-    middle = np.nanmedian(points_mm, axis=0)
-    cells = (points_mm - middle) / voxel_mm
-    near = np.flatnonzero(np.all(np.abs(cells) < _VOXELS_AN_AXIS / 2 - 1, axis=1))
-    cell = np.floor(cells[near]).astype(np.int64) + _VOXELS_AN_AXIS // 2
-    key = (cell[:, 0] * _VOXELS_AN_AXIS + cell[:, 1]) * _VOXELS_AN_AXIS + cell[:, 2]
-    _, first, count = np.unique(key, return_index=True, return_counts=True)
+    with np.errstate(invalid="ignore", over="ignore"):
+        finite = np.flatnonzero(np.isfinite(points_mm @ np.ones(3)))  # a sum is quicker than all(axis=1)
+    if not len(finite):
+        return finite
+    middle = np.median(points_mm[finite[:: max(1, len(finite) // 10_000)]], axis=0)
+    cells = (points_mm[finite] - middle) / voxel_mm
+    if np.abs(cells).max() >= _VOXELS_AN_AXIS / 2 - 1:
+        inside = np.abs(cells).max(axis=1) < _VOXELS_AN_AXIS / 2 - 1
+        finite, cells = finite[inside], cells[inside]
+    near, cell = finite, np.floor(cells).astype(np.int64)
+    if not len(near):
+        return near
+    cell -= cell.min(axis=0)
+    size = cell.max(axis=0) + 1
+    key = (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
+    if (
+        float(np.prod(size.astype(float))) <= _MOST_COUNTERS
+    ):  # a table of all voxels: much faster than sorting
+        table = np.bincount(key)
+        count = table[table > 0]
+        table[key[::-1]] = np.arange(len(key))[::-1]  # the first point of a voxel is written last
+        occupied = np.zeros(len(table), dtype=bool)
+        occupied[key] = True
+        first = table[occupied]
+    else:
+        _, first, count = np.unique(key, return_index=True, return_counts=True)
     usual = np.median(count) if len(count) else 0
     if usual >= 4:
         first = first[count >= 0.25 * usual]
@@ -110,7 +131,9 @@ def _fit_planes(local: NDArray, weights: NDArray) -> _Planes:
     middle = np.trace(scatter, axis1=1, axis2=2) / 3
     deviator = scatter - middle[:, None, None] * np.eye(3)
     size = np.sqrt(np.maximum(np.einsum("vab,vab->v", deviator, deviator), 1e-300) / 6)
-    angle = np.arccos(np.clip(np.linalg.det(deviator / size[:, None, None]) / 2, -1, 1)) / 3
+    (a, b, c), (_, d, e), (*_, f) = np.moveaxis(deviator / size[:, None, None], 0, 2)
+    determinant = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
+    angle = np.arccos(np.clip(determinant / 2, -1, 1)) / 3
     least = middle + 2 * size * np.cos(angle + 2 * np.pi / 3)
     largest = middle + 2 * size * np.cos(angle)
     rows = scatter - least[:, None, None] * np.eye(3)

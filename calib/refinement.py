@@ -23,6 +23,8 @@ from calib.rigid import angle_derivative, found_angles_deg, hold_to_angles, turn
 from calib.waviness import PlaneUncertainty, plane_uncertainty
 
 _ROUNDS = 6
+_LAST_ROUNDS = 2
+_POINTS_AT_FIRST = 20_000
 _BAND_SIGMA = 12.0
 _MARGIN_SIGMA = 4.0  # a face's own noise must not carry its points over the edge into the other face's band
 _RINGS = (
@@ -67,7 +69,8 @@ def refine(
     normals = np.array([groups[g].normal for g in chosen])
     start_offsets = np.array([groups[g].offset_mm for g in chosen])
     origin = intersect(normals, start_offsets)
-    near = np.flatnonzero(np.sum((points_mm - origin) ** 2, axis=1) < (1.25 * jig.edge_mm) ** 2)
+    way = points_mm - origin
+    near = np.flatnonzero(np.einsum("ni,ni->n", way, way) < (1.25 * jig.edge_mm) ** 2)
     local = points_mm[near] - origin  # small numbers: the planes are fitted around the first apex
     planes, margin_mm, failure = _fit_faces(
         local, near, normals, start_offsets - normals @ origin, jig, sigma_mm, options
@@ -113,9 +116,13 @@ def _fit_faces(
     bands = np.full(3, _BAND_SIGMA * max(sigma_mm, jig.edge_mm / 1800))
     margin_mm = options.edge_margin_mm or jig.edge_mm / 40
     planes: list[PlaneFit] = []
+    everything = local, near
     for turn in range(_ROUNDS):
+        last = turn >= _ROUNDS - _LAST_ROUNDS  # before, some thousands of points tell enough
+        step = 1 if last else max(1, len(everything[0]) // _POINTS_AT_FIRST)
+        local, near = everything[0][::step], everything[1][::step]
         heights = local @ normals.T - offsets
-        if turn >= _ROUNDS - 3 and options.edge_margin_mm is None:
+        if last and options.edge_margin_mm is None:
             margin_mm = _margin(heights, planes, jig)
         least_mm = max(margin_mm, _MARGIN_SIGMA * bands.max() / _BAND_SIGMA)
         planes = []
