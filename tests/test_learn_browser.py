@@ -112,7 +112,7 @@ def test_where_it_fails_selects_the_pose_everywhere(page: Any, app: App) -> None
     assert failure is not None
     worst = failure.worst(1)[0]
     page.get_by_label("Worst poses", exact=True).first.click()
-    page.get_by_role("option", name=f"{worst} ·").locator("visible=true").first.click()
+    page.get_by_role("option", name=f"{worst} (").locator("visible=true").first.click()
     place = app.stage.now.session.dataset.poses.index(worst) + 1
     says(page, f"{place} of 45")
     page.get_by_label("Against", exact=True).first.click()
