@@ -96,7 +96,8 @@ def add_in_turn(
     for name in dict.fromkeys(names):
         last = steps[-1]
         added = (*last.added, proposed(screen(last.calibration, families), name))
-        steps.append(Addition(name, added, calibrate_with(dataset, added, effects=effects, **options)))
+        fit = calibrate_with(dataset, added, effects=effects, start=last.calibration, **options)
+        steps.append(Addition(name, added, fit))
     return tuple(steps)
 
 

@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from calib.calibration import Calibration, calibrate
+from calib.adding import Added, calibrate_with
+from calib.calibration import Calibration
 from calib.dataset import Dataset
 from calib.decision import FLOOR, MARGIN, is_convincing, leader, predicts_worse, simpler_story, verdict_of
 from calib.effects.base import Effect
@@ -39,6 +40,9 @@ class Step:
     log_evidence_margin: float | None
     screening: Screening  # of everything not in this step's model
     candidate: Candidate | None = None  # the effect's case, as it stood before it was added
+    inside: tuple[
+        Candidate, ...
+    ] = ()  # all that was added so far, with the members that show beside each other
 
 
 @dataclass(frozen=True)
@@ -95,8 +99,9 @@ class _Added:
     def name(self) -> str:
         return self.candidate.name
 
-    def step(self, calibration: Calibration, screening: Screening) -> Step:
-        return Step(self.name, calibration, self.candidate.p_value, self.margin, screening, self.candidate)
+    def step(self, calibration: Calibration, screening: Screening, added: Sequence[_Added]) -> Step:
+        case, inside = self.candidate, tuple(one.candidate for one in added)
+        return Step(self.name, calibration, case.p_value, self.margin, screening, case, inside)
 
 
 def diagnose(
@@ -125,11 +130,8 @@ def diagnose(
     given = [member for name in effects for member in family_of(dataset, name, own).members]
 
     def fit(added: Sequence[_Added]) -> Calibration:
-        sizes: dict[str, float] = {}
-        for one in added:
-            sizes |= one.candidate.sizes
-        members = [*given, *(m for one in added for m in one.candidate.members)]
-        return calibrate(dataset, effects=members, sizes=sizes, start=calibration)
+        inside = [Added.of(one.candidate) for one in added]
+        return calibrate_with(dataset, inside, effects=given, start=calibration)
 
     tell("fitting the geometry")
     calibration: Calibration | None = None  # each fit goes on from the last model that was taken
@@ -163,14 +165,14 @@ def diagnose(
             break
         added, calibration = _revised([*added, one], trial, fit)
         screening = screen(calibration, families)
-        steps.append(one.step(calibration, screening))
+        steps.append(one.step(calibration, screening, added))
     kept = _still_needed(added, fit, families)
     if len(kept) < len(added):
         tell("dropping what a later effect made superfluous")
         steps = [steps[0]]
         for k, one in enumerate(kept):
             calibration = fit(kept[: k + 1])
-            steps.append(one.step(calibration, screen(calibration, families)))
+            steps.append(one.step(calibration, screen(calibration, families), kept[: k + 1]))
         added = kept
     tell("judging what is left")
     remains = examine(dataset, leftover_of(calibration))

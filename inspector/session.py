@@ -13,7 +13,7 @@ from calib.calibration import Calibration, redundancy
 from calib.corners import CornerSearch, search_file
 from calib.dataset import Dataset
 from calib.dataset_file import load_dataset
-from calib.diagnosis import Diagnosis, diagnose, without_poses
+from calib.diagnosis import Diagnosis, Step, diagnose, without_poses
 from calib.effects.catalogue import Family, effects_for
 from calib.errors import CalibError, DatasetError
 from calib.failure import Failure, failure_of
@@ -173,17 +173,16 @@ def with_found(session: Session, found: Diagnosis) -> Session:
     """Take over a diagnosis of what is measured, and the model that it leads to."""
     first = found.steps[0].calibration
     start = _nominal(first)
-    added = tuple(Added.of(s.candidate) for s in found.steps if s.candidate is not None)
     left_out = _left_out(session.measured, first.dataset)
     given = " + ".join([GEOMETRY, *first.model.family_names])
     steps = [
-        replace(_step(f"+ {s.effect}" if s.effect else given, s.calibration, added[:k]), left_out=left_out)
-        for k, s in enumerate(found.steps)
+        replace(_step(f"+ {s.effect}" if s.effect else given, s.calibration, _inside(s)), left_out=left_out)
+        for s in found.steps
     ]
     return replace(
         session,
         calibration=found.calibration,
-        effects=added,
+        effects=_inside(found.steps[-1]),
         screening=found.steps[-1].screening,
         failure=failure_of(found.calibration),
         remains=found.remains,
@@ -192,12 +191,19 @@ def with_found(session: Session, found: Diagnosis) -> Session:
     )
 
 
+def _inside(step: Step) -> tuple[Added, ...]:
+    return tuple(Added.of(candidate) for candidate in step.inside)
+
+
 def replayed(session: Session, steps: Sequence[HistoryStep]) -> Session:
     """The fits of a history once more, on what is measured now; figures in `steps` are not read."""
-    fits = []
+    fits: list[Calibration] = []
+    last: tuple[Added, ...] = ()
     for step in steps[1:]:
         dataset = without_poses(session.measured, step.left_out) if step.left_out else session.measured
-        fits.append(calibrate_with(dataset, step.effects, residual=step.residual))
+        start = _from(fits[-1], last, step.effects) if fits else None
+        fits.append(calibrate_with(dataset, step.effects, residual=step.residual, start=start))
+        last = step.effects
     if not fits:
         return session
     history = [
@@ -221,9 +227,16 @@ def _calibrated(session: Session) -> Calibration:
 
 
 def _changed(session: Session, effects: tuple[Added, ...], label: str) -> Session:
-    result = calibrate_with(session.measured, effects, residual=_calibrated(session).residual)
+    before = _calibrated(session)
+    start = _from(before, session.effects, effects)
+    result = calibrate_with(session.measured, effects, residual=before.residual, start=start)
     history = (*session.history, _step(label, result, effects))
     return _unjudged(replace(session, calibration=result, effects=effects, history=history))
+
+
+def _from(before: Calibration, old: tuple[Added, ...], new: tuple[Added, ...]) -> Calibration | None:
+    """The fit to go on from: the one before where effects come, none where one goes, so that it ends where it began."""
+    return before if len(new) > len(old) else None
 
 
 def _unjudged(session: Session) -> Session:
