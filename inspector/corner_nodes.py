@@ -60,12 +60,8 @@ def corners(
     colours: NDArray,
     factor: float,
     on_click: Callable[[int], None],
-    selected: int | None = None,
 ) -> list[viser.SceneNodeHandle]:
-    """All corners as dots with their enlarged ellipsoids; a click tells which. (N, 3), (N, 3, 3), (N, 3).
-
-    The one that is `selected` has a halo.
-    """
+    """All corners as dots with their enlarged ellipsoids; a click tells which. (N, 3), (N, 3, 3), (N, 3)."""
     if not len(xyz_mm):
         return []
     at, diameter = to_scene(xyz_mm), dot_mm(xyz_mm)
@@ -83,18 +79,21 @@ def corners(
             on_click(event.instance_index)
 
     nodes.append(dots)
-    if selected is not None:
-        nodes.append(
-            api.add_icosphere(
-                f"{name}/halo", radius=HALO * diameter * M_PER_MM, color=rgb(HIGHLIGHT), opacity=0.35,
-                position=tuple(at[selected].astype(float)), cast_shadow=False, receive_shadow=False,
-            )
-        )  # fmt: skip
     if covariance_mm2 is not None:
         nodes.append(
             _ellipsoids(api, f"{name}/ellipsoids", xyz_mm, covariance_mm2, factor, colours, opacity=0.35)
         )
     return nodes
+
+
+def halo(api: viser.SceneApi, name: str, at_mm: NDArray, diameter_mm: float) -> list[viser.SceneNodeHandle]:
+    """A mark (3,) around the dot of the selected corner."""
+    return [
+        api.add_icosphere(
+            name, radius=HALO * diameter_mm * M_PER_MM, color=rgb(HIGHLIGHT), opacity=0.35,
+            position=tuple(to_scene(at_mm).astype(float)), cast_shadow=False, receive_shadow=False,
+        )
+    ]  # fmt: skip
 
 
 def _ellipsoids(

@@ -116,12 +116,24 @@ def draw_corners(scene: SceneView, view: View, on_click: Callable[[int], None]) 
     known = bool(found) and all(f[2] is not None for f in found)
     covariance = np.array([f[2] for f in found]) if known else None
     colours = pose_colours(view)[which]
-    selected = which.index(view.pose) if view.pose in which else None
     scene.draw(
         "corners",
         lambda api, name: corner_nodes.corners(
-            api, name, xyz, covariance, colours, view.factor, lambda k: on_click(which[k]), selected
+            api, name, xyz, covariance, colours, view.factor, lambda k: on_click(which[k])
         ),
+        key=(
+            tuple(which),
+            xyz.tobytes(),
+            None if covariance is None else covariance.tobytes(),
+            colours.tobytes(),
+            view.factor,
+        ),
+    )
+    selected = xyz[which.index(view.pose)] if view.pose in which else None
+    scene.draw_halo(
+        lambda api, name: (
+            [] if selected is None else corner_nodes.halo(api, name, selected, corner_nodes.dot_mm(xyz))
+        )
     )
     return xyz
 

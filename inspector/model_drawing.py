@@ -110,6 +110,7 @@ class ArmDrawing:
         self._scene = scene
         self._of: object = None  # what the meshes were loaded for
         self._meshes: dict[int, viser.MeshHandle] = {}  # by joint
+        self._solids = model_nodes.Solids()
         self.problems: tuple[str, ...] = ()  # meshes that cannot be drawn, and why
 
     def draw(self, view: View) -> None:
@@ -118,7 +119,7 @@ class ArmDrawing:
         arm = None if version is None else version.arm(view.pose)
         if version is None or arm is None:
             self._scene.draw("arm", lambda api, name: [])
-            self._of, self._meshes = None, {}
+            self._of, self._meshes, self._solids = None, {}, model_nodes.Solids()
             return
         dataset = view.session.dataset
         setup = str(dataset.poses.setup[view.pose])
@@ -129,8 +130,9 @@ class ArmDrawing:
             self._load(api, dataset)
             for joint, handle in self._meshes.items():
                 handle.wxyz, handle.position = model_nodes.pose_of(arm.base_T_link[joint])
+            colour, meshed = MODEL_COLOURS[version.name], tuple(self._meshes)
             return [
-                *model_nodes.arm(api, name, arm, MODEL_COLOURS[version.name], text, tuple(self._meshes)),
+                *model_nodes.arm(api, name, self._solids, arm, colour, text, meshed),
                 *model_nodes.base(api, name, placed),
                 *self._meshes.values(),
             ]

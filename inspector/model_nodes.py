@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import viser
@@ -19,45 +20,75 @@ AXIS_MM = 150.0  # length of the base's axes
 PARTS = {"revolute": JOINT, "prismatic": SLIDE, "link": ARM}
 
 
+@dataclass
+class Solids:
+    """The nodes of an arm's cylinders and balls, kept from pose to pose: those of one arm only change place.
+
+    Adding a batch again under its name makes pages build it anew, and now and then they then draw nothing of it.
+    """
+
+    nodes: dict[str, viser.BatchedMeshHandle] = field(default_factory=dict)
+
+    def put(
+        self,
+        api: viser.SceneApi,
+        name: str,
+        shape: tuple[NDArray, NDArray],
+        wxyz: NDArray,
+        at_mm: NDArray,
+        size_mm: NDArray,
+        colours: NDArray,
+    ) -> list[viser.SceneNodeHandle]:
+        """K of a shape (vertices, faces) at wxyz (K, 4), places (K, 3), scaled (K, 3), in colours (K, 3)."""
+        node = self.nodes.get(name)
+        if node is not None and len(np.reshape(node.batched_positions, (-1, 3))) == len(at_mm):
+            node.batched_wxyzs, node.batched_positions = wxyz.astype(np.float32), to_scene(at_mm)
+            node.batched_scales, node.batched_colors = to_scene(size_mm), colours
+            return [node]
+        self.nodes.pop(name, None)
+        if not len(at_mm):
+            return []
+        self.nodes[name] = api.add_batched_meshes_simple(
+            name, *shape, wxyz, to_scene(at_mm), batched_scales=to_scene(size_mm), batched_colors=colours,
+            lod="off", cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
+        return [self.nodes[name]]
+
+
 def arm(
-    api: viser.SceneApi, name: str, shape: ArmShape, tool_colour: str, text: str, meshed: Sequence[int] = ()
+    api: viser.SceneApi,
+    name: str,
+    solids: Solids,
+    shape: ArmShape,
+    tool_colour: str,
+    text: str,
+    meshed: Sequence[int] = (),
 ) -> list[viser.SceneNodeHandle]:
-    """The solids of an arm in the scanner's frame, without the links that are drawn as meshes; its base; a label.
+    """The solids of an arm in the scanner's frame, without the links that are drawn as meshes; a label at its tip.
 
     All cylinders are one node and all balls another: another pose costs a few hundred numbers.
     """
-    nodes: list[viser.SceneNodeHandle] = []
     shown = ~np.isin(shape.link, meshed)
-    if shown.any():
-        along = (shape.end_mm - shape.start_mm)[shown]
-        length = np.linalg.norm(along, axis=1)
-        radius = shape.radius_mm[shown]
-        colours = [rgb(PARTS.get(str(part), tool_colour)) for part in shape.part[shown]]
-        nodes.append(
-            api.add_batched_meshes_simple(
-                f"{name}/cylinders", *unit_cylinder(), facing(along / length[:, None]),
-                to_scene(0.5 * (shape.start_mm + shape.end_mm)[shown]),
-                batched_scales=to_scene(np.stack([radius, radius, length], axis=1)),
-                batched_colors=np.array(colours, dtype=np.uint8), lod="off", cast_shadow=False, receive_shadow=False,
-            )
-        )  # fmt: skip
+    along = (shape.end_mm - shape.start_mm)[shown]
+    length, radius = np.linalg.norm(along, axis=1), shape.radius_mm[shown]
+    colours = [rgb(PARTS.get(str(part), tool_colour)) for part in shape.part[shown]]
     balls = ~np.isin(shape.ball_link, meshed)
-    if balls.any():
-        size = np.repeat(shape.ball_radius_mm[balls][:, None], 3, axis=1)
-        nodes.append(
-            api.add_batched_meshes_simple(
-                f"{name}/balls", *unit_sphere(10, 16), np.tile([1.0, 0, 0, 0], (len(size), 1)),
-                to_scene(shape.ball_mm[balls]), batched_scales=to_scene(size),
-                batched_colors=np.array(rgb(ARM), dtype=np.uint8), lod="off", cast_shadow=False, receive_shadow=False,
-            )
-        )  # fmt: skip
-    nodes.append(
+    size = np.repeat(shape.ball_radius_mm[balls][:, None], 3, axis=1)
+    return [
+        *solids.put(
+            api, f"{name}/cylinders", unit_cylinder(), facing(along / length[:, None]),
+            0.5 * (shape.start_mm + shape.end_mm)[shown], np.stack([radius, radius, length], axis=1),
+            np.array(colours, dtype=np.uint8).reshape(-1, 3),
+        ),
+        *solids.put(
+            api, f"{name}/balls", unit_sphere(10, 16), np.tile([1.0, 0, 0, 0], (len(size), 1)),
+            shape.ball_mm[balls], size, np.tile(np.array(rgb(ARM), dtype=np.uint8), (len(size), 1)),
+        ),
         api.add_label(
             f"{name}/label", text, position=tuple(to_scene(shape.tip_mm).astype(float)), font_screen_scale=0.85,
             anchor="top-center",
-        )
-    )  # fmt: skip
-    return nodes
+        ),
+    ]  # fmt: skip
 
 
 def base(api: viser.SceneApi, name: str, scanner_T_base: NDArray) -> list[viser.SceneNodeHandle]:

@@ -40,6 +40,7 @@ LAYERS = (
     "arm",
     "scanner",
 )
+HALO = "halo"  # a part of the layer of corners
 DOWN = (0.0, 1.0, 0.0)  # in a scanner's frame, which is a camera's: y points down
 BESIDE = (0.35, -0.30, 0.0)  # of the scanner, and a little above: where looks come from
 
@@ -71,7 +72,8 @@ class SceneView:
         self._layers = {name: self._scene.add_frame(f"{ROOT}/{name}", show_axes=False) for name in LAYERS}
         self._overview: dict[int, viser.PointCloudHandle] = {}
         self._hidden_overview: int | None = None
-        self._drawn: dict[str, list[viser.SceneNodeHandle]] = {name: [] for name in LAYERS}
+        self._drawn: dict[str, list[viser.SceneNodeHandle]] = {name: [] for name in (*LAYERS, HALO)}
+        self._keys: dict[str, object] = {}  # what a layer was drawn for
         self._point_mm = 1.2
         self._scan_colour = SCAN_ON_LIGHT
         self._draw_scanner()
@@ -89,11 +91,27 @@ class SceneView:
         return self._server.atomic()
 
     def draw(
-        self, layer: str, make: Callable[[viser.SceneApi, str], Sequence[viser.SceneNodeHandle]]
+        self,
+        layer: str,
+        make: Callable[[viser.SceneApi, str], Sequence[viser.SceneNodeHandle]],
+        *,
+        key: object = None,
     ) -> None:
-        """Fill a layer with the nodes that `make` adds below the name it is given."""
+        """Fill a layer with the nodes that `make` adds below the name it is given.
+
+        Nothing is drawn again for the same `key`: it spares the wire, and pages now and then show nothing of a batch
+        of meshes that is added anew.
+        """
+        if key is not None and self._keys.get(layer) == key:
+            return
+        self._keys[layer] = key
         with self._server.atomic():
             self._replace(layer, make(self._scene, f"{ROOT}/{layer}"))
+
+    def draw_halo(self, make: Callable[[viser.SceneApi, str], Sequence[viser.SceneNodeHandle]]) -> None:
+        """What marks the selected corner among all of them, drawn apart because it moves."""
+        with self._server.atomic():
+            self._replace(HALO, make(self._scene, f"{ROOT}/corners/halo"))
 
     # ---- the view ---------------------------------------------------------------------------------------------------
 

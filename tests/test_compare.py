@@ -182,7 +182,17 @@ def test_the_selected_point_has_a_halo_and_the_scene_selects(app: App, page: Wir
             1000 * np.asarray(p.scene[f"{ROOT}/corners/halo"]["position"]), expected, atol=1e-3
         )
     )
+    batches = [page.scene[f"{ROOT}/{name}"] for name in ("arm/cylinders", "corners/dots")]
     app.select(0)
+    assert app.worker.wait_idle(IDLE_S)
+    first = points.xyz_mm[points.pose == 0].mean(axis=0)
+    page.wait(
+        lambda p: np.allclose(
+            1000 * np.asarray(p.scene[f"{ROOT}/corners/halo"]["position"]), first, atol=1e-3
+        )
+    )
+    assert page.scene[f"{ROOT}/arm/cylinders"] is batches[0]  # moved, not added anew
+    assert page.scene[f"{ROOT}/corners/dots"] is batches[1]
 
 
 def test_a_hostile_page_changes_nothing(app: App, page: WireClient) -> None:
@@ -244,6 +254,7 @@ def test_the_jig_lies_over_the_scan_coloured_by_distance(app: App, page: WireCli
     known = distance[np.isfinite(distance)]
     assert np.abs(known).max() < 3.0
     page.wait(lambda p: f"{len(known):,} of {len(distance):,}" in plain(p))
+    page.wait(lambda p: f"{ROOT}/distance/points" in p.scene)
     assert len(array(page, "distance/points", "points", 3)) == len(known)
     assert f"+{distance_limit_mm(distance):g} mm" in plain(page)
     assert {n for n in page.scene if n.startswith(f"{ROOT}/jig/")} == {
