@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import viser
 
+from calib.intersection import Corner
 from inspector import tables
 from inspector.palette import FACE_COLOURS
 from inspector.panels import words
@@ -66,16 +67,7 @@ def corner_html(view: View) -> str:
         ),
     ]
     if search is not None and search.corner is not None:
-        faces = [
-            (
-                tables.named_swatch(FACE_COLOURS[i], f"face {i + 1}"),
-                f"{face.points:,}",
-                words.length(face.rms_mm),
-                f"{face.offset_mm:.4f}",
-            )
-            for i, face in enumerate(search.corner.faces)
-        ]
-        parts.append(tables.table(("face", "points", "rms", "offset, mm"), faces))
+        parts += quality_html(search.corner)
         parts.append(tables.facts([("search took", f"{search.seconds:.2f} s")]))
     parts += [
         tables.heading("All corners in the scene"),
@@ -83,3 +75,35 @@ def corner_html(view: View) -> str:
         tables.note("Click a corner to select its pose."),
     ]
     return "".join(parts)
+
+
+def quality_html(corner: Corner) -> list[str]:
+    """Each face with how well it is seen, the angles between them, and what deserves a look."""
+    quality = corner.quality
+    faces = []
+    for i, face in enumerate(corner.faces):
+        seen = quality.faces[i]
+        faces.append(
+            (
+                tables.named_swatch(FACE_COLOURS[i], f"face {i + 1}"),
+                f"{face.points:,}",
+                words.length(face.rms_mm),
+                f"{seen.incidence_deg:.0f}°",
+                f"{100 * seen.coverage:.0f} %",
+            )
+        )
+    parts = [tables.table(("face", "points", "rms", "seen at", "covered"), faces)]
+    angles = [
+        (f"faces {pair}", f"{angle:.3f}°", f"{error:+.3f}°", f"{sigma:.3f}°")
+        for pair, angle, error, sigma in zip(
+            ("1–2", "2–3", "3–1"),
+            quality.angles_deg,
+            quality.angle_errors_deg,
+            quality.angle_sigmas_deg,
+            strict=True,
+        )
+    ]
+    parts.append(tables.table(("angle between", "measured", "off the jig's", "sigma"), angles))
+    doubts = quality.doubts()
+    parts += [tables.alert(doubt, colour="#E69F00") for doubt in doubts]
+    return parts if doubts else [*parts, tables.note("Nothing about this corner deserves a second look.")]
