@@ -7,11 +7,12 @@ from collections.abc import Mapping
 from calib.corners import CornerSearch
 from calib.dataset import Dataset, points_from_corners
 from calib.errors import CornerError, ScanError
+from calib.intersection import Corner
 
 
 def with_corners(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> Dataset:
     """The dataset with the corners that were found, by pose id, as its points; poses without a corner have none."""
-    found = {pose_id: search.corner for pose_id, search in searches.items() if search.corner is not None}
+    found = found_corners(searches)
     return dataset.with_points(
         points_from_corners(
             dataset,
@@ -19,6 +20,11 @@ def with_corners(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> Data
             {pose_id: corner.covariance_mm2 for pose_id, corner in found.items()},
         )
     )
+
+
+def found_corners(searches: Mapping[str, CornerSearch]) -> dict[str, Corner]:
+    """The corners that were found, by pose id."""
+    return {pose_id: search.corner for pose_id, search in searches.items() if search.corner is not None}
 
 
 def failed_searches(searches: Mapping[str, CornerSearch]) -> dict[str, str]:

@@ -16,7 +16,8 @@ from calib.dataset import Dataset
 from calib.dataset_file import find_datasets, load_dataset
 from calib.effects.descriptions import DESCRIPTIONS
 from calib.errors import DatasetError
-from calib.measurement import failed_searches, require_corners, with_corners
+from calib.labelling import label_corners
+from calib.measurement import failed_searches, found_corners, require_corners, with_corners
 from calib.robot_file import BUILTIN_ROBOTS, builtin_robot, load_robot
 from calib.toml_file import write_text_atomically
 from inspector import documents
@@ -49,7 +50,9 @@ def run_corners(options: Any) -> int:
     failed = failed_searches(searches)
     words = [search.summary() for search in searches.values()]
     words.append(f"{len(searches) - len(failed)} of {len(searches)} corners found")
-    show(options, documents.corners_document(searches), "\n".join(words))
+    labelling = label_corners(dataset, found_corners(searches))
+    words.append(labelling.summary())
+    show(options, documents.corners_document(searches, labelling), "\n".join(words))
     return 0
 
 
@@ -166,7 +169,7 @@ def searched(dataset: Dataset) -> dict[str, CornerSearch]:
 
 def _search(dataset: Dataset, wanted: int | None = None) -> dict[str, CornerSearch]:
     with progress("corners") as on_progress, processes(len(dataset.poses), wanted) as executor:
-        return find_corners(dataset, on_progress=on_progress, executor=executor)
+        return find_corners(dataset, on_progress=on_progress, executor=executor, intermediate=False)
 
 
 def show(options: Any, document: dict[str, Any], words: str) -> None:

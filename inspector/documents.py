@@ -20,6 +20,7 @@ from calib.effects.descriptions import DESCRIPTIONS
 from calib.evaluation import Evaluation, Figures
 from calib.explanation import explain
 from calib.knowledge import correlated_pairs, known_sums
+from calib.labelling import Labelling
 from calib.learning import LearningCurve
 from calib.local_faults import LocalFault
 from calib.measurement import failed_searches
@@ -49,8 +50,8 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def corners_document(searches: Mapping[str, CornerSearch]) -> dict[str, Any]:
-    """What `corners --json` prints: the corners with their planes, and the poses without one with the reason."""
+def corners_document(searches: Mapping[str, CornerSearch], labelling: Labelling) -> dict[str, Any]:
+    """What `corners --json` prints: the corners with their planes, the jig's orientations, and what failed and why."""
     found = []
     for pose_id, search in searches.items():
         corner = search.corner
@@ -73,7 +74,7 @@ def corners_document(searches: Mapping[str, CornerSearch]) -> dict[str, Any]:
             }
         )
     failed = [{"pose": pose_id, "reason": reason} for pose_id, reason in failed_searches(searches).items()]
-    return {"corners": found, "failed": failed}
+    return {"corners": found, "failed": failed, "orientations": labelling.document()}
 
 
 def redundancy_document(redundancy: Redundancy, residual: str, rank_unknown_frame: int) -> dict[str, Any]:

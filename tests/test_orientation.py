@@ -1,0 +1,185 @@
+"""The jig's orientation: recovered exactly, its covariance honest, its faces named alike at every pose or refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from calib.corners import find_corner
+from calib.dataset import Dataset
+from calib.errors import CornerError
+from calib.intersection import Corner, Face
+from calib.jig import Jig
+from calib.labelling import label_corners
+from calib.orientation import candidates, jig_normals
+from calib.quality import CornerQuality
+from calib.robot_file import builtin_robot
+from calib.simulation import Simulation, simulate_dataset
+from scan_scene import make_scene
+
+UNEVEN = Jig(face_angles_deg=(88.0, 91.0, 90.5))
+
+
+def corner_of(
+    normals: np.ndarray, rng: np.random.Generator, *, sigma_rad: float = 1e-4, apex: np.ndarray | None = None
+) -> Corner:
+    """A corner with these normals (3, 3), found with noise of an uneven covariance, each face's axes anyhow."""
+    apex = np.array([0.0, 0.0, 700.0]) if apex is None else apex
+    root = rng.normal(size=(9, 9)) * np.tile([0.01, sigma_rad, sigma_rad], 3)[:, None]
+    covariance = root @ root.T
+    noise = root @ rng.normal(size=9)
+    faces = []
+    for i, normal in enumerate(normals):
+        first = np.cross(normal, rng.normal(size=3))
+        first /= np.linalg.norm(first)
+        axes = np.array([first, rng.choice([-1.0, 1.0]) * np.cross(normal, first)])
+        turned = normal + noise[3 * i + 1 : 3 * i + 3] @ axes  # true = found - s e
+        found = turned / np.linalg.norm(turned)
+        axes = axes - np.outer(axes @ found, found)
+        own = covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
+        faces.append(Face(found, float(found @ apex), apex, 9, 0.02, np.zeros(0, int), i, axes, own))
+    quality = cast(CornerQuality, None)
+    return Corner(apex, 1e-4 * np.eye(3), (faces[0], faces[1], faces[2]), covariance, quality)
+
+
+def error_rad(true: np.ndarray, found: np.ndarray) -> np.ndarray:
+    return np.asarray(Rotation.from_matrix(true @ found.T).as_rotvec())
+
+
+@pytest.mark.parametrize("angles", [(90.0, 90.0, 90.0), UNEVEN.face_angles_deg, (80.0, 95.0, 100.0)])
+def test_the_known_normals_meet_at_the_angles_and_lie_closest_to_the_axes(angles):
+    normals = jig_normals(angles)
+    between = np.degrees(np.arccos(-np.array([normals[i] @ normals[j] for i, j in ((0, 1), (1, 2), (2, 0))])))
+    np.testing.assert_allclose(between, angles, atol=1e-9)
+    closest, _ = Rotation.align_vectors(np.eye(3), normals)
+    np.testing.assert_allclose(closest.as_matrix(), np.eye(3), atol=1e-7)
+
+
+def test_angles_of_no_corner_are_refused():
+    with pytest.raises(CornerError, match="face_angles_deg"):
+        jig_normals((50.0, 55.0, 60.0))
+
+
+@pytest.mark.parametrize("jig", [Jig(), UNEVEN])
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2), (2, 0, 1)])
+def test_exact_planes_give_the_exact_rotation_whatever_their_order(jig, order):
+    rng = np.random.default_rng(0)
+    true = Rotation.random(random_state=1).as_matrix()
+    normals = (jig_normals(jig.face_angles_deg) @ true.T)[list(order)]
+    ways = candidates(corner_of(normals, rng, sigma_rad=1e-12), jig)
+    best = min(ways, key=lambda o: np.linalg.norm(error_rad(true, o.scanner_R_jig)))
+    np.testing.assert_allclose(best.scanner_R_jig, true, atol=1e-10)
+    np.testing.assert_allclose(normals[list(best.order)], jig_normals(jig.face_angles_deg) @ true.T)
+    w, x, y, z = best.quaternion()
+    np.testing.assert_allclose(Rotation.from_quat([x, y, z, w]).as_matrix(), best.scanner_R_jig, atol=1e-12)
+    turns = [np.degrees(np.linalg.norm(error_rad(true, o.scanner_R_jig))) for o in ways]
+    np.testing.assert_allclose(sorted(turns)[1:], 120.0, atol=2.0)
+
+
+def test_the_covariance_is_that_of_the_errors_and_the_misfit_that_of_three_angles():
+    rng = np.random.default_rng(2)
+    squared, misfit = [], []
+    for _ in range(400):
+        true = Rotation.random(random_state=rng).as_matrix()
+        way = candidates(corner_of(true.T, rng), Jig())[0]
+        error = error_rad(true, way.scanner_R_jig)
+        squared.append(error @ np.linalg.solve(way.covariance_rad2, error))
+        misfit.append(way.misfit)
+    assert 2.6 < np.mean(squared) < 3.4  # ideal 3, the mean's own sigma 0.12
+    assert 2.6 < np.mean(misfit) < 3.4
+
+
+def test_faces_that_do_not_meet_as_told_widen_the_covariance():
+    rng = np.random.default_rng(3)
+    found = corner_of(jig_normals((90.0, 90.0, 90.3)), rng)
+    told, true = candidates(found, Jig())[0], candidates(found, Jig(face_angles_deg=(90.0, 90.0, 90.3)))[0]
+    assert told.misfit > 100.0 > 21.0 > true.misfit
+    assert told.sigma_rad() > 3.0 * true.sigma_rad()
+
+
+@pytest.mark.parametrize("convex", [True, False])
+def test_real_scans_give_the_orientation_within_its_own_sigma(convex):
+    squared = []
+    for seed in range(3):
+        scene = make_scene(np.random.default_rng(seed), 12_000, convex=convex)
+        jig = Jig(convex=convex)
+        corner = find_corner(scene.scan, jig, scan_sigma_mm=0.02).corner
+        assert corner is not None
+        order = [0, 1, 2] if np.linalg.det(scene.normals) > 0 else [0, 2, 1]
+        ways = candidates(corner, jig)
+        errors = [error_rad(scene.normals[order].T, o.scanner_R_jig) for o in ways]
+        k = int(np.argmin([np.linalg.norm(e) for e in errors]))
+        assert np.linalg.norm(errors[k]) < 5e-4
+        squared.append(errors[k] @ np.linalg.solve(ways[k].covariance_rad2, errors[k]))
+    assert np.mean(squared) < 7.0
+
+
+def labelled(
+    simulation: Simulation,
+    rng: np.random.Generator,
+    jig: Jig = Jig(),  # noqa: B008
+) -> tuple[Dataset, dict[str, Corner], np.ndarray]:
+    """The simulation's corners by pose with their faces in any order, and the jig's true orientations (N, 3, 3)."""
+    dataset = replace(simulation.dataset, jig=jig)
+    seat = Rotation.random(random_state=3).as_matrix()  # the jig is screwed on anyhow
+    true = simulation.scanner_T_jig[:, :3, :3] @ seat
+    corners = {}
+    for i, pose_id in enumerate(dataset.poses.ids):
+        normals = (jig_normals(jig.face_angles_deg) @ true[i].T)[rng.permutation(3)]
+        corners[pose_id] = corner_of(normals, rng, apex=simulation.apex_mm[i])
+    return dataset, corners, true
+
+
+@pytest.fixture(scope="module")
+def simulation() -> Simulation:
+    return simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(5), poses=30)
+
+
+@pytest.mark.parametrize("jig", [Jig(), UNEVEN])
+def test_the_nominal_robot_names_the_faces_alike_at_every_pose(simulation, jig):
+    dataset, corners, true = labelled(simulation, np.random.default_rng(6), jig)
+    result = label_corners(dataset, corners)
+    assert result.by == "robot"
+    assert len(result.orientations) == 30
+    assert not result.refused
+    assert min(result.margin.values()) > 100.0
+    turns = np.array([true[i].T @ o.scanner_R_jig for i, o in enumerate(result.orientations.values())])
+    np.testing.assert_allclose(turns, turns[:1].repeat(30, axis=0), atol=3e-3)
+    if jig is UNEVEN:  # the angles tell which faces they are, not a convention
+        np.testing.assert_allclose(turns[0], np.eye(3), atol=3e-3)
+    assert "robot" in result.summary()
+    assert len(result.document()["poses"]) == 30
+
+
+def test_a_pose_that_the_robot_contradicts_is_refused(simulation):
+    dataset, corners, true = labelled(simulation, np.random.default_rng(7))
+    turned = Rotation.from_rotvec([1.05, 0.0, 0.0]).as_matrix() @ true[4]
+    corners["p05"] = corner_of(turned.T, np.random.default_rng(8), apex=simulation.apex_mm[4])
+    result = label_corners(dataset, corners)
+    assert set(result.refused) == {"p05"}
+    assert "deg from where the nominal robot has it" in result.refused["p05"]
+
+
+def test_without_a_placed_scanner_unequal_angles_or_continuity_name_the_faces(simulation):
+    dataset, corners, true = labelled(simulation, np.random.default_rng(9), UNEVEN)
+    two = {pose_id: corners[pose_id] for pose_id in ("p01", "p02")}
+    marked = label_corners(dataset, two)
+    assert marked.by == "angles"
+    for i, found in enumerate(marked.orientations.values()):
+        assert np.linalg.norm(error_rad(true[i], found.scanner_R_jig)) < 3e-3
+
+    rng = np.random.default_rng(10)
+    small = Rotation.from_rotvec([0.2, -0.1, 0.3]).as_matrix()
+    wild = Rotation.from_rotvec([np.pi / 3, 0.0, 0.0]).as_matrix()
+    plain = replace(dataset, jig=Jig())
+    near = {"p01": corner_of(np.eye(3), rng), "p02": corner_of(small.T[[2, 0, 1]], rng)}
+    followed = label_corners(plain, near)
+    assert followed.by == "continuity"
+    first, second = (o.scanner_R_jig for o in followed.orientations.values())
+    np.testing.assert_allclose(second @ first.T, small, atol=2e-3)
+    far = {"p01": near["p01"], "p02": corner_of(wild.T, rng)}
+    assert set(label_corners(plain, far).refused) == {"p02"}
