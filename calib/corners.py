@@ -197,10 +197,10 @@ def search_file(
 
 def _brief(search: CornerSearch) -> CornerSearch:
     """The search without its points: what is found, counted and said stays."""
-    none, no_index = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
+    none, no_bits = np.zeros((0, 3)), np.zeros(0, dtype=np.uint8)
     corner = search.corner
     if corner is not None:
-        one, two, three = (replace(face, inliers=no_index) for face in corner.faces)
+        one, two, three = (replace(face, inlier_bits=no_bits) for face in corner.faces)
         corner = replace(corner, faces=(one, two, three))
     sets = SampleSets(np.zeros((0, 4, 3)), none, none, search.sets.rejected_by)
     return replace(search, voxel_points_mm=none, voxel_normals=none, sets=sets, corner=corner)

@@ -19,13 +19,27 @@ class Face:
     centre_mm: NDArray  # (3,) weighted centroid of the inliers
     points: int
     rms_mm: float  # robust: of the inliers' heights over the plane
-    inliers: NDArray  # (points,) indices into the scan's points
+    inlier_bits: (
+        NDArray  # (N / 8,) uint8: a bit for each of the scan's points, so that many searches can be kept
+    )
     group: int  # index into CornerSearch.groups
     axes: NDArray  # (2, 3) unit e_1, e_2 in the plane; with the normal they are perpendicular, of either hand
     # (3, 3) covariance of (h, s_1, s_2): the plane's height at centre_mm along the normal (mm) and its slopes along the
     # axes (rad; mixed terms mm rad). To first order the true normal is normal - s_1 e_1 - s_2 e_2, and the true height
     # over this plane at centre_mm + u e_1 + v e_2 is h + s_1 u + s_2 v.
     covariance: NDArray
+
+    @property
+    def inliers(self) -> NDArray:
+        """(points,) indices into the scan's points."""
+        return np.flatnonzero(np.unpackbits(self.inlier_bits))
+
+
+def packed(indices: NDArray, count: int) -> NDArray:
+    """(count / 8,) uint8: which of `count` points are meant, a bit each, as `Face.inlier_bits` has it."""
+    mask = np.zeros(count, dtype=bool)
+    mask[indices] = True
+    return np.packbits(mask)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calib.choice import outline_shares
 from calib.clustering import PlaneGroup
-from calib.intersection import Corner, Face, intersect, intersection_covariance
+from calib.intersection import Corner, Face, intersect, intersection_covariance, packed
 from calib.jig import Jig
 from calib.plane_fit import TUKEY, PlaneFit, fit_plane_robustly
 from calib.quality import CornerQuality, FaceQuality, angle_errors
@@ -95,7 +95,8 @@ def refine(
     corner = Corner(
         origin + apex,
         intersection_covariance(normals, height_covariance(planes, covariance, apex)),
-        tuple(_face(p, normals[i], offsets[i], origin, group, covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3])
+        tuple(_face(p, normals[i], offsets[i], origin, group, covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3],
+                    len(points_mm))
             for i, (p, group) in enumerate(zip(planes, chosen, strict=True))),  # type: ignore[arg-type]
         covariance,
         _quality(planes, known, covariance, origin, apex, jig, margin_mm, scan_sigma_mm, notes),
@@ -219,7 +220,13 @@ def _doubt(planes: Sequence[PlaneFit], covariance: NDArray, origin: NDArray, jig
 
 
 def _face(
-    plane: PlaneFit, normal: NDArray, offset_mm: float, origin: NDArray, group: int, covariance: NDArray
+    plane: PlaneFit,
+    normal: NDArray,
+    offset_mm: float,
+    origin: NDArray,
+    group: int,
+    covariance: NDArray,
+    scan_points: int,
 ) -> Face:
     centre = plane.centre_mm + (offset_mm - normal @ plane.centre_mm) * normal
     return Face(
@@ -228,7 +235,7 @@ def _face(
         centre_mm=centre + origin,
         points=len(plane.indices),
         rms_mm=plane.sigma_mm,
-        inliers=plane.indices,
+        inlier_bits=packed(plane.indices, scan_points),
         group=group,
         axes=plane.axes - np.outer(plane.axes @ normal, normal),
         covariance=covariance,

@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-
 from calib.adding import Added, calibrate_with, proposed, recalled
 from calib.calibration import Calibration, redundancy
 from calib.corners import CornerSearch, search_file
@@ -87,21 +85,11 @@ def with_search(session: Session, pose: int) -> Session:
     path = session.dataset.scan_path(pose)
     if path is None:
         raise DatasetError(f"dataset {session.dataset.name}: it has no scans to search")
-    search = _compact(search_file(path, session.dataset.jig, session.dataset.scanner.scan_sigma_mm))
+    search = search_file(path, session.dataset.jig, session.dataset.scanner.scan_sigma_mm)
     searches = {**session.searches, session.dataset.poses.ids[pose]: search}
     if session.dataset.points is not None:
         return replace(session, searches=searches)
     return _unjudged(replace(session, searches=searches, calibration=None, effects=(), history=()))
-
-
-def _compact(search: CornerSearch) -> CornerSearch:
-    """The same search in less memory: which points lie on the faces is by far the most of it, for dense scans."""
-    if search.corner is None:
-        return search
-    first, second, third = (
-        replace(face, inliers=face.inliers.astype(np.int32)) for face in search.corner.faces
-    )
-    return replace(search, corner=replace(search.corner, faces=(first, second, third)))
 
 
 def with_redundancy(session: Session, residual: str = "position") -> Session:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,11 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from calib.choice import outline_shares
 from calib.clustering import PlaneGroup
-from calib.intersection import intersect, intersection_covariance
+from calib.intersection import Face, intersect, intersection_covariance, packed
 from calib.jig import Jig
 from calib.refinement import RefinementOptions, refine
 
 JIG = Jig()
+FACE = Face(np.eye(3)[2], 0.0, np.zeros(3), 0, 0.0, np.zeros(0, np.uint8), 0, np.eye(3)[:2], np.eye(3))
 NO_SETS = np.zeros(0, dtype=np.int64)
 APEX = np.array([12.0, -30.0, 700.0])
 
@@ -132,6 +135,14 @@ def test_exact_points_give_the_exact_apex(seed: int) -> None:
         np.testing.assert_allclose(face.normal, normal, atol=1e-8)
         assert face.points == len(face.inliers)
         np.testing.assert_allclose(points[face.inliers] @ face.normal, face.offset_mm, atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [0, 1, 8, 1001])
+def test_packed_indices_come_back(count: int) -> None:
+    indices = np.flatnonzero(np.random.default_rng(count).random(count) < 0.5)
+    bits = packed(indices, count)
+    assert bits.nbytes == -(-count // 8)
+    np.testing.assert_array_equal(replace(FACE, inlier_bits=bits).inliers, indices)
 
 
 def mahalanobis_squared(sigma_mm: float, waves_mm: float, stray: float, count: int = 60) -> np.ndarray:

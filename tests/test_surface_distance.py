@@ -19,7 +19,9 @@ JIG = Jig(edge_mm=60.0)
 def face_at(normal: np.ndarray, apex: np.ndarray, number: int) -> Face:
     """A face through the apex; how well it is known does not matter here."""
     axes = np.linalg.svd(normal[None])[2][1:]
-    return Face(normal, float(normal @ apex), apex, 0, 0.0, np.zeros(0, dtype=int), number, axes, np.eye(3))
+    return Face(
+        normal, float(normal @ apex), apex, 0, 0.0, np.zeros(0, dtype=np.uint8), number, axes, np.eye(3)
+    )
 
 
 def corner_at(motion: np.ndarray, order: tuple[int, ...] = (0, 1, 2)) -> Corner:
@@ -27,7 +29,7 @@ def corner_at(motion: np.ndarray, order: tuple[int, ...] = (0, 1, 2)) -> Corner:
     apex = motion[:3, 3]
     normals = motion[:3, :3].T[list(order)]  # face k is spanned by the other two axes
     faces = tuple(face_at(n, apex, number) for number, n in enumerate(normals))
-    return Corner(apex, np.eye(3), faces, np.eye(9))  # type: ignore[arg-type]
+    return Corner(apex, np.eye(3), faces, np.eye(9), None)  # type: ignore[arg-type]  # how good it is plays no part
 
 
 def motion(seed: int) -> np.ndarray:
@@ -91,7 +93,7 @@ def test_a_jig_with_measured_angles_has_each_face_where_it_was_found() -> None:
     edges, normals = jig_geometry(jig)
     turned, apex = normals[[2, 0, 1]] @ placed[:3, :3].T, placed[:3, 3]
     faces = tuple(face_at(n, apex, i) for i, n in enumerate(turned))
-    corner = Corner(apex, np.eye(3), faces, np.eye(9))  # type: ignore[arg-type]
+    corner = Corner(apex, np.eye(3), faces, np.eye(9), None)  # type: ignore[arg-type]
     transform, order = place_jig(corner, jig)
     assert order == (2, 0, 1)
     np.testing.assert_allclose(transform, placed, atol=1e-9)
