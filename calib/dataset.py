@@ -30,6 +30,7 @@ class Scanner:
     point_sigma_mm: float | None = None  # one measured point, each axis
     scan_sigma_mm: float | None = None  # one scan point, along the ray
     extra: Mapping[str, Any] = field(default_factory=dict)
+    orientation_sigma_rad: float | None = None  # one measured orientation, about each axis
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,33 @@ class Poses:
 
 
 @dataclass(frozen=True)
+class Orientations:
+    """How the jig stood at M measured points, in the scanner's frame; NaN where that is not known.
+
+    The covariances are of the small turn w about the scanner's axes: true = exp(w) scanner_R_jig.
+    """
+
+    scanner_R_jig: Array  # (M, 3, 3)
+    covariance_rad2: Array | None = None  # (M, 3, 3)
+    cross_mm_rad: Array | None = None  # (M, 3, 3) of the point's error (rows) with the turn (columns)
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(M,)"""
+        return np.asarray(np.isfinite(self.scanner_R_jig).all(axis=(1, 2)))
+
+    def select(self, keep: ArrayLike) -> Orientations:
+        """As `Points.select`."""
+        keep = np.asarray(keep)
+        covariance, cross = self.covariance_rad2, self.cross_mm_rad
+        return Orientations(
+            self.scanner_R_jig[keep],
+            None if covariance is None else covariance[keep],
+            None if cross is None else cross[keep],
+        )
+
+
+@dataclass(frozen=True)
 class Points:
     """M measured points in the scanner's frame of their pose's setup. Several rows a pose are repeats."""
 
@@ -96,6 +124,7 @@ class Points:
     xyz_mm: Array  # (M, 3)
     target: NDArray[np.str_]  # (M,) "jig", or the name of one of the robot's further targets
     covariance_mm2: Array | None = None  # (M, 3, 3)
+    orientations: Orientations | None = None  # full poses, where the instrument tells more than points
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -104,7 +133,8 @@ class Points:
         """The rows where `keep` (M,) bool, or which `keep` (K,) int names."""
         keep = np.asarray(keep)
         covariance = None if self.covariance_mm2 is None else self.covariance_mm2[keep]
-        return Points(self.pose[keep], self.xyz_mm[keep], self.target[keep], covariance)
+        turned = None if self.orientations is None else self.orientations.select(keep)
+        return Points(self.pose[keep], self.xyz_mm[keep], self.target[keep], covariance, turned)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from pathlib import Path
 from typing import Any
@@ -83,7 +84,9 @@ def _inside(folder: Path, name: str, top: TomlTable, key: str) -> Path:
 
 
 def _scanner(table: TomlTable) -> Scanner:
+    sigma_deg = table.number("orientation_sigma_deg", positive=True)
     return Scanner(
+        orientation_sigma_rad=None if sigma_deg is None else math.radians(sigma_deg),
         point_sigma_mm=table.number("point_sigma_mm", positive=True),
         scan_sigma_mm=table.number("scan_sigma_mm", positive=True),
         extra=table.unread(),
@@ -163,6 +166,8 @@ def _dataset_document(dataset: Dataset) -> dict[str, Any]:
         "point_sigma_mm": dataset.scanner.point_sigma_mm,
         "scan_sigma_mm": dataset.scanner.scan_sigma_mm,
     }
+    if dataset.scanner.orientation_sigma_rad is not None:
+        sigmas["orientation_sigma_deg"] = math.degrees(dataset.scanner.orientation_sigma_rad)
     document["scanner"] = {k: v for k, v in sigmas.items() if v is not None} | dict(dataset.scanner.extra)
     jig = dataset.jig
     document["jig"] = {

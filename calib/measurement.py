@@ -2,23 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from calib.corners import CornerSearch
-from calib.dataset import Dataset, points_from_corners
+from calib.dataset import Dataset, Orientations, points_from_corners
 from calib.errors import CornerError, ScanError
 from calib.intersection import Corner
+from calib.labelling import Labelling, label_corners
 
 
-def with_corners(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> Dataset:
-    """The dataset with the corners that were found, by pose id, as its points; poses without a corner have none."""
+def with_corners(
+    dataset: Dataset, searches: Mapping[str, CornerSearch], *, orientation: bool = False
+) -> Dataset:
+    """The dataset with the corners that were found, by pose id, as its points; poses without a corner have none.
+
+    With `orientation` the points are full poses, save where the jig's faces cannot be named.
+    """
     found = found_corners(searches)
-    return dataset.with_points(
-        points_from_corners(
-            dataset,
-            {pose_id: corner.xyz_mm for pose_id, corner in found.items()},
-            {pose_id: corner.covariance_mm2 for pose_id, corner in found.items()},
-        )
+    points = points_from_corners(
+        dataset,
+        {pose_id: corner.xyz_mm for pose_id, corner in found.items()},
+        {pose_id: corner.covariance_mm2 for pose_id, corner in found.items()},
+    )
+    if orientation:
+        ids = [dataset.poses.ids[i] for i in points.pose]
+        points = replace(points, orientations=_orientations(label_corners(dataset, found), ids))
+    return dataset.with_points(points)
+
+
+def _orientations(labelling: Labelling, ids: Sequence[str]) -> Orientations:
+    """Of the poses in order; NaN where the faces could not be named. A covariance stays one, for what looks at all."""
+    known = [labelling.orientations.get(pose_id) for pose_id in ids]
+    unknown = np.full((3, 3), np.nan)
+    return Orientations(
+        np.array([unknown if o is None else o.scanner_R_jig for o in known]).reshape(-1, 3, 3),
+        np.array([np.eye(3) if o is None else o.covariance_rad2 for o in known]).reshape(-1, 3, 3),
+        np.array([np.zeros((3, 3)) if o is None else o.cross_mm_rad for o in known]).reshape(-1, 3, 3),
     )
 
 

@@ -34,6 +34,9 @@ class Orientation:
 
     scanner_R_jig: Array  # (3, 3)
     covariance_rad2: Array  # (3, 3) of the small turn w in the scanner's frame: true = exp(w) scanner_R_jig
+    cross_mm_rad: (
+        Array  # (3, 3) covariance of the apex's error (rows, mm) with that turn (columns): same points
+    )
     order: tuple[int, int, int]  # which of the corner's faces are the jig's faces 1, 2, 3
     misfit: float  # squared, between the faces' angles as found and as told: 3 on average for free planes
 
@@ -106,4 +109,17 @@ def _orient(corner: Corner, known: Array, order: tuple[int, int, int]) -> Orient
     misfit = float(left @ weight @ left)
     # Faces that do not meet as told make the answer depend on the weights: it is as uncertain as they show.
     wider = misfit / 3.0 if misfit > MOST_MISFIT else 1.0
-    return Orientation(scanner_R_jig, wider * np.linalg.inv(information), order, misfit)
+    turn_covariance = np.linalg.inv(information)
+    by_planes = (
+        turn_covariance @ by_turn.T @ weight
+    )  # how true slopes other than the found zeros turn the jig
+    cross = _apex_by_planes(corner) @ corner.plane_covariance[:, slopes] @ by_planes.T
+    return Orientation(scanner_R_jig, wider * turn_covariance, np.sqrt(wider) * cross, order, misfit)
+
+
+def _apex_by_planes(corner: Corner) -> Array:
+    """(3, 9) mm: how the planes' (h, s_1, s_2) move the apex, each by its height there."""
+    lever = np.zeros((3, 9))
+    for i, face in enumerate(corner.faces):
+        lever[i, 3 * i : 3 * i + 3] = 1.0, *(face.axes @ (corner.xyz_mm - face.centre_mm))
+    return np.linalg.solve(np.array([face.normal for face in corner.faces]), lever)

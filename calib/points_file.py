@@ -1,21 +1,33 @@
-"""points.csv, read, checked and written: measured points in the scanner's frame."""
+"""points.csv, read, checked and written: measured points in the scanner's frame, and orientations where it has them.
+
+Optional columns of a full pose: `qw, qx, qy, qz`, the unit quaternion of scanner_R_jig (all four empty where it is not
+known); the covariance of its error as a small turn about the scanner's axes, `rxx_rad2, rxy_rad2, rxz_rad2, ryy_rad2,
+ryz_rad2, rzz_rad2`; and that of the point's error with the turn's, `x_rx_mm_rad, x_ry_mm_rad ... z_rz_mm_rad`.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from calib.dataset import Points, Poses
+from calib.dataset import Orientations, Points, Poses
 from calib.errors import DatasetError
 from calib.robot import Robot
 from calib.table_file import TableFile
 
 COVARIANCE_COLUMNS = ("sxx_mm2", "sxy_mm2", "sxz_mm2", "syy_mm2", "syz_mm2", "szz_mm2")
+QUATERNION_COLUMNS = ("qw", "qx", "qy", "qz")
+TURN_COLUMNS = ("rxx_rad2", "rxy_rad2", "rxz_rad2", "ryy_rad2", "ryz_rad2", "rzz_rad2")
+CROSS_COLUMNS = tuple(f"{point}_r{turn}_mm_rad" for point in "xyz" for turn in "xyz")
 _UPPER = np.triu_indices(3)
+
+Array = NDArray[np.float64]
 
 
 def load_points(path: Path, robot: Robot, poses: Poses) -> tuple[Points, list[str]]:
@@ -48,26 +60,75 @@ def load_points(path: Path, robot: Robot, poses: Poses) -> tuple[Points, list[st
         warnings.append(
             f"{path}: all points lie within {extent_mm:.3g} mm; columns are mm, these look like metres"
         )
-    covariance = _load_covariance(file) if any(c in file for c in COVARIANCE_COLUMNS) else None
+    covariance = _load_covariance(file, COVARIANCE_COLUMNS, "mm") if _any(file, COVARIANCE_COLUMNS) else None
+    orientations = None
+    if _any(file, (*QUATERNION_COLUMNS, *TURN_COLUMNS, *CROSS_COLUMNS)):
+        orientations = _load_orientations(file, target, covariance)
     pose = np.array([index[pose_id] for pose_id in ids], dtype=np.int64)
-    return Points(pose, xyz_mm, target, covariance), warnings
+    return Points(pose, xyz_mm, target, covariance, orientations), warnings
 
 
-def _load_covariance(file: TableFile) -> NDArray[np.float64]:
-    file.require(COVARIANCE_COLUMNS)
-    values = file.numbers(list(COVARIANCE_COLUMNS))
+def _any(file: TableFile, columns: Sequence[str]) -> bool:
+    return any(column in file for column in columns)
+
+
+def _load_covariance(file: TableFile, columns: tuple[str, ...], unit: str) -> Array:
+    """(M, 3, 3) of the six columns of its upper triangle."""
+    file.require(columns)
+    values = file.numbers(list(columns))
     covariance = np.zeros((len(values), 3, 3))
     covariance[:, _UPPER[0], _UPPER[1]] = values
     covariance[:, _UPPER[1], _UPPER[0]] = values
-    bad = np.flatnonzero(np.linalg.eigvalsh(covariance)[:, 0] <= 0.0)
-    if len(bad):
-        raise file.error(
-            int(bad[0]),
-            "sxx_mm2 ... szz_mm2",
-            "the covariance is not positive definite",
-            "give a covariance in mm^2",
-        )
+    _check_positive(file, covariance, f"{columns[0]} ... {columns[-1]}", f"give a covariance in {unit}^2")
     return covariance
+
+
+def _check_positive(file: TableFile, covariance: Array, columns: str, remedy: str) -> None:
+    scale = np.sqrt(np.abs(np.diagonal(covariance, axis1=1, axis2=2)))
+    scale = np.where(scale > 0.0, scale, 1.0)  # mm and rad side by side
+    bad = np.flatnonzero(np.linalg.eigvalsh(covariance / scale[:, :, None] / scale[:, None, :])[:, 0] <= 0.0)
+    if len(bad):
+        raise file.error(int(bad[0]), columns, "the covariance is not positive definite", remedy)
+
+
+def _load_orientations(
+    file: TableFile, target: NDArray[np.str_], covariance_mm2: Array | None
+) -> Orientations:
+    file.require(QUATERNION_COLUMNS)
+    more = [c for c in (*TURN_COLUMNS, *CROSS_COLUMNS) if c in file]
+    cells = {c: file.text(c, allow_empty=True) for c in (*QUATERNION_COLUMNS, *more)}
+    known = np.array([any(cells[c][row] for c in QUATERNION_COLUMNS) for row in range(len(file))], dtype=bool)
+    for row in np.flatnonzero(known & (target != "jig")):
+        raise file.error(
+            int(row), "qw", f"an orientation of the target {target[row]!r}", "only the jig has one; empty it"
+        )
+    filled = file.cells.copy()  # the unknown ones: anything that passes the checks, NaN in the end
+    for column in cells:
+        filled.loc[~known, column] = "1" if column in ("qw", "rxx_rad2", "ryy_rad2", "rzz_rad2") else "0"
+    file = TableFile(file.path, filled)
+    quaternion = file.numbers(list(QUATERNION_COLUMNS))
+    length = np.linalg.norm(quaternion, axis=1)
+    for row in np.flatnonzero(np.abs(length - 1.0) > 1e-3):
+        raise file.error(
+            int(row),
+            "qw ... qz",
+            f"a quaternion of length {length[row]:.4g}",
+            "give a unit quaternion, qw first",
+        )
+    scanner_R_jig = Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]).as_matrix()
+    scanner_R_jig[~known] = np.nan
+    turn = _load_covariance(file, TURN_COLUMNS, "rad") if _any(file, TURN_COLUMNS) else None
+    cross = None
+    if _any(file, CROSS_COLUMNS):
+        file.require((*CROSS_COLUMNS, *COVARIANCE_COLUMNS, *TURN_COLUMNS))
+        assert covariance_mm2 is not None
+        assert turn is not None
+        cross = file.numbers(list(CROSS_COLUMNS)).reshape(-1, 3, 3)
+        whole = np.block([[covariance_mm2, cross], [np.swapaxes(cross, 1, 2), turn]])
+        _check_positive(
+            file, whole, "sxx_mm2 ... z_rz_mm_rad", "all 21 columns together are one covariance in mm and rad"
+        )
+    return Orientations(scanner_R_jig, turn, cross)
 
 
 def points_frame(poses: Poses, points: Points) -> pd.DataFrame:
@@ -79,4 +140,25 @@ def points_frame(poses: Poses, points: Points) -> pd.DataFrame:
     if points.covariance_mm2 is not None:
         upper = points.covariance_mm2[:, _UPPER[0], _UPPER[1]]
         columns |= {name: upper[:, k] for k, name in enumerate(COVARIANCE_COLUMNS)}
+    if points.orientations is not None:
+        columns |= _orientation_columns(points.orientations)
     return pd.DataFrame(columns)
+
+
+def _orientation_columns(orientations: Orientations) -> dict[str, Array]:
+    """Their columns; NaN, an empty cell, where the orientation is not known."""
+    known = orientations.known
+
+    def column(values: Array) -> Array:
+        return np.where(known, values, np.nan)
+
+    matrices = np.where(known[:, None, None], orientations.scanner_R_jig, np.eye(3))
+    quaternion = Rotation.from_matrix(matrices).as_quat(canonical=True)[:, [3, 0, 1, 2]]
+    columns = {name: column(quaternion[:, k]) for k, name in enumerate(QUATERNION_COLUMNS)}
+    if orientations.covariance_rad2 is not None:
+        upper = orientations.covariance_rad2[:, _UPPER[0], _UPPER[1]]
+        columns |= {name: column(upper[:, k]) for k, name in enumerate(TURN_COLUMNS)}
+    if orientations.cross_mm_rad is not None:
+        cross = orientations.cross_mm_rad.reshape(-1, 9)
+        columns |= {name: column(cross[:, k]) for k, name in enumerate(CROSS_COLUMNS)}
+    return columns

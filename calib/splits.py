@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.dataset import Dataset, Points
+from calib.dataset import Dataset
 from calib.errors import FitError
 
 Indices = NDArray[np.int64]
@@ -95,5 +95,5 @@ def split_dataset(dataset: Dataset, train: Indices, held_out: Indices) -> tuple[
     if not np.any(role == "reference"):
         role[np.flatnonzero(role == "train")[0]] = "reference"
     points = dataset.points.select(np.isin(dataset.points.pose, rows))
-    kept = Points(np.searchsorted(rows, points.pose), points.xyz_mm, points.target, points.covariance_mm2)
+    kept = replace(points, pose=np.searchsorted(rows, points.pose))
     return replace(dataset, poses=replace(poses, role=role), points=kept, warnings=()), rows

@@ -79,6 +79,7 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = command("corners", commands.run_corners, "find the jig's corner in every scan")
     sub.add_argument("--out", type=Path, metavar="FILE", help="write the corners as points.csv")
+    sub.add_argument("--orientation", action="store_true", help="with the jig's orientation in --out")
     sub.add_argument("--processes", type=_count, metavar="N", help="default: one for each core")
     _add_json(sub)
 

@@ -45,7 +45,7 @@ def run_corners(options: Any) -> int:
     searches = _search(dataset, options.processes)
     require_corners(dataset, searches)
     if options.out is not None:
-        found = with_corners(dataset, searches)
+        found = with_corners(dataset, searches, orientation=options.orientation)
         write_text_atomically(options.out, corners_csv(found))
     failed = failed_searches(searches)
     words = [search.summary() for search in searches.values()]

@@ -11,9 +11,10 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from arms import dataset_of, jang_arm
-from calib.dataset import Dataset, Points, Scanner
+from calib.dataset import Dataset, Orientations, Points, Scanner
 from calib.dataset_file import find_datasets, load_dataset, write_dataset
 from calib.errors import DatasetError
 from calib.jig import Jig
@@ -221,3 +222,74 @@ def test_datasets_are_found_here_or_one_folder_below(tmp_path: Path, folder: Pat
     (tmp_path / "empty").mkdir()
     with pytest.raises(DatasetError, match=r"found no dataset\.toml"):
         find_datasets(tmp_path / "empty")
+
+
+# ---- full poses -----------------------------------------------------------------------------------------------------
+
+
+def with_orientations(dataset: Dataset, seed: int) -> Dataset:
+    """The dataset's points as full poses with one covariance of all six errors; the third has no orientation."""
+    assert dataset.points is not None
+    rng = np.random.default_rng(seed)
+    count = len(dataset.points)
+    root = rng.normal(size=(count, 6, 6)) * np.array([0.05, 0.05, 0.05, 1e-4, 1e-4, 1e-4])[:, None]
+    whole = root @ np.swapaxes(root, 1, 2)
+    turned = Rotation.random(count, random_state=seed).as_matrix()
+    turned[2] = np.nan
+    orientations = Orientations(turned, whole[:, 3:, 3:], whole[:, :3, 3:])
+    points = replace(dataset.points, covariance_mm2=whole[:, :3, :3], orientations=orientations)
+    scanner = replace(dataset.scanner, orientation_sigma_rad=2e-4)
+    return replace(dataset, points=points, scanner=scanner)
+
+
+def test_full_poses_come_back_from_the_file(tmp_path: Path) -> None:
+    dataset = with_orientations(full_dataset(3), 4)
+    write_dataset(dataset, tmp_path)
+    back = load_dataset(tmp_path)
+    assert dataset.points is not None
+    assert back.points is not None
+    given, found = dataset.points.orientations, back.points.orientations
+    assert given is not None
+    assert found is not None
+    assert found.known.tolist() == [row != 2 for row in range(len(dataset.points))]
+    np.testing.assert_allclose(found.scanner_R_jig, given.scanner_R_jig, atol=1e-14)
+    known = found.known
+    for name in ("covariance_rad2", "cross_mm_rad"):
+        np.testing.assert_array_equal(getattr(found, name)[known], getattr(given, name)[known])
+    assert back.scanner.orientation_sigma_rad == pytest.approx(2e-4)
+    part = found.select(known)
+    assert len(part.scanner_R_jig) == known.sum()
+    assert part.known.all()
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "says"),
+    [
+        ("qw", "2.0", "a quaternion of length"),
+        ("qw", "", "column qw: the cell is empty"),
+        ("rxx_rad2", "-1e-8", "column rxx_rad2 ... rzz_rad2: the covariance is not positive definite"),
+        ("x_rx_mm_rad", "1.0", "column sxx_mm2 ... z_rz_mm_rad: the covariance is not positive definite"),
+        ("qy", "north", "column qy: found 'north'; a number is needed"),
+    ],
+)
+def test_a_bad_orientation_is_one_line_with_its_place(
+    tmp_path: Path, column: str, value: str, says: str
+) -> None:
+    write_dataset(with_orientations(full_dataset(5), 6), tmp_path)
+    table = pd.read_csv(tmp_path / "points.csv", dtype=str)
+    table.loc[4, column] = value
+    table.to_csv(tmp_path / "points.csv", index=False)
+    with pytest.raises(DatasetError) as raised:
+        load_dataset(tmp_path)
+    assert "line 6" in str(raised.value)
+    assert says in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_part_of_the_columns_is_told(tmp_path: Path) -> None:
+    write_dataset(with_orientations(full_dataset(5), 6), tmp_path)
+    table = pd.read_csv(tmp_path / "points.csv", dtype=str)
+    for missing in ("qz", "rzz_rad2", "z_rz_mm_rad"):
+        table.drop(columns=missing).to_csv(tmp_path / "points.csv", index=False)
+        with pytest.raises(DatasetError, match=f"missing column {missing}"):
+            load_dataset(tmp_path)

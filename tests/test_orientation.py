@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calib.corners import find_corner
+from calib.corners import CornerSearch, find_corner
 from calib.dataset import Dataset
 from calib.errors import CornerError
-from calib.intersection import Corner, Face
+from calib.intersection import Corner, Face, intersect
 from calib.jig import Jig
 from calib.labelling import label_corners
+from calib.measurement import with_corners
 from calib.orientation import candidates, jig_normals
+from calib.points_file import points_frame
 from calib.quality import CornerQuality
 from calib.robot_file import builtin_robot
 from calib.simulation import Simulation, simulate_dataset
@@ -93,6 +95,45 @@ def test_the_covariance_is_that_of_the_errors_and_the_misfit_that_of_three_angle
     assert 2.6 < np.mean(misfit) < 3.4
 
 
+def test_point_and_turn_err_together_as_the_cross_covariance_says():
+    rng = np.random.default_rng(12)
+    squared = []
+    for _ in range(300):
+        root = rng.normal(size=(9, 9)) * np.tile([0.01, 3e-4, 3e-4], 3)[:, None]
+        true, apex = (
+            Rotation.random(random_state=rng).as_matrix(),
+            rng.normal(size=3) + np.array([0, 0, 700.0]),
+        )
+        error, faces = root @ rng.normal(size=9), []
+        for i in range(
+            3
+        ):  # the found plane is the true one, lower by h at its centre and tilted by the slopes
+            axes = np.delete(true.T, i, axis=0)
+            centre = apex - axes.T @ [20.0, 20.0]
+            normal = true[:, i] + error[3 * i + 1 : 3 * i + 3] @ axes
+            normal /= np.linalg.norm(normal)
+            centre = centre - error[3 * i] * normal
+            found_axes = axes - np.outer(axes @ normal, normal)
+            face = Face(
+                normal, float(normal @ centre), centre, 9, 0.02, np.zeros(0, int), i, found_axes, np.eye(3)
+            )
+            faces.append(face)
+        found_apex = intersect(np.array([f.normal for f in faces]), np.array([f.offset_mm for f in faces]))
+        quality = cast(CornerQuality, None)
+        way = candidates(
+            Corner(found_apex, np.eye(3), (faces[0], faces[1], faces[2]), root @ root.T, quality), Jig()
+        )[0]
+        lever = np.zeros((3, 9))
+        for i, face in enumerate(faces):
+            lever[i, 3 * i : 3 * i + 3] = 1.0, *(face.axes @ (found_apex - face.centre_mm))
+        by_planes = np.linalg.inv(np.array([f.normal for f in faces])) @ lever
+        apex_covariance = by_planes @ root @ root.T @ by_planes.T
+        whole = np.block([[apex_covariance, way.cross_mm_rad], [way.cross_mm_rad.T, way.covariance_rad2]])
+        off = np.concatenate([apex - found_apex, error_rad(true, way.scanner_R_jig)])
+        squared.append(off @ np.linalg.solve(whole, off))
+    assert 5.3 < np.mean(squared) < 6.7  # ideal 6, the mean's own sigma 0.2
+
+
 def test_faces_that_do_not_meet_as_told_widen_the_covariance():
     rng = np.random.default_rng(3)
     found = corner_of(jig_normals((90.0, 90.0, 90.3)), rng)
@@ -153,6 +194,24 @@ def test_the_nominal_robot_names_the_faces_alike_at_every_pose(simulation, jig):
         np.testing.assert_allclose(turns[0], np.eye(3), atol=3e-3)
     assert "robot" in result.summary()
     assert len(result.document()["poses"]) == 30
+
+
+def test_corners_become_full_poses_where_their_faces_are_named(simulation):
+    dataset, corners, true = labelled(simulation, np.random.default_rng(13))
+    turned = Rotation.from_rotvec([1.05, 0.0, 0.0]).as_matrix() @ true[4]
+    corners["p05"] = corner_of(turned.T, np.random.default_rng(8), apex=simulation.apex_mm[4])
+    none = CornerSearch("", *[cast(Any, None)] * 5, None, "no corner", 0.0)
+    searches = {i: replace(none, corner=corner) for i, corner in corners.items()}
+    points = with_corners(dataset, searches, orientation=True).points
+    assert points is not None
+    assert points.orientations is not None
+    assert np.flatnonzero(~points.orientations.known).tolist() == [4]
+    columns = points_frame(dataset.poses, points).columns
+    assert {"qw", "rxx_rad2", "z_rz_mm_rad"} <= set(columns)
+    plain = with_corners(dataset, searches).points
+    assert plain is not None
+    assert plain.orientations is None
+    assert list(points_frame(dataset.poses, plain).columns) == list(columns[:10])
 
 
 def test_a_pose_that_the_robot_contradicts_is_refused(simulation):
