@@ -11,8 +11,8 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as f_distribution
-from scipy.stats import multivariate_normal
+
+from calib.distributions import f_sf
 
 Array = NDArray[np.float64]
 
@@ -97,6 +97,8 @@ def _coefficients(
     one-sided coefficients. Nature's sign is believed to `_LAWFUL`, so that a convention turned round, or a
     cause that pushes the other way, costs a little and is not hidden.
     """
+    from scipy.stats import multivariate_normal  # loads for a second: a page is to be seen before that
+
     active = spread > 0.0
     columns = triangle[:, active]
     precision = columns.T @ columns + np.diag(spread[active] ** -2.0)
@@ -137,7 +139,7 @@ def _f_test(y: Array, rest: float, columns: Array, freedom: int) -> tuple[float,
         return 1.0, rank
     explained = float(np.sum((u.T @ y) ** 2))
     unexplained = max(rest + float(y @ y) - explained, 1e-300)
-    return float(f_distribution.sf(explained / rank / (unexplained / left), rank, left)), rank
+    return f_sf(explained / rank / (unexplained / left), rank, left), rank
 
 
 def _gate(

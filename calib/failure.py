@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2
 
 from calib import frames
 from calib.calibration import Calibration
+from calib.distributions import chi2_ppf
 from calib.leftover import directions_at
 from calib.observations import Observations, place_scanner
 from calib.placement import whitener
@@ -48,7 +48,7 @@ class Failure:
     @property
     def length_noise_mm(self) -> float:
         """The 3D error that noise alone exceeds at one pose in twenty (chi of 3 degrees of freedom)."""
-        return self.noise_mm * float(np.sqrt(chi2.ppf(0.95, 3)))
+        return self.noise_mm * float(np.sqrt(chi2_ppf(0.95, 3)))
 
     def joint_noise(self, joint: int) -> float:
         """One sigma of a joint's apparent motion by noise alone, median over the poses; nan where no pose tells it."""

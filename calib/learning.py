@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import nnls
 
 from calib.calibration import Calibration, calibrate, structural_rank
 from calib.dataset import Dataset
@@ -72,6 +71,8 @@ class LearningCurve:
         return 1.0 - self.doubled_rmse_mm / now if now > 0.0 else 0.0
 
     def _floor_and_slope(self) -> tuple[float, float]:
+        from scipy.optimize import nnls  # slow to load, and only this needs it
+
         upper = [step for step in self.steps if 2.5 * step.poses >= self.steps[-1].poses]
         upper = upper if len(upper) >= 3 else list(self.steps[-3:])
         square = np.array([step.held_out_rmse_mm**2 for step in upper])

@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi
 
+from calib.distributions import chi_median
 from calib.observations import Observations
 from calib.residuals import Residuals
 from calib.solver import Fit, solve
@@ -64,7 +64,7 @@ def point_norms(residual: Array, points: int) -> Array:
 
 def tukey_weights(norm: Array) -> Array:
     """(M,) weights of three-dimensional residuals of these lengths, scaled by their median."""
-    scale = float(np.median(norm)) / float(chi(3).median())
+    scale = float(np.median(norm)) / chi_median(3)
     if scale <= 0.0:
         return np.ones_like(norm)
     return np.asarray(np.clip(1.0 - (norm / (_TUKEY * scale)) ** 2, 0.0, None) ** 2)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from calib.calibration import Calibration, declared_sigma_mm
+from calib.distributions import chi2_ppf
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def check_sigma(calibration: Calibration) -> SigmaCheck:
     sigma = calibration.sigma_mm
     low = high = float("nan")
     if np.isfinite(sigma):
-        low, high = (sigma * float(np.sqrt(freedom / chi2.ppf(share, freedom))) for share in (0.975, 0.025))
+        low, high = (sigma * float(np.sqrt(freedom / chi2_ppf(share, freedom))) for share in (0.975, 0.025))
     declared = declared_sigma_mm(dataset) if is_declared else None
     return SigmaCheck(sigma, low, high, declared, freedom)
 

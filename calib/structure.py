@@ -14,11 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
-from scipy.stats import chi2
-from scipy.stats import f as f_distribution
 
 from calib.calibration import Calibration
 from calib.dataset import Dataset, Poses
+from calib.distributions import chi2_sf, f_sf
 from calib.effects.gravity import has_masses
 from calib.effects.state import RobotState
 from calib.leftover import Leftover, joint_directions, leftover_of
@@ -276,8 +275,8 @@ def _lack_of_fit(dataset: Dataset, leftover: Leftover) -> tuple[float | None, fl
         left = leftover.freedom - freedom
         if left > 0:
             ratio = max(square - pure, 0.0) / left / (noise_mm / declared_mm) ** 2
-            return float(f_distribution.sf(ratio, left, freedom)), noise_mm, "repeats", residual_mm
+            return f_sf(ratio, left, freedom), noise_mm, "repeats", residual_mm
     if observed.points.covariance_mm2 is not None or dataset.scanner.point_sigma_mm is not None:
         doubted = square / SIGMA_DOUBT**2
-        return float(chi2.sf(doubted, leftover.freedom)), declared_mm, "dataset", residual_mm
+        return chi2_sf(doubted, leftover.freedom), declared_mm, "dataset", residual_mm
     return None, residual_mm, "fit", residual_mm
