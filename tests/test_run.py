@@ -171,7 +171,12 @@ def test_serve_without_a_path_shows_the_sample_data(sandbox: Sandbox, args: tupl
 def test_tests_run_in_order_and_stop_at_the_first_failure(sandbox: Sandbox):
     done, calls = sandbox.run("test")
     checks = [call for call in calls if re.match(r"-m (ruff|mypy|pytest)", call)]
-    assert checks == ["-m ruff check .", "-m ruff format --check .", "-m mypy", "-m pytest"]
+    assert checks == [
+        "-m ruff check .",
+        "-m ruff format --check .",
+        "-m mypy",
+        "-m pytest -n auto --dist loadfile",
+    ]
     assert done.returncode == 0
 
     done, calls = sandbox.run("test", MYPY_EXIT="2")
@@ -318,4 +323,4 @@ def test_ci_runs_the_same_tests(sandbox: Sandbox):
         [sandbox.project / ".ci" / "run"], env=env, capture_output=True, text=True, check=False
     )
     assert done.returncode == 5
-    assert calls.read_text().splitlines()[-1] == "-m pytest"
+    assert calls.read_text().splitlines()[-1] == "-m pytest -n auto --dist loadfile"
