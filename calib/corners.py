@@ -21,7 +21,7 @@ from calib.errors import CornerError, DatasetError, ScanError
 from calib.filters import FilterTolerances, SampleSets, apply_filters, draw_sample_sets, walk_for
 from calib.intersection import Corner
 from calib.jig import Jig
-from calib.normals import NEIGHBOURS, Neighbourhoods, estimate_normals, thin_to_voxels
+from calib.normals import NEIGHBOURS, Neighbourhoods, estimate_normals, finite_rows, thin_to_voxels
 from calib.parallel import as_they_come
 from calib.refinement import RefinementOptions, refine
 from calib.scan import Scan, load_scan
@@ -239,7 +239,7 @@ class _Tolerances:
 
 def _unworkable(scan: Scan, jig: Jig) -> str:
     """Why this scan cannot hold the jig, or "": too few points, or a size that tells of another unit."""
-    finite = np.flatnonzero(np.isfinite(scan.points_mm).all(axis=1))
+    finite = np.flatnonzero(finite_rows(scan.points_mm))
     if len(finite) < MIN_POINTS:
         return f"the scan holds {len(finite)} points, a corner needs at least {MIN_POINTS}; scan the pose again, finer"
     points = scan.points_mm[finite[:: max(1, len(finite) // 5000)]]
@@ -269,6 +269,7 @@ def _failed(name: str, failure: str, seconds: float, *, unreadable: bool = False
 
 
 def _generator(points_mm: NDArray) -> np.random.Generator:
-    """A generator that only these points have."""
-    content = np.ascontiguousarray(points_mm, dtype=np.float64).tobytes()
+    """A generator that these points have: that of some ten thousand of them, and their number."""
+    some = points_mm[:: max(1, len(points_mm) // 10_000)]
+    content = np.ascontiguousarray(some, dtype=np.float64).tobytes() + str(len(points_mm)).encode()
     return np.random.default_rng(int.from_bytes(blake2b(content, digest_size=8).digest(), "big"))

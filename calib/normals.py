@@ -18,7 +18,12 @@ TRIM_KEPT = 0.7  # share of the neighbours that the second and third PCA see
 # Variance of a normal variable cut to its central 70 %, and the 3 of the plane's degrees of freedom taken off.
 _TRIMMED_VARIANCE = 0.310 * (14 - 3) / 14
 _VOXELS_AN_AXIS = 2**20
-_MOST_COUNTERS = 8e6
+_UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+_ENOUGH_POINTS = 150_000
+_ENOUGH_A_VOXEL = 6
+_BLOCK = 4
+_SURFACE_SHARE = 0.9  # so that up to nine of ten points may be stray
+_STRAY_SHARE = 0.04  # a face at 78 deg incidence has a twelfth of the points of one seen squarely
 
 
 @dataclass(frozen=True)
@@ -41,41 +46,71 @@ class Neighbourhoods:
 
 
 def thin_to_voxels(points_mm: NDArray, voxel_mm: float) -> NDArray:
-    """Indices of one point per occupied voxel; voxels with far fewer points than the usual are left out.
+    """Indices of one point per occupied voxel, voxel by voxel; those that hold stray points are left out.
 
-    points_mm  # (N, 3). Flying pixels and stray points mostly live in those sparse voxels. Where the scan has about
-    one point a voxel (less than four at the median) nothing can be called sparse, and all are kept.
+    points_mm  # (N, 3). Stray points (flying pixels, reflections) fill space thinly where surfaces fill it densely. A
+    voxel is left out where the block of 4 x 4 x 4 voxels around holds a twenty-fifth of the points that blocks of
+    surfaces hold, and where it has itself far fewer than the usual, if four or more are usual. Of a scan so fine that
+    a part of it fills the voxels as well, only that part is looked at.
     """
-    with np.errstate(invalid="ignore", over="ignore"):
-        finite = np.flatnonzero(np.isfinite(points_mm @ np.ones(3)))  # a sum is quicker than all(axis=1)
+    step = len(points_mm) // _ENOUGH_POINTS
+    if step > 1:
+        first, count = _occupied(points_mm[::step], voxel_mm)
+        if len(first) and np.median(count) >= _ENOUGH_A_VOXEL:
+            return first * step
+    return _occupied(points_mm, voxel_mm)[0]
+
+
+def _occupied(points_mm: NDArray, voxel_mm: float) -> tuple[NDArray, NDArray]:
+    """First point of each voxel that is no stray one's, and how many points the voxel holds."""
+    finite = np.flatnonzero(finite_rows(points_mm))
     if not len(finite):
-        return finite
-    middle = np.median(points_mm[finite[:: max(1, len(finite) // 10_000)]], axis=0)
-    cells = (points_mm[finite] - middle) / voxel_mm
-    if np.abs(cells).max() >= _VOXELS_AN_AXIS / 2 - 1:
+        return finite, finite
+    if len(finite) < len(points_mm):
+        points_mm = points_mm[finite]
+    cells = (points_mm - np.median(points_mm[:: max(1, len(finite) // 10_000)], axis=0)) / voxel_mm
+    if max(-cells.min(), cells.max()) >= _VOXELS_AN_AXIS / 2 - 1:
         inside = np.abs(cells).max(axis=1) < _VOXELS_AN_AXIS / 2 - 1
         finite, cells = finite[inside], cells[inside]
-    near, cell = finite, np.floor(cells).astype(np.int64)
-    if not len(near):
-        return near
+    if not len(finite):
+        return finite, finite
+    cell = np.floor(cells).astype(np.int64)
     cell -= cell.min(axis=0)
-    size = cell.max(axis=0) + 1
-    key = (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
-    if (
-        float(np.prod(size.astype(float))) <= _MOST_COUNTERS
-    ):  # a table of all voxels: much faster than sorting
-        table = np.bincount(key)
-        count = table[table > 0]
-        table[key[::-1]] = np.arange(len(key))[::-1]  # the first point of a voxel is written last
-        occupied = np.zeros(len(table), dtype=bool)
-        occupied[key] = True
-        first = table[occupied]
-    else:
-        _, first, count = np.unique(key, return_index=True, return_counts=True)
-    usual = np.median(count) if len(count) else 0
+    first, count = _first_of_each(_keys(cell))
+    block = np.unique(_keys(cell[first] // _BLOCK), return_inverse=True)[1].ravel()
+    around = np.bincount(block, count)[block]
+    dense = np.argsort(around)
+    surface = around[dense[np.searchsorted(np.cumsum(count[dense]), _SURFACE_SHARE * len(cell))]]
+    kept = around >= _STRAY_SHARE * surface
+    usual = np.median(count[kept])
     if usual >= 4:
-        first = first[count >= 0.25 * usual]
-    return near[np.sort(first)]
+        kept &= count >= 0.25 * usual
+    return finite[first[kept]], count[kept]
+
+
+def _keys(cell: NDArray) -> NDArray:
+    """One integer a cell. cell  # (N, 3) from 0"""
+    size = cell.max(axis=0) + 1
+    return np.asarray((cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2])
+
+
+def _first_of_each(key: NDArray) -> tuple[NDArray, NDArray]:
+    """Where each value of `key` occurs first, in the order of the values, and how often."""
+    bits = len(key).bit_length()
+    if int(key.max()).bit_length() + bits > 63:
+        _, first, count = np.unique(key, return_index=True, return_counts=True)
+        return first, count
+    # Value and place in one integer: sorting those takes a fifth of the time of sorting places by values.
+    packed = np.sort((key << bits) | np.arange(len(key)))
+    value = packed >> bits
+    start = np.flatnonzero(np.r_[True, value[1:] != value[:-1]])
+    return packed[start] & ((1 << bits) - 1), np.diff(start, append=len(key))
+
+
+def finite_rows(points_mm: NDArray) -> NDArray:
+    """True where a point has three finite coordinates. points_mm  # (N, 3)"""
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.asarray(np.isfinite(points_mm @ np.ones(3)))  # a sum is quicker than all(axis=1)
 
 
 def estimate_normals(points_mm: NDArray) -> Neighbourhoods:
@@ -86,7 +121,7 @@ def estimate_normals(points_mm: NDArray) -> Neighbourhoods:
     k = min(NEIGHBOURS, len(points_mm))
     tree = cKDTree(points_mm, balanced_tree=False, compact_nodes=False)
     distance, near = (np.asarray(found) for found in tree.query(points_mm, k=k))
-    local = np.ascontiguousarray(np.moveaxis(points_mm[near] - points_mm[:, None], 2, 0))  # (3, V, k)
+    local = np.stack([x[near] - x[:, None] for x in np.ascontiguousarray(points_mm.T)])  # (3, V, k)
     kept = max(4, round(TRIM_KEPT * k))
     plane = _fit_planes(local, np.ones((len(points_mm), k)))
     for _ in range(2):
@@ -117,31 +152,36 @@ class _Planes(NamedTuple):
 def _fit_planes(local: NDArray, weights: NDArray) -> _Planes:
     """Weighted PCA of V neighbourhoods at once. local  # (3, V, k), weights  # (V, k)
 
-    The eigenvalues of each 3 x 3 scatter matrix come in closed form (Smith 1961), the normal as the longest cross
-    product of two rows of S - l I. It takes a tenth of the time of LAPACK's loop over matrices, and is exact enough:
-    the error is that of rounding relative to the largest eigenvalue.
+    The eigenvalues of each 3 x 3 scatter matrix S come in closed form (Smith 1961); the adjugate of S - l I, l the
+    least of them, is a multiple of n n^T, whose longest column gives the normal n. It takes a tenth of the time of
+    LAPACK's loop over matrices, and is exact enough: the error is that of rounding relative to the largest eigenvalue.
     """
     total = weights.sum(axis=1)
     weighted = local * weights
     mean = weighted.sum(axis=2) / total  # (3, V)
-    scatter = np.empty((len(total), 3, 3))
-    for a, b in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
-        moment = np.einsum("vk,vk->v", weighted[a], local[b]) / total - mean[a] * mean[b]
-        scatter[:, a, b] = scatter[:, b, a] = moment
-    middle = np.trace(scatter, axis1=1, axis2=2) / 3
-    deviator = scatter - middle[:, None, None] * np.eye(3)
-    size = np.sqrt(np.maximum(np.einsum("vab,vab->v", deviator, deviator), 1e-300) / 6)
-    (a, b, c), (_, d, e), (*_, f) = np.moveaxis(deviator / size[:, None, None], 0, 2)
-    determinant = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
-    angle = np.arccos(np.clip(determinant / 2, -1, 1)) / 3
+    xx, xy, xz, yy, yz, zz = (
+        np.einsum("vk,vk->v", weighted[a], local[b]) / total - mean[a] * mean[b] for a, b in _UPPER
+    )
+    middle = (xx + yy + zz) / 3
+    squares = (xx - middle) ** 2 + (yy - middle) ** 2 + (zz - middle) ** 2 + 2 * (xy**2 + xz**2 + yz**2)
+    size = np.sqrt(np.maximum(squares, 1e-300) / 6)
+    deviator = (column / size for column in (xx - middle, xy, xz, yy - middle, yz, zz - middle))
+    angle = np.arccos(np.clip(_determinant(*deviator) / 2, -1, 1)) / 3
     least = middle + 2 * size * np.cos(angle + 2 * np.pi / 3)
     largest = middle + 2 * size * np.cos(angle)
-    rows = scatter - least[:, None, None] * np.eye(3)
-    crosses = np.cross(rows[:, [0, 1, 2]], rows[:, [1, 2, 0]])  # (V, 3, 3)
-    lengths = np.linalg.norm(crosses, axis=2)
-    best = np.argmax(lengths, axis=1)[:, None]
-    length = np.take_along_axis(lengths, best, axis=1)
-    normals = np.take_along_axis(crosses, best[:, :, None], axis=1)[:, 0] / np.maximum(length, 1e-300)
-    normals = np.where(length > 0, normals, [0.0, 0.0, 1.0])  # all points in one place: any direction will do
+    xx, yy, zz = xx - least, yy - least, zz - least
+    adjugate = np.empty((3, 3, len(total)))
+    adjugate[0, 0], adjugate[1, 1], adjugate[2, 2] = yy * zz - yz**2, xx * zz - xz**2, xx * yy - xy**2
+    adjugate[0, 1] = adjugate[1, 0] = xz * yz - xy * zz
+    adjugate[0, 2] = adjugate[2, 0] = xy * yz - xz * yy
+    adjugate[1, 2] = adjugate[2, 1] = xy * xz - xx * yz
+    best = np.argmax(np.einsum("aav->av", adjugate), axis=0)
+    column = np.take_along_axis(adjugate, best[None, None], axis=1)[:, 0].T  # (V, 3)
+    length = np.linalg.norm(column, axis=1, keepdims=True)
+    normals = np.where(length > 0, column / np.maximum(length, 1e-300), [0.0, 0.0, 1.0])  # in one place: any
     variances = np.maximum(np.stack([least, 3 * middle - least - largest], axis=1), 0)
     return _Planes(normals, np.einsum("cv,vc->v", mean, normals), variances)
+
+
+def _determinant(xx: NDArray, xy: NDArray, xz: NDArray, yy: NDArray, yz: NDArray, zz: NDArray) -> NDArray:
+    return xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)

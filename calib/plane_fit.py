@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 TUKEY = 6.0  # 98 % efficiency for normal residuals; 95 % at the usual 4.685
 MAD_TO_SIGMA = 1.4826
 _REWEIGHTINGS = 12
+_SETTLED = 1e-3  # of the slope's own standard deviation
 _LEAST_SIGMA_MM = 1e-9  # of a scan without noise
 
 
@@ -46,9 +47,11 @@ def fit_plane_robustly(points: NDArray, indices: NDArray, normal: NDArray, offse
         weights = _tukey(heights - middle, sigma)
         centre = weights @ points / weights.sum()
         centred = points - centre
-        axes = np.linalg.eigh((centred * weights[:, None]).T @ centred)[1].T  # rows, the normal first
+        scatter, columns = np.linalg.eigh((centred * weights[:, None]).T @ centred)
+        axes = columns.T  # rows, the normal first
         turned = axes[0] if axes[0] @ normal >= 0 else -axes[0]
-        settled = np.linalg.norm(turned - normal) < 1e-9
+        slope_sigma = sigma / np.sqrt(max(float(scatter[1]), 1e-300))
+        settled = np.linalg.norm(turned - normal) < max(1e-9, _SETTLED * slope_sigma)
         normal, heights = turned, centred @ turned
         if settled:
             break

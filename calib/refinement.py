@@ -70,7 +70,7 @@ def refine(
     start_offsets = np.array([groups[g].offset_mm for g in chosen])
     origin = intersect(normals, start_offsets)
     way = points_mm - origin
-    near = np.flatnonzero(np.einsum("ni,ni->n", way, way) < (1.25 * jig.edge_mm) ** 2)
+    near = np.flatnonzero(np.einsum("ni,ni->n", way, way) < (1.1 * jig.edge_mm) ** 2)
     local = points_mm[near] - origin  # small numbers: the planes are fitted around the first apex
     planes, margin_mm, failure = _fit_faces(
         local, near, normals, start_offsets - normals @ origin, jig, sigma_mm, options
