@@ -463,9 +463,11 @@ def test_an_effects_file_is_used_and_a_bad_one_is_one_line(
     path = tmp_path / "mine.py"
     path.write_text(
         "from calib.effects.base import Parameter\n\n\n"
+        "print('read')\n\n\n"  # with --json it must not mix with the object
         "class Fan:\n"
         '    parameters = (Parameter("x_mm", unit="mm", scale=0.1),)\n\n'
         "    def apply(self, state, *, x_mm):\n"
+        "        print('applied')\n"
         "        return state.displace((x_mm * state.q_rad[:, :1] * [1.0, 0.0, 0.0]))\n"
     )
     document = run_json(capsys, "diagnose", hidden_folder, "--effects-file", path)

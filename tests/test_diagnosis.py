@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -205,9 +206,18 @@ def test_a_users_own_effect_is_tested_named_and_fitted(tmp_path: Path) -> None:
         ("np.cos(5 * q_rad) + sin_rad", "np.ones(3) + sin_rad", "ValueError"),
         ('"sin_rad", unit', '"cos_rad", unit', "same name"),
         ("scale=1e-4, doc=\"cosine amplitude\"", "scale=-1.0, doc=\"\"", "scale above 0"),
+        ("scale=1e-4, doc=\"cosine amplitude\"", "scale=\"1\", doc=\"\"", "scale above 0"),
         ("class FifthHarmonic", "class TransmissionError", "in the catalogue"),
         ("    joint: int", "    joint: int\n    axle: int", "FifthHarmonic needs joint, axle"),
+        ("    parameters =", "    def __post_init__(self):\n        raise ValueError('no')\n\n    parameters =",
+         "FifthHarmonic cannot be made, ValueError: no"),
         ("def apply", "def use", "found no effect"),
+        ("state.q_rad[:, self.joint]", "state.poses.extra['humidity']", "line 19 with KeyError: 'humidity'"),
+        ("q_rad = state.q_rad[:, self.joint]", "q_rad = state.q_rad; q_rad += cos_rad; q_rad = q_rad[:, 0]",
+         "changes what it was handed"),
+        ("import numpy as np", "import sys; sys.exit(3)", "SystemExit: 3"),
+        ("import numpy as np", "import numpy as np; EFFECTS = 5", "EFFECTS is a int"),
+        ("import numpy as np", "import numpy as np; EFFECTS = (dict,)", "EFFECTS holds the class dict"),
     ],
 )  # fmt: skip
 def test_a_bad_effects_file_is_one_clear_line(tmp_path: Path, old: str, new: str, says: str) -> None:
@@ -219,6 +229,39 @@ def test_a_bad_effects_file_is_one_clear_line(tmp_path: Path, old: str, new: str
     assert says in str(caught.value)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_an_effect_that_fails_only_later_is_still_one_line(tmp_path: Path) -> None:
+    dataset = simulated(poses=30)
+    path = tmp_path / "mine.py"
+    late = "if cos_rad < 0:\n            raise OSError('gone')\n        q_rad ="
+    thin = "cos_rad * np.cos(q_rad) / (cos_rad >= 0)"
+    for old, new, says in (
+        ("q_rad =", late, "line 20 with OSError: gone"),
+        ("cos_rad * np.cos(5 * q_rad)", thin, "not finite at cos_rad = -1e-07"),
+    ):
+        assert old in OWN_FILE
+        path.write_text(OWN_FILE.replace(old, new))
+        own = load_effects(path, dataset)  # tried at zero and at one step: all is well there
+        with pytest.raises(CalibError, match=says) as caught:
+            diagnose(dataset, own=own)
+        assert "\n" not in str(caught.value)
+
+
+def test_an_effects_file_may_import_its_neighbour_which_is_read_again(tmp_path: Path) -> None:
+    dataset = simulated(poses=20)
+    path, neighbour = tmp_path / "mine.py", tmp_path / "neighbour_of_mine.py"
+    file = OWN_FILE.replace("import numpy as np", "import numpy as np\nfrom neighbour_of_mine import N")
+    path.write_text(file.replace("5 * q_rad", "N * q_rad"))
+    moved = []
+    for order in (5, 6):
+        neighbour.write_text(f"N = {order}\n")
+        effect = load_effects(path, dataset)[0].members[2]
+        state = effect.apply(RobotState.nominal(dataset.robot, dataset.poses), cos_rad=1e-3, sin_rad=0.0)
+        moved.append(state.table[:, 2, 3] - dataset.robot.table[2, 3])
+        assert moved[-1] == pytest.approx(1e-3 * np.cos(order * dataset.poses.q[:, 2]), abs=1e-12)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["mine.py", "neighbour_of_mine.py"]
+    assert str(tmp_path) not in sys.path
 
 
 def test_effects_by_name_and_those_that_cannot_be_fitted() -> None:

@@ -30,6 +30,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.effects.guard import guarded, is_own
 from calib.effects.state import RobotState
 
 Array = NDArray[np.float64]
@@ -76,9 +77,12 @@ def full_name(effect: Effect, parameter: Parameter) -> str:
 
 
 def apply_values(effect: Effect, state: RobotState, values: Array) -> RobotState:
-    """`apply` with the values in the order of the effect's parameters."""
+    """`apply` with the values in the order of the effect's parameters.
+
+    Raises CalibError where an effect from outside this package fails.
+    """
     named: dict[str, Any] = {p.name: float(v) for p, v in zip(effect.parameters, values, strict=True)}
-    return effect.apply(state, **named)
+    return guarded(effect, state, named) if is_own(effect) else effect.apply(state, **named)
 
 
 def is_linear(effect: Effect) -> bool:

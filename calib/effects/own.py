@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
+import math
 import sys
 import traceback
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,9 +20,10 @@ from typing import Any
 import numpy as np
 
 from calib.dataset import Dataset
-from calib.effects.base import Effect, Parameter, apply_values, family_name
+from calib.effects.base import Effect, Parameter, apply_values
 from calib.effects.catalogue import Family, families_from
 from calib.effects.descriptions import FAMILY_NAMES
+from calib.effects.guard import error_words
 from calib.effects.state import RobotState
 from calib.errors import CalibError
 from calib.model import geometric_model
@@ -30,7 +33,7 @@ from calib.observations import Observations, place_scanner
 def load_effects(path: Path, dataset: Dataset) -> tuple[Family, ...]:
     """The families of an effects file, made for a dataset's robot. Raises CalibError in one line."""
     module = _load(path)
-    effects = tuple(getattr(module, "EFFECTS", ())) or tuple(_instances(path, module, dataset.robot.n_joints))
+    effects = _effects(path, module, dataset.robot.n_joints)
     if not effects:
         raise CalibError(
             f"{path}: found no effect; define a class with `parameters` and `apply`, or a tuple EFFECTS"
@@ -63,14 +66,48 @@ def _load(path: Path) -> ModuleType:
     sys.modules[spec.name] = module  # dataclasses look their module up
     try:
         # Not by the loader: a file that was saved twice within a second would come out of its cache as it was before.
-        exec(compile(path.read_bytes(), str(path), "exec"), module.__dict__)
+        code = compile(path.read_bytes(), str(path), "exec")
+        with _siblings(path.resolve().parent):
+            exec(code, module.__dict__)
     except SyntaxError as error:
-        raise CalibError(f"{path}: line {error.lineno}: {error.msg}; mend the syntax") from None
-    except Exception as error:
-        raise CalibError(
-            f"{path}: line {_line(error, path)}: {type(error).__name__}: {_one_line(error)}"
-        ) from None
+        where = f"line {error.lineno}: " if error.lineno else ""
+        raise CalibError(f"{path}: {where}{error.msg}; mend the syntax") from None
+    except (Exception, SystemExit) as error:  # a file that calls exit() must not end the server
+        raise CalibError(f"{path}: line {_line(error, path)}: {error_words(error)}") from None
     return module
+
+
+@contextmanager
+def _siblings(folder: Path) -> Iterator[None]:
+    """Let a file import others from its folder; they are read afresh the next time, and nothing is written there."""
+    before, wrote = set(sys.modules), sys.dont_write_bytecode
+    sys.path.append(str(folder))  # last: a neighbour of any name hides nothing that is installed
+    sys.dont_write_bytecode = True
+    try:
+        yield
+    finally:
+        sys.dont_write_bytecode = wrote
+        sys.path.remove(str(folder))
+        for name in set(sys.modules) - before:
+            if folder in Path(getattr(sys.modules[name], "__file__", None) or "/").parents:
+                del sys.modules[name]
+
+
+def _effects(path: Path, module: ModuleType, joints: int) -> tuple[Effect, ...]:
+    """What EFFECTS holds, else what the module's classes give."""
+    if not hasattr(module, "EFFECTS"):
+        return tuple(_instances(path, module, joints))
+    given = module.EFFECTS
+    if not isinstance(given, tuple | list):
+        raise CalibError(
+            f"{path}: EFFECTS is a {type(given).__name__}; make it a tuple of effects, (MyEffect(joint=1),)"
+        )
+    for effect in given:
+        if isinstance(effect, type):
+            raise CalibError(
+                f"{path}: EFFECTS holds the class {effect.__name__}; put effects in, such as {effect.__name__}(...)"
+            )
+    return tuple(given)
 
 
 def _instances(path: Path, module: ModuleType, joints: int) -> Iterable[Effect]:
@@ -84,14 +121,17 @@ def _instances(path: Path, module: ModuleType, joints: int) -> Iterable[Effect]:
             for f in (dataclasses.fields(value) if dataclasses.is_dataclass(value) else ())
             if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
         ]
-        if needed == ["joint"]:
-            yield from (value(joint=j) for j in range(joints))
-        elif not needed:
-            yield value()
-        else:
+        if needed not in ([], ["joint"]):
             raise CalibError(
                 f"{path}: {value.__name__} needs {', '.join(needed)}; only `joint` is filled in, use EFFECTS for more"
             )
+        try:
+            yield from (value(joint=j) for j in range(joints)) if needed else (value(),)
+        except Exception as error:
+            raise CalibError(
+                f"{path}: {value.__name__} cannot be made, {error_words(error)}; a dataclass with the field `joint` or "
+                "without fields is, others go into EFFECTS"
+            ) from None
 
 
 def _trial_state(dataset: Dataset) -> RobotState:
@@ -109,7 +149,8 @@ def _check(effect: Any, state: RobotState, where: str) -> None:
         if (
             not isinstance(p, Parameter)
             or not p.name.isidentifier()
-            or not (np.isfinite(p.scale) and p.scale > 0)
+            or not isinstance(p.scale, int | float)
+            or not 0.0 < p.scale < math.inf
         ):
             raise CalibError(
                 f"{label}: {p!r} is no Parameter with an identifier for a name and a scale above 0"
@@ -117,7 +158,7 @@ def _check(effect: Any, state: RobotState, where: str) -> None:
     if len({p.name for p in parameters}) < len(parameters):
         raise CalibError(f"{label}: two parameters have the same name")
     zero = np.zeros(len(parameters))
-    after = _applied(effect, state, zero, label)
+    after = _applied(effect, state, zero, where)
     if not np.array_equal(np.broadcast_to(state.vector, after.shape), after):
         raise CalibError(
             f"{label}: with all parameters zero it still changes the state; zero has to mean absent"
@@ -125,39 +166,16 @@ def _check(effect: Any, state: RobotState, where: str) -> None:
     for k, p in enumerate(parameters):
         one = zero.copy()
         one[k] = p.scale
-        _applied(effect, state, one, label)
+        _applied(effect, state, one, where)
 
 
-def _applied(effect: Effect, state: RobotState, values: np.ndarray, label: str) -> np.ndarray:
+def _applied(effect: Effect, state: RobotState, values: np.ndarray, where: str) -> np.ndarray:
     try:
-        with np.errstate(all="ignore"):  # what is not finite is told below
-            after = apply_values(effect, state, values)
-    except Exception as error:
-        raise CalibError(f"{label}: `apply` fails with {type(error).__name__}: {_one_line(error)}") from None
-    if not isinstance(after, RobotState):
-        raise CalibError(
-            f"{label}: `apply` returns {type(after).__name__}; return the state that `state.add_...` gives"
-        )
-    try:
-        vector = after.vector
-    except ValueError as error:
-        raise CalibError(f"{label}: `apply` gives a state of the wrong shape: {_one_line(error)}") from None
-    expected = state.vector.shape[1]
-    if vector.shape[0] not in (1, len(state.poses)) or vector.shape[1] != expected:
-        raise CalibError(
-            f"{label}: `apply` gives a state of shape {vector.shape}, expected ({len(state.poses)}, {expected})"
-        )
-    if not np.all(np.isfinite(vector)):
-        raise CalibError(
-            f"{label}: `apply` gives values that are not finite at {family_name(effect)} = {values.tolist()}"
-        )
-    return vector
+        return apply_values(effect, state, values).vector
+    except CalibError as error:
+        raise CalibError(f"{where}: {error}") from None
 
 
-def _line(error: Exception, path: Path) -> int | str:
+def _line(error: BaseException, path: Path) -> int | str:
     frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) == path]
     return frames[-1].lineno or "?" if frames else "?"
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())

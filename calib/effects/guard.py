@@ -1,0 +1,84 @@
+"""Someone else's effect at work: whatever goes wrong in its `apply` is one line that says where."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from calib.effects.state import RobotState
+from calib.errors import CalibError
+
+
+def is_own(effect: object) -> bool:
+    """Whether an effect comes from outside this package, so that its mistakes are its author's to mend."""
+    return type(effect).__module__.partition(".")[0] != "calib"
+
+
+def guarded(effect: Any, state: RobotState, values: Mapping[str, float]) -> RobotState:
+    """`effect.apply(state, **values)`, checked.
+
+    Raises:
+        CalibError: it raises, returns no state or one of the wrong shape, gives values that are not finite, or changes
+            the state that it was handed: fits share it, the poses are the dataset's own.
+    """
+    label = f"effect {type(effect).__name__}"
+    before = [array.copy() for array in _handed(state)]
+    expected = state.vector.shape[1]  # before it can be changed
+    try:
+        with np.errstate(all="ignore"):  # what is not finite is told below
+            after = effect.apply(state, **values)
+    except CalibError:
+        raise
+    except Exception as error:
+        raise CalibError(f"{label}: `apply` fails{_at(effect, error)} with {error_words(error)}") from error
+    if not isinstance(after, RobotState):
+        raise CalibError(
+            f"{label}: `apply` returns {type(after).__name__}; return the state that `state.add_...` gives"
+        )
+    if not all(np.array_equal(a, b, equal_nan=True) for a, b in zip(before, _handed(state), strict=True)):
+        raise CalibError(
+            f"{label}: `apply` changes what it was handed; leave arrays as they are (a copy may be changed) and return "
+            "the state that `state.add_...` gives"
+        )
+    try:
+        vector = after.vector
+    except ValueError as error:
+        raise CalibError(f"{label}: `apply` gives a state of the wrong shape: {one_line(error)}") from error
+    if vector.shape[0] not in (1, len(state.poses)) or vector.shape[1] != expected:
+        raise CalibError(
+            f"{label}: `apply` gives a state of shape {vector.shape}, expected ({len(state.poses)}, {expected}): "
+            "one value for all poses, or one a pose"
+        )
+    if not np.all(np.isfinite(vector)):
+        at = ", ".join(f"{name} = {value:.3g}" for name, value in values.items())
+        raise CalibError(f"{label}: `apply` gives values that are not finite at {at}")
+    return after
+
+
+def error_words(error: BaseException) -> str:
+    """ "KeyError: 'humidity'": what an error is, in one line."""
+    return f"{type(error).__name__}: {one_line(error)}"
+
+
+def one_line(error: BaseException) -> str:
+    """An error's message in one line."""
+    return " ".join(str(error).split())
+
+
+def _handed(state: RobotState) -> tuple[np.ndarray, ...]:
+    """What `apply` can reach and must not write to."""
+    poses = state.poses
+    optional = (poses.payload_kg, poses.temperature_c, poses.time_s, poses.approach)
+    arrays = (state.table, state.base_rotvec_rad, state.displacement_mm, poses.q)
+    return (*arrays, *(array for array in optional if array is not None))
+
+
+def _at(effect: Any, error: BaseException) -> str:
+    """The line of the effect's own file at which it went wrong, where there is one."""
+    code = getattr(effect.apply, "__code__", None)
+    frames = traceback.extract_tb(error.__traceback__)
+    lines = [f.lineno for f in frames if code is not None and f.filename == code.co_filename]
+    return f" in line {lines[-1]}" if lines else ""
