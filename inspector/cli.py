@@ -10,6 +10,7 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -23,8 +24,12 @@ from inspector import commands, fit_commands
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code."""
     options = _parser().parse_args(arguments)
+    options.stdout = sys.stdout
+    # What else prints, such as an effect of the user's, must not mix with the one JSON object.
+    aside = redirect_stdout(sys.stderr) if getattr(options, "json", False) else nullcontext()
     try:
-        return int(options.run(options))
+        with aside:
+            return int(options.run(options))
     except CalibError as error:
         print(f"inspector: {error}", file=sys.stderr)
         return 2

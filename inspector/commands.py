@@ -141,7 +141,7 @@ def run_check(options: Any) -> int:
     passed = all(result.passed for result in results)
     if options.json:
         each = [documents.check_document(result) for result in results]
-        print(documents.to_json(each[0] if len(each) == 1 else {"passed": passed, "datasets": each}))
+        show(options, each[0] if len(each) == 1 else {"passed": passed, "datasets": each}, "")
     return 0 if passed else 1
 
 
@@ -174,4 +174,4 @@ def _search(dataset: Dataset, wanted: int | None = None) -> dict[str, CornerSear
 
 def show(options: Any, document: dict[str, Any], words: str) -> None:
     """Words, or with --json the one object."""
-    print(documents.to_json(document) if options.json else words)
+    print(documents.to_json(document) if options.json else words, file=options.stdout)
