@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from calib import kinematics
+from calib.attitude import Attitudes, attitude_lines, evaluate_attitudes, pose_columns
 from calib.dataset import Dataset
 from calib.effects.base import Effect
 from calib.effects.links import LinkErrors
@@ -59,6 +60,16 @@ class Calibration:
         """One an iteration, the first is the nominal robot; worked out when first asked for."""
         at = evaluate_all(self.model, [step.x for step in self.fit.iterations], self.dataset)
         return tuple(_step(evaluation) for evaluation in at)
+
+    @cached_property
+    def attitudes(self) -> tuple[Attitudes, Attitudes] | None:
+        """Errors of the orientations before and after, where they were fitted."""
+        if self.residual != "pose":
+            return None
+        before, after = (
+            evaluate_attitudes(self.model, x, self.dataset) for x in (0.0 * self.fit.x, self.fit.x)
+        )
+        return before, after
 
     @property
     def sigma_mm(self) -> float:
@@ -119,6 +130,8 @@ class Calibration:
         ):
             if before is not None and after is not None:
                 lines.append(f"{label} {figures_line(before, after)}")
+        if self.attitudes is not None:
+            lines += attitude_lines(*self.attitudes)
         return "\n".join([*lines, *self.warnings])
 
 
@@ -164,7 +177,7 @@ def calibrate(
 
     Args:
         dataset: with measured points.
-        residual: "position" (free scanner frames) or "distance" (Jang).
+        residual: "position" (free scanner frames), "distance" (Jang), "pairs", or "pose" (with the orientations).
         effects: beyond the link errors.
         fixed: names of parameters to hold at their nominal value.
         prior: hold parameters within about their tolerance.
@@ -188,7 +201,7 @@ def calibrate(
     residuals = make_residuals(residual, model, observed)
     rows = len(residuals.residual(np.zeros(len(model.parameters))))
     _require_equations(dataset, observed, residual, rows - residuals.degrees_spent, rank=0)
-    if robust and residual == "distance":
+    if robust and residual in ("distance", "pose"):
         raise FitError("robust weights need a residual of each point; take position or pairs")
     way: tuple[Iteration, ...] = ()  # that led to where this fit begins
     links_alone = Model(dataset.robot, (links,), model.fixed)
@@ -241,9 +254,10 @@ def _require_equations(
     """Raise FitError where poses give no more equations than directions to settle, with the number that would do."""
     if equations > rank:
         return
-    knowable = structural_rank(dataset.robot)
-    spent = 0 if kind == "distance" else 6 * len(np.unique(observed.setup))
-    needed = int(np.ceil((knowable + spent) / (1 if kind == "distance" else 3))) + 2
+    knowable = structural_rank(dataset.robot, residual=kind)
+    setups = len(np.unique(observed.setup))
+    spent = {"distance": 0, "pose": 6 * setups + 3}.get(kind, 6 * setups)
+    needed = int(np.ceil((knowable + spent) / {"distance": 1, "pose": 6}.get(kind, 3))) + 2
     raise FitError(
         f"dataset {dataset.name}: {len(np.unique(observed.points.pose))} training poses give {max(equations, 0)} "
         f"equations, the arm has {knowable} knowable parameters; measure at least {needed} different poses, better "
@@ -277,11 +291,14 @@ def _step(evaluation: Evaluation) -> Step:
     )
 
 
-def structural_rank(robot: Robot, poses: int = 200) -> int:
-    """How many parameters distances, or positions from an unknown place, can tell of this arm at best."""
+def structural_rank(robot: Robot, poses: int = 200, *, residual: str = "position") -> int:
+    """How many parameters distances, or positions or poses from an unknown place, can tell of this arm at best."""
     rng = np.random.default_rng(0)  # any generic poses give the same rank
     span = np.where(robot.is_revolute, np.pi, 500.0)
     q = rng.uniform(-1.0, 1.0, (poses, robot.n_joints)) * span
+    if residual == "pose":
+        columns = pose_columns(robot, q, np.full(poses, ""))
+        return analyse(columns, robot.parameter_names, robot.parameter_units).rank
     points, by = kinematics.target_points(robot, q), kinematics.target_jacobian(robot, q)
     return analyse(_distance_columns(points, by), robot.parameter_names, robot.parameter_units).rank
 
@@ -300,8 +317,9 @@ def _distance_columns(points_mm: Array, by_parameter: Array) -> Array:
 def redundancy(dataset: Dataset, *, residual: str = "position") -> Redundancy:
     """Which parameters say the same at the dataset's training poses, for the nominal robot (Park 2022 section 3).
 
-    "position" looks at the tool point in the base frame, as Park does; "distance" at the rows of Jang eq (14), to
-    which d1, theta1 and beta1 are invisible; "pairs" can tell no more than those.
+    "position" looks at the tool point in the base frame, as Park does; "pose" at its attitude too, however the jig may
+    sit on the tool; "distance" at the rows of Jang eq (14), to which d1, theta1 and beta1 are invisible; "pairs" can
+    tell no more than those.
     """
     if residual not in RESIDUAL_KINDS:
         raise FitError(f"no residual named {residual!r}; there are {', '.join(RESIDUAL_KINDS)}")
@@ -313,6 +331,8 @@ def redundancy(dataset: Dataset, *, residual: str = "position") -> Redundancy:
     names, units = robot.parameter_names, robot.parameter_units
     if residual == "position":
         return analyse(by.reshape(-1, len(names)), names, units)
+    if residual == "pose":
+        return analyse(pose_columns(robot, q, None), names, units)
     setup = poses.setup[rows]
     blocks = []
     for name in np.unique(setup):

@@ -72,7 +72,7 @@ def check(
     findings = [Finding("dataset", None, warning) for warning in dataset.warnings]
     if searches:
         findings.append(_corners(searches))
-        dataset = with_corners(dataset, searches)
+        dataset = with_corners(dataset, searches, orientation=residual == "pose")
     repeats = find_repeats(dataset)
     if repeats:
         findings.append(

@@ -47,6 +47,13 @@ def rotation_from_rotvec(rotvec_rad: ArrayLike) -> Array:
     return np.asarray(flat).reshape(*rotvec_rad.shape[:-1], 3, 3)
 
 
+def rotvec_from_rotation(rotation: ArrayLike) -> Array:
+    """Rotation vectors (..., 3) of rotation matrices (..., 3, 3)."""
+    rotation = np.asarray(rotation, dtype=float)
+    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec()
+    return np.asarray(flat).reshape(*rotation.shape[:-2], 3)
+
+
 def skew(vectors: ArrayLike) -> Array:
     """Cross-product matrices (..., 3, 3): `skew(v) @ w` is `v x w`."""
     v = np.asarray(vectors, dtype=float)
@@ -71,3 +78,9 @@ def best_fit_transform(source_mm: ArrayLike, target_mm: ArrayLike, weights: Arra
     u, _, vt = np.linalg.svd(covariance)
     rotation = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
     return make_transform(rotation, target_mean - rotation @ source_mean)
+
+
+def mean_rotation(rotations: ArrayLike) -> Array:
+    """The rotation (3, 3) with the least sum of squared chords to rotations (K, 3, 3)."""
+    u, _, vt = np.linalg.svd(np.mean(np.asarray(rotations, dtype=float), axis=0))
+    return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)

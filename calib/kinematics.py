@@ -113,6 +113,16 @@ def jacobian(chain: Chain, points_mm: ArrayLike) -> Array:
     return np.moveaxis(np.stack(columns, axis=-1), 1, 2)
 
 
+def turn_jacobian(chain: Chain) -> Array:
+    """The tool frame's small turn about the base's axes by the table's entries: (N, 3, n + 1, 5), rad per mm or rad.
+
+    An angle turns about its own axis, whatever lies between: theta about z_(i-1), alpha about x'_i, beta about y_i.
+    """
+    z, y = chain.base_T_frame[:, :-1, :3, 2], chain.base_T_frame[:, 1:, :3, 1]
+    still = np.zeros_like(z)
+    return np.moveaxis(np.stack([still, chain.turned_x, still, z, y], axis=-1), 1, 2)
+
+
 def target_points(robot: Robot, q: ArrayLike) -> Array:
     """The tool point (N, 3), mm in the base frame, at joint vectors q (N, n)."""
     return forward(robot.table, q, robot.is_revolute).target_mm

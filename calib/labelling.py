@@ -168,8 +168,7 @@ def _most_agreed(seats: Array) -> Array:
     nearest = np.argmin(turns[best], axis=1)
     agreeing = turns[best].min(axis=1) < 0.5 * LEAST_MARGIN_DEG
     chosen = seats[np.arange(len(seats)), nearest][agreeing]
-    axes = np.concatenate([np.eye(3), -np.eye(3)])
-    return frames.best_fit_transform(axes, axes @ chosen.mean(axis=0).T)[:3, :3]
+    return frames.mean_rotation(chosen)
 
 
 def _convention(

@@ -137,11 +137,27 @@ class Model:
         """
         *before, last = self._states(x, poses, seen)
         points_mm, by_state = point_by_state(last, target)
+        return points_mm, self._by_parameters(x, before, by_state)
+
+    def linearise_pose(
+        self, x: ArrayLike, poses: Poses, seen: Seen | None = None
+    ) -> tuple[Array, Array, Array]:
+        """The jig's place (N, 3), the tool's attitude base_R_tool (N, 3, 3), and their derivative (N, 6, P).
+
+        The last three rows are the small turn about the base's axes, rad: attitude changes to exp(turn) attitude.
+        """
+        *before, last = self._states(x, poses, seen)
+        points_mm, by_state = point_by_state(last)
+        both = np.concatenate([by_state, turn_by_state(last)], axis=1)
+        return points_mm, last.attitude, self._by_parameters(x, before, both)
+
+    def _by_parameters(self, x: ArrayLike, before: list[RobotState], by_state: Array) -> Array:
+        """(N, K, P) of a derivative by the last state (N, K, S): the chain rule, effect by effect."""
         columns = [
             effect_columns(by_state, effect, state, values)
             for effect, state, values in zip(self.effects, before, self._values_by_effect(x), strict=True)
         ]
-        return points_mm, np.concatenate(columns, axis=-1)[..., self._is_free]
+        return np.concatenate(columns, axis=-1)[..., self._is_free]
 
     def calibrated_robot(self, x: ArrayLike) -> Robot:
         """The robot with its link errors built into the table; other effects have no place in robot.toml."""
@@ -171,7 +187,24 @@ def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array
         # d exp(w) p / dw = -skew(exp(w) p) J(w), and J = 1 + skew(w) / 2 for the small turns that bases make
         by_turn = by_turn @ (np.eye(3) + 0.5 * frames.skew(state.base_rotvec_rad))
     eye = np.broadcast_to(np.eye(3), (len(chain_mm), 3, 3))
-    return turned_mm + state.displacement_mm, np.concatenate([by_table, by_turn, eye], axis=-1)
+    still = np.zeros_like(eye)  # the target's turn about itself moves no point
+    return turned_mm + state.displacement_mm, np.concatenate([by_table, by_turn, eye, still], axis=-1)
+
+
+def turn_by_state(state: RobotState) -> Array:
+    """The tool's small turn about the base's axes by `state.vector` (N, 3, S), rad."""
+    by_table = kinematics.turn_jacobian(state.chain)
+    by_table = by_table.reshape(*by_table.shape[:2], -1)
+    eye = np.broadcast_to(np.eye(3), (len(by_table), 3, 3))
+    by_base, by_target = eye, eye
+    if np.any(state.base_rotvec_rad):
+        by_table = frames.rotation_from_rotvec(state.base_rotvec_rad) @ by_table
+        by_base = eye @ (np.eye(3) + 0.5 * frames.skew(state.base_rotvec_rad))  # as in `point_by_state`
+    if np.any(state.target_rotvec_rad):
+        turned = frames.rotation_from_rotvec(state.target_rotvec_rad)
+        by_table, by_base = turned @ by_table, turned @ by_base
+        by_target = eye @ (np.eye(3) + 0.5 * frames.skew(state.target_rotvec_rad))
+    return np.concatenate([by_table, by_base, np.zeros_like(eye), by_target], axis=-1)
 
 
 def _target_mm(state: RobotState, target: str) -> Array:

@@ -26,6 +26,7 @@ class Observations:
     points: Points
     covariance_mm2: Array  # (M, 3, 3)
     scanner_T_base: Mapping[str, Array] | None = None  # by setup, where an earlier fit placed the scanner
+    turn_covariance_rad2: Array | None = None  # (M, 3, 3) of the orientations, where there are any
 
     @classmethod
     def of(cls, dataset: Dataset, keep: ArrayLike | None = None) -> Observations:
@@ -49,7 +50,11 @@ class Observations:
         if covariance is None:
             sigma_mm = dataset.scanner.point_sigma_mm or 1.0
             covariance = np.broadcast_to(sigma_mm**2 * np.eye(3), (len(points), 3, 3))
-        return cls(dataset.poses, points, covariance)
+        turns = None if points.orientations is None else points.orientations.covariance_rad2
+        if turns is None and dataset.scanner.orientation_sigma_rad is not None:
+            sigma_rad = dataset.scanner.orientation_sigma_rad
+            turns = np.broadcast_to(sigma_rad**2 * np.eye(3), (len(points), 3, 3))
+        return cls(dataset.poses, points, covariance, turn_covariance_rad2=turns)
 
     @property
     def setup(self) -> NDArray[np.str_]:
@@ -120,6 +125,30 @@ def linearise_points(model: Model, x: Array, observed: Observations) -> tuple[Ar
         at, by = model.linearise(x, poses, target, observed.seen(target))
         points_mm[of_target], jacobian[of_target] = at[row[of_target]], by[row[of_target]]
     return points_mm, jacobian
+
+
+def linearise_poses(model: Model, x: Array, observed: Observations) -> tuple[Array, Array, Array]:
+    """As `linearise_points`, with the attitude: (M, 3), base_R_tool (M, 3, 3), and the derivative of both (M, 6, P).
+
+    The last three rows of it are the small turn about the base's axes; what is not the jig has a place only.
+    """
+    poses, row = observed.used_poses
+    is_jig = observed.points.target == "jig"
+    points_mm, jacobian = linearise_points(model, x, observed) if not is_jig.all() else (None, None)
+    at, attitude, by = model.linearise_pose(x, poses, observed.seen("jig"))
+    if points_mm is None or jacobian is None:
+        return at[row], attitude[row], by[row]
+    both = np.concatenate([jacobian, by[row][:, 3:]], axis=1)
+    return points_mm, attitude[row], both
+
+
+def predict_poses(model: Model, x: Array, observed: Observations) -> tuple[Array, Array]:
+    """Where the model sees each observed point (M, 3), and base_R_tool (M, 3, 3)."""
+    poses, row = observed.used_poses
+    state = model.state(x, poses, observed.seen("jig"))
+    if np.all(observed.points.target == "jig"):
+        return state.place(state.chain.target_mm)[row], state.attitude[row]
+    return predict_points(model, x, observed), state.attitude[row]
 
 
 def mean_jig_points(observed: Observations) -> tuple[NDArray[np.bool_], Array, Array]:

@@ -1,8 +1,9 @@
-"""Residuals: what the solver makes small. Three kinds with one interface; the solver knows none of them.
+"""Residuals: what the solver makes small. Four kinds with one interface; the solver knows none of them.
 
 * `PositionResiduals`: measured points against predicted ones, the scanner's frame of each setup unknown.
 * `DistanceResiduals`: distances from a reference pose, which need no frame at all (Jang 2025 eq 9-16).
 * `PairResiduals`: the distances between all points of a setup, with the covariance that they really have.
+* `PoseResiduals` (`calib.pose_residuals`): positions, and orientations of the jig where they were measured.
 
 All are whitened: with the declared sigmas right and the model complete, each row has variance 1.
 """
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from calib import frames
 from calib.effects.base import Array, Parameter
 from calib.errors import FitError
+from calib.linearised import Linearised
 from calib.model import Model
 from calib.observations import (
     Observations,
@@ -28,16 +30,9 @@ from calib.observations import (
     setup_references,
 )
 from calib.placement import fit_scanner_frame, frame_columns, orthonormal, whitener
+from calib.pose_residuals import PoseResiduals
 
-RESIDUAL_KINDS = ("position", "distance", "pairs")
-
-
-@dataclass(frozen=True)
-class Linearised:
-    """Residual (R,) and Jacobian (R, P), whitened."""
-
-    residual: Array
-    jacobian: Array
+RESIDUAL_KINDS = ("position", "distance", "pairs", "pose")
 
 
 class Residuals(Protocol):
@@ -250,7 +245,9 @@ class PairResiduals(PositionResiduals):
     """
 
 
-def make_residuals(kind: str, model: Model, observed: Observations) -> PositionResiduals | DistanceResiduals:
+def make_residuals(
+    kind: str, model: Model, observed: Observations
+) -> PositionResiduals | DistanceResiduals | PoseResiduals:
     """Residuals by their name on the command line. Raises FitError on another name."""
     if kind == "pairs":
         return PairResiduals(model, observed)
@@ -258,4 +255,6 @@ def make_residuals(kind: str, model: Model, observed: Observations) -> PositionR
         return PositionResiduals(model, observed)
     if kind == "distance":
         return DistanceResiduals(model, observed)
+    if kind == "pose":
+        return PoseResiduals(model, observed)
     raise FitError(f"no residual named {kind!r}; there are {' and '.join(RESIDUAL_KINDS)}")

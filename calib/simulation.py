@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from calib.dataset import Dataset, Points, Poses, Scanner
+from calib.dataset import Dataset, Orientations, Points, Poses, Scanner
 from calib.dataset_file import write_dataset
 from calib.errors import CalibError
 from calib.jig import Jig
@@ -131,6 +132,7 @@ def simulate_dataset(
     payloads_kg: Sequence[float] = (),
     repeats: int = 1,
     setups: int = 1,
+    orientation_sigma_rad: float | None = None,
 ) -> Simulation:
     """Simulate a calibration of `robot`, which stays the nominal arm of the dataset.
 
@@ -145,6 +147,7 @@ def simulate_dataset(
         payloads_kg: each pose carries one of these; () for none and no such column, or as `conditions` has it.
         repeats: measurements of each pose (points only).
         setups: how many placements of the scanner share the poses (points only).
+        orientation_sigma_rad: noise about each axis of the jig's orientation, measured with each point; None: points.
 
     Raises:
         CalibError: an unknown effect, too few poses, or a robot that lacks what the effect needs.
@@ -218,6 +221,7 @@ def simulate_dataset(
         noise_mm=None if scans else noise_mm,
         scan_model=scan_model if scans else None,
         repeats=repeats,
+        orientation_sigma_rad=orientation_sigma_rad,
     )
 
 
@@ -233,8 +237,12 @@ def measure(
     noise_mm: float | None = None,
     scan_model: ScanModel | None = None,
     repeats: int = 1,
+    orientation_sigma_rad: float | None = None,
 ) -> Simulation:
-    """Measure given poses of a given arm: points where `noise_mm` is given, scans where `scan_model` is."""
+    """Measure given poses of a given arm: points where `noise_mm` is given, scans where `scan_model` is.
+
+    The points are full poses of the jig where `orientation_sigma_rad` is given.
+    """
     scanner_T_tool = scanner_T_target(truth, poses.q, Conditions.of(poses))
     apex_mm = scanner_T_tool[:, :3, 3]
     points = None
@@ -242,6 +250,11 @@ def measure(
         pose = np.repeat(np.arange(len(poses)), repeats)
         noisy_mm = apex_mm[pose] + noise_mm * rng.standard_normal((len(pose), 3))
         points = Points(pose=pose, xyz_mm=noisy_mm, target=np.full(len(pose), "jig"))
+        if orientation_sigma_rad is not None:
+            turned = Rotation.from_rotvec(orientation_sigma_rad * rng.standard_normal((len(pose), 3)))
+            scanner_R_jig = (scanner_T_tool @ target_T_jig(robot))[pose, :3, :3]
+            orientations = Orientations((turned * Rotation.from_matrix(scanner_R_jig)).as_matrix())
+            points = replace(points, orientations=orientations)
     dataset = Dataset(
         name=name,
         description=description,
@@ -252,6 +265,7 @@ def measure(
         scanner=Scanner(
             point_sigma_mm=noise_mm or None,
             scan_sigma_mm=None if scan_model is None else scan_model.scan_sigma_mm,
+            orientation_sigma_rad=orientation_sigma_rad or None,
         ),
         jig=jig,
     )

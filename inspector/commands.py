@@ -62,11 +62,9 @@ def run_redundancy(options: Any) -> int:
     result = redundancy(dataset, residual=options.residual)
     if options.out is not None:
         write_text_atomically(options.out, redundancy_csv(result))
-    knowable = structural_rank(dataset.robot)
-    words = (
-        f"{result.summary()}\nDistances, or positions from an unknown place, can tell {knowable} at best "
-        "(this arm at generic poses)."
-    )
+    knowable = structural_rank(dataset.robot, residual=options.residual)
+    what = "Poses" if options.residual == "pose" else "Distances, or positions"
+    words = f"{result.summary()}\n{what} from an unknown place can tell {knowable} at best (this arm at generic poses)."
     show(options, documents.redundancy_document(result, options.residual, knowable), words)
     return 0
 
@@ -153,9 +151,11 @@ def load(path: Path) -> Dataset:
     return dataset
 
 
-def measured(dataset: Dataset) -> Dataset:
-    """The dataset with points, found in its scans where it has none."""
-    return dataset if dataset.points is not None else with_corners(dataset, searched(dataset))
+def measured(dataset: Dataset, *, orientation: bool = False) -> Dataset:
+    """The dataset with points, found in its scans where it has none; with the jig's orientation where asked."""
+    if dataset.points is not None:
+        return dataset
+    return with_corners(dataset, searched(dataset), orientation=orientation)
 
 
 def searched(dataset: Dataset) -> dict[str, CornerSearch]:

@@ -117,6 +117,8 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "rank": fit.rank,
         **_roles(calibration.after),
         "before": _roles(calibration.before),
+        "attitudes": calibration.attitudes
+        and dict(zip(("before", "after"), map(asdict, calibration.attitudes), strict=True)),
         "sigma_mm": calibration.sigma_mm,
         "degrees_of_freedom": fit.degrees_of_freedom,
         "parameters": frame.to_dict(orient="records"),

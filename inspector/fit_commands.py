@@ -56,7 +56,7 @@ def _fitted(options: Any, dataset: Dataset) -> tuple[Addition, ...]:
 
 def run_calibrate(options: Any) -> int:
     """Fit, and write the calibrated table."""
-    dataset = measured(load(options.path))
+    dataset = measured(load(options.path), orientation=options.residual == "pose")
     steps = _fitted(options, dataset)
     result = steps[-1].calibration
     if options.out is not None:
@@ -111,7 +111,7 @@ def _errors(calibration: Calibration) -> str:
 
 def run_validate(options: Any) -> int:
     """Folds over poses, and a learning curve."""
-    dataset = measured(load(options.path))
+    dataset = measured(load(options.path), orientation=options.residual == "pose")
     more = fit_options(options, dataset, own_effects(options, dataset))
     with progress("fits", "fit") as on_progress:
         folds = cross_validate(dataset, folds=options.folds, on_progress=on_progress, **more)
@@ -125,7 +125,7 @@ def run_correct(options: Any) -> int:
     """Joint targets that bring the real arm where the nominal one was meant to be."""
     dataset = load(options.path)
     targets = load_targets(options.joints, dataset.robot)
-    dataset = measured(dataset)
+    dataset = measured(dataset, orientation=options.residual == "pose")
     result = _fitted(options, dataset)[-1].calibration
     result.require_improvement(force=options.force)
     correction = corrected_joints(

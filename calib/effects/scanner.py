@@ -90,9 +90,8 @@ class ScannerDrift:
         v = np.array([values[f"v{a}_mm_per_s"] for a in "xyz"])
         w = np.array([values[f"w{a}_rad_per_s"] for a in "xyz"])
         arm = state.seen.scanner_mm - np.array(self.centre_mm)
-        return state.displace_in_scanner(
-            (v + np.cross(w, arm)) * (state.poses.time_s - self.start_s)[:, None]
-        )
+        since_s = (state.poses.time_s - self.start_s)[:, None]
+        return state.displace_in_scanner((v + np.cross(w, arm)) * since_s).turn_in_scanner(w * since_s)
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,9 @@ class RobotState:
         default_factory=dict
     )  # further targets, last joint's frame, (3,)
     seen: Seen | None = None
+    target_rotvec_rad: Array = field(
+        default_factory=lambda: np.zeros((1, 3))
+    )  # its turn about itself, base frame
     _loaded: list[RobotState] = field(default_factory=list, compare=False, repr=False)  # see `loaded`
 
     @classmethod
@@ -60,8 +63,9 @@ class RobotState:
 
     @cached_property
     def vector(self) -> Array:
-        """(1 or N, S) all of it in one row a pose: table, base turn, displacement; S = 5 (n + 1) + 6."""
-        parts = [self.table.reshape(len(self.table), -1), self.base_rotvec_rad, self.displacement_mm]
+        """(1 or N, S) all in one row a pose: table, base turn, displacement, target's turn; S = 5 (n + 1) + 9."""
+        turns = [self.base_rotvec_rad, self.displacement_mm, self.target_rotvec_rad]
+        parts = [self.table.reshape(len(self.table), -1), *turns]
         rows = max(map(len, parts))
         return np.concatenate([np.broadcast_to(p, (rows, p.shape[1])) for p in parts], axis=1)
 
@@ -96,6 +100,17 @@ class RobotState:
             return self
         base_R_scanner = np.swapaxes(self.seen.scanner_T_base[:, :3, :3], 1, 2)
         return self.displace(np.einsum("nij,nj->ni", base_R_scanner, np.asarray(displacement_mm, float)))
+
+    def turn_in_scanner(self, rotvec_rad: ArrayLike) -> RobotState:
+        """Turn what the scanner reports about the target itself, in the scanner's frame: (N, 3), small.
+
+        No point moves; only a measured orientation shows it.
+        """
+        if self.seen is None:
+            return self
+        base_R_scanner = np.swapaxes(self.seen.scanner_T_base[:, :3, :3], 1, 2)
+        turn = np.einsum("nij,nj->ni", base_R_scanner, np.asarray(rotvec_rad, float))
+        return replace(self, target_rotvec_rad=self.target_rotvec_rad + turn)
 
     @cached_property
     def chain(self) -> kinematics.Chain:
@@ -134,3 +149,12 @@ class RobotState:
             turn = frames.rotation_from_rotvec(self.base_rotvec_rad)
             points_mm = np.einsum("nij,nj->ni", np.broadcast_to(turn, (len(points_mm), 3, 3)), points_mm)
         return points_mm + self.displacement_mm
+
+    @property
+    def attitude(self) -> Array:
+        """(N, 3, 3) base_R_tool: the chain's, the base's turn and the target's own."""
+        out = self.chain.base_T_frame[:, -1, :3, :3]
+        for rotvec in (self.base_rotvec_rad, self.target_rotvec_rad):
+            if np.any(rotvec):
+                out = frames.rotation_from_rotvec(rotvec) @ out
+        return out

@@ -1,0 +1,98 @@
+"""How far a model's attitudes are from measured orientations, and what full poses can tell of an arm at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib import frames, kinematics
+from calib.dataset import Dataset
+from calib.model import Model
+from calib.observations import Observations, predict_poses
+from calib.placement import orthonormal
+from calib.pose_residuals import PoseResiduals
+from calib.robot import Robot
+
+Array = NDArray[np.float64]
+
+MM_A_RADIAN = 500.0
+"""How turns count beside lengths where no measurement says so: 0.05 mm against 0.1 mrad."""
+
+
+@dataclass(frozen=True)
+class AttitudeFigures:
+    """Errors of the jig's orientation over some measured poses: the angle between predicted and measured."""
+
+    poses: int
+    rmse_rad: float
+    max_rad: float
+
+
+@dataclass(frozen=True)
+class Attitudes:
+    """A model against the measured orientations; the scanner's frames and the jig's seat are of the training poses."""
+
+    train: AttitudeFigures | None
+    test: AttitudeFigures | None
+
+
+def evaluate_attitudes(model: Model, x: Array, dataset: Dataset) -> Attitudes:
+    """Hold the model at x against the dataset's orientations. Setups without training poses are left out.
+
+    Raises FitError where no training pose has an orientation, or orientations have no covariance.
+    """
+    of_training = PoseResiduals(model, Observations.of(dataset))
+    placed = of_training.placement(x)
+    everything = Observations.of(dataset, np.isin(dataset.poses.setup, list(placed.scanner_T_base)))
+    residuals = PoseResiduals(model, everything)
+    base_mm, attitude = predict_poses(model, x, everything)
+    angle = np.linalg.norm(residuals.errors(placed, base_mm, attitude)[:, 3:], axis=1)
+    is_test = dataset.poses.is_test[everything.points.pose]
+
+    def figures(rows: NDArray[np.bool_]) -> AttitudeFigures | None:
+        off = angle[rows & residuals.turned]
+        if len(off) == 0:
+            return None
+        return AttitudeFigures(len(off), float(np.sqrt(np.mean(off**2))), float(off.max()))
+
+    return Attitudes(figures(~is_test), figures(is_test))
+
+
+def attitude_lines(before: Attitudes, after: Attitudes) -> list[str]:
+    """Before and after in words, a line for the training poses and one for the test poses."""
+    lines = []
+    for label, was, now in (("train", before.train, after.train), ("test ", before.test, after.test)):
+        if was is not None and now is not None:
+            lines.append(
+                f"{label} attitude RMSE {1e3 * was.rmse_rad:.4g} -> {1e3 * now.rmse_rad:.4g} mrad, "
+                f"max {1e3 * was.max_rad:.4g} -> {1e3 * now.max_rad:.4g} mrad"
+            )
+    return lines
+
+
+def pose_columns(robot: Robot, q: Array, setup: NDArray[np.str_] | None) -> Array:
+    """(6 N, P) how the table's entries move the nominal tool's place and attitude, without what the jig's seat absorbs.
+
+    In mm and, times `MM_A_RADIAN`, rad. With `setup` (N,) also without what the scanner's unknown frames absorb; None
+    for a scanner whose place in the base frame is known.
+    """
+    chain = kinematics.forward(robot.table, q, robot.is_revolute)
+    count = len(q)
+    place = kinematics.jacobian(chain, chain.target_mm).reshape(count, 3, -1)
+    turn = kinematics.turn_jacobian(chain).reshape(count, 3, -1)
+    columns = np.concatenate([place, MM_A_RADIAN * turn], axis=1).reshape(6 * count, -1)
+    seat = np.zeros((count, 6, 3))
+    seat[:, 3:] = MM_A_RADIAN * chain.base_T_frame[:, -1, :3, :3]
+    absorbed = [seat.reshape(-1, 3)]
+    for name in () if setup is None else np.unique(setup):
+        rows = setup == name
+        motion = np.zeros((count, 6, 6))
+        arm = chain.target_mm[rows] - chain.target_mm[rows].mean(axis=0)
+        motion[rows, :3, :3] = np.eye(3)
+        motion[rows, :3, 3:] = -frames.skew(arm)
+        motion[rows, 3:, 3:] = MM_A_RADIAN * np.eye(3)
+        absorbed.append(motion.reshape(-1, 6))
+    basis = orthonormal(np.concatenate(absorbed, axis=1))
+    return np.asarray(columns - basis @ (basis.T @ columns))
