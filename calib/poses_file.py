@@ -35,19 +35,19 @@ def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
     first: dict[str, int] = {}
     for row, pose_id in enumerate(ids):
         if first.setdefault(pose_id, row) != row:
-            line = first[pose_id] + 2
+            line = file.line(first[pose_id])
             raise file.error(
                 row, "pose", f"{pose_id!r} stands in line {line} too", "each pose needs its own id"
             )
     role = file.choices("role", ROLES)
     references = [row for row, value in enumerate(role) if value == "reference"]
     if len(references) != 1:
-        where = ", ".join(f"line {row + 2}" for row in references) or "none"
+        where = ", ".join(f"line {file.line(row)}" for row in references) or "none"
         raise DatasetError(
             f"{path}: column role: found {len(references)} reference poses ({where}); set exactly one"
         )
     q_file = file.numbers(q_columns)
-    warnings = [*_angle_warnings(path, q_file, robot)]
+    warnings = [*_angle_warnings(file, q_file, robot)]
     approach_columns = [f"approach{i + 1}" for i in range(robot.n_joints)]
     approach = None
     if any(column in file for column in approach_columns):
@@ -67,6 +67,10 @@ def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
         "scan",
         *(approach_columns if approach is not None else []),
     ]
+    if "payload_kg" in conditions and np.any(conditions["payload_kg"] < 0.0):
+        row = int(np.flatnonzero(conditions["payload_kg"] < 0.0)[0])
+        found = f"found {conditions['payload_kg'][row]:g}"
+        raise file.error(row, "payload_kg", found, "a payload is 0 or more")
     poses = Poses(
         ids=tuple(ids),
         role=np.array(role),
@@ -82,7 +86,7 @@ def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
     return poses, warnings
 
 
-def _angle_warnings(path: Path, q_file: NDArray[np.float64], robot: Robot) -> list[str]:
+def _angle_warnings(file: TableFile, q_file: NDArray[np.float64], robot: Robot) -> list[str]:
     """Angles that look like radians, and angles beyond the limits: odd, yet not impossible."""
     turning = robot.is_revolute
     warnings = []
@@ -94,7 +98,8 @@ def _angle_warnings(path: Path, q_file: NDArray[np.float64], robot: Robot) -> li
         wide = not spans or max(spans) > math.radians(30.0)
         if wide and 0.0 < largest < 6.4:
             warnings.append(
-                f"{path}: every joint angle is below 6.4 (largest {largest:.3g}); these look like radians, not degrees"
+                f"{file.path}: every joint angle is below 6.4 (largest {largest:.3g}); "
+                "these look like radians, not degrees"
             )
     for i, joint in enumerate(robot.joints):
         low, high = (
@@ -109,8 +114,8 @@ def _angle_warnings(path: Path, q_file: NDArray[np.float64], robot: Robot) -> li
         if beyond.any():
             row = int(np.flatnonzero(beyond)[0])
             warnings.append(
-                f"{path}: {int(beyond.sum())} poses lie beyond the limits of {joint.name}, the first in line {row + 2} "
-                f"({q_file[row, i]:g})"
+                f"{file.path}: {int(beyond.sum())} poses lie beyond the limits of {joint.name}, the first in line "
+                f"{file.line(row)} ({q_file[row, i]:g})"
             )
     return warnings
 

@@ -25,27 +25,42 @@ class TableFile:
 
     path: Path
     cells: pd.DataFrame
+    lines: tuple[
+        int, ...
+    ] = ()  # where each row ends in the file; without them one row a line, the header above
 
     @classmethod
     def load(cls, path: Path) -> TableFile:
         try:
             text = path.read_text(encoding="utf-8-sig")  # spreadsheets begin UTF-8 with a byte order mark
-            rows = [row for row in csv.reader(StringIO(text, newline=""), skipinitialspace=True) if any(row)]
+            reader = csv.reader(StringIO(text, newline=""), skipinitialspace=True)
+            numbered = [(reader.line_num, row) for row in reader if any(row)]
         except FileNotFoundError:
             raise DatasetError(f"{path}: no such file; dataset.toml names it") from None
         except OSError as error:
             raise DatasetError(
                 f"{path}: {error.strerror or error}; check that the file can be read"
             ) from None
-        except (UnicodeDecodeError, csv.Error) as error:
+        except UnicodeDecodeError as error:
+            words = " ".join(str(error).split())
+            raise DatasetError(f"{path}: cannot be read as CSV ({words}); save it as UTF-8") from None
+        except csv.Error as error:
             raise DatasetError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
-        if not rows:
+        if not numbered:
             raise DatasetError(f"{path}: the file is empty; a header line with column names is needed")
-        names, *body = rows
+        (_, names), *_ = numbered
+        lines = tuple(line for line, _ in numbered[1:])
+        body = [row for _, row in numbered[1:]]
+        for other, called in ((";", "semicolons"), ("\t", "tabs")):
+            if len(names) == 1 and other in names[0]:
+                raise DatasetError(
+                    f"{path}: line 1: cells are separated by {called}; separate them by commas, "
+                    "with a point as decimal sign"
+                )
         names = [" ".join(name.split()) for name in names]
         while names and not names[-1]:  # a spreadsheet's empty columns on the right
             names.pop()
-        for line, row in enumerate(body, start=2):
+        for line, row in zip(lines, body, strict=True):
             if any(row[len(names) :]):
                 raise DatasetError(
                     f"{path}: line {line}: found {len(row)} cells, the header names {len(names)} columns; "
@@ -58,7 +73,7 @@ class TableFile:
         cells = pd.DataFrame(
             dict(zip_longest(names, islice(columns, len(names)), fillvalue=[""] * len(body))), dtype=str
         )
-        return cls(path, cells)
+        return cls(path, cells, lines)
 
     def __len__(self) -> int:
         return len(self.cells)
@@ -66,8 +81,12 @@ class TableFile:
     def __contains__(self, column: str) -> bool:
         return column in self.cells.columns
 
+    def line(self, row: int) -> int:
+        """Where a row stands in the file, as an editor counts."""
+        return self.lines[row] if self.lines else row + 2
+
     def error(self, row: int, column: str, found: str, remedy: str) -> DatasetError:
-        return DatasetError(f"{self.path}: line {row + 2}, column {column}: {found}; {remedy}")
+        return DatasetError(f"{self.path}: line {self.line(row)}, column {column}: {found}; {remedy}")
 
     def require(self, columns: Iterable[str]) -> None:
         missing = [name for name in columns if name not in self]

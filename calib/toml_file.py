@@ -44,9 +44,11 @@ class TomlTable:
     @classmethod
     def load(cls, path: Path) -> TomlTable:
         try:
-            text = path.read_text(encoding="utf-8")
+            text = path.read_text(encoding="utf-8-sig")  # editors on Windows begin with a byte order mark
         except FileNotFoundError:
             raise DatasetError(f"{path}: no such file; a dataset folder needs {path.name}") from None
+        except NotADirectoryError:
+            raise DatasetError(f"{path.parent}: is a file; name the folder that it lies in") from None
         except (OSError, UnicodeDecodeError) as error:
             raise DatasetError(f"{path}: cannot be read as text ({error})") from None
         try:

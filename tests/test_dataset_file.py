@@ -182,6 +182,18 @@ def test_an_approach_is_minus_one_or_one(tmp_path: Path) -> None:
         load_dataset(tmp_path)
 
 
+def test_a_payload_is_not_negative(tmp_path: Path) -> None:
+    write_dataset(full_dataset(), tmp_path)
+    cell("poses.csv", 4, "payload_kg", "-0.5")(tmp_path)
+    with pytest.raises(DatasetError, match=r"line 6, column payload_kg: found -0\.5; a payload is 0 or more"):
+        load_dataset(tmp_path)
+
+
+def test_a_file_in_the_place_of_the_folder_is_told(folder: Path) -> None:
+    with pytest.raises(DatasetError, match=r"poses\.csv: is a file; name the folder"):
+        load_dataset(folder / "poses.csv")
+
+
 def test_radians_and_metres_are_warned_of(folder: Path) -> None:
     frame = pd.read_csv(folder / "poses.csv")
     for k in range(6):
@@ -293,3 +305,12 @@ def test_part_of_the_columns_is_told(tmp_path: Path) -> None:
         table.drop(columns=missing).to_csv(tmp_path / "points.csv", index=False)
         with pytest.raises(DatasetError, match=f"missing column {missing}"):
             load_dataset(tmp_path)
+
+
+def test_files_as_windows_editors_save_them_are_read_alike(folder: Path) -> None:
+    plain = load_dataset(folder)
+    for path in folder.glob("*.*"):
+        path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
+    saved = load_dataset(folder)
+    np.testing.assert_array_equal(saved.poses.q, plain.poses.q)
+    assert saved.robot == plain.robot
