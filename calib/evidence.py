@@ -88,6 +88,15 @@ def weigh(problem: Problem) -> Evidence:
     return Evidence(p_value, max(value, 0.0), sizes, coefficients, explained, rank)
 
 
+def evidence_of(residual: Array, columns: Array, freedom: int) -> float:
+    """The log evidence that `weigh` gives a family of one member (R, K), without the rest of it."""
+    total = float(residual @ residual)
+    if columns.shape[1] == 0 or total <= 0.0:
+        return 0.0
+    values = _by_size(*_spectrum(columns, residual), total, total, freedom)
+    return max(float(np.max(values)), 0.0)
+
+
 def _coefficients(
     y: Array, rest: float, triangle: Array, spread: Array, one_sided: NDArray[np.bool_], freedom: int
 ) -> tuple[Array, float]:
@@ -163,20 +172,36 @@ def _best_size(
     freedom: int,
 ) -> tuple[float, float]:
     """The best common size of the chosen members beside others of the given spread, and the log evidence there."""
-    of = np.concatenate([np.arange(a, b) for (a, b), c in zip(bounds, chosen, strict=True) if c])
-    others = np.setdiff1d(np.arange(triangle.shape[1]), of)
-    cover = np.eye(len(y)) + (triangle[:, others] * spread[others] ** 2) @ triangle[:, others].T
-    root = np.linalg.cholesky(cover)
-    z = np.linalg.solve(root, y)
-    u, s, _ = np.linalg.svd(np.linalg.solve(root, triangle[:, of]), full_matrices=False)
-    h2, lam = (u.T @ z) ** 2, s**2
-    grow = 1.0 + _SIZES[:, None] ** 2 * lam  # (sizes, K)
-    quadratic = rest + float(z @ z) - np.sum(h2 * (1.0 - 1.0 / grow), axis=1)
-    fixed = -float(np.sum(np.log(np.diag(root))))
-    fit = -0.5 * freedom * np.log(quadratic / (rest + float(y @ y)))
-    values = fixed - 0.5 * np.sum(np.log(grow), axis=1) + fit + _unusual(_SIZES)
+    of = np.repeat(chosen, [b - a for a, b in bounds])
+    others = ~of & (spread > 0.0)
+    z, columns, fixed = y, triangle[:, of], 0.0
+    if others.any():
+        cover = np.eye(len(y)) + (triangle[:, others] * spread[others] ** 2) @ triangle[:, others].T
+        root = np.linalg.cholesky(cover)
+        whitened = np.linalg.solve(root, np.column_stack([y, columns]))
+        z, columns = whitened[:, 0], whitened[:, 1:]
+        fixed = -float(np.sum(np.log(np.diag(root))))
+    lam, h2 = _spectrum(columns, z)
+    values = fixed + _by_size(lam, h2, rest + float(z @ z), rest + float(y @ y), freedom)
     best = int(np.argmax(values))
     return float(values[best]), float(_SIZES[best])
+
+
+def _by_size(lam: Array, h2: Array, left: float, total: float, freedom: int) -> Array:
+    """Log evidence at each of `_SIZES`; `left` is the residual's square over the other members, `total` without any."""
+    grow = 1.0 + _SIZES[:, None] ** 2 * lam  # (sizes, K)
+    quadratic = left - np.sum(h2 * (1.0 - 1.0 / grow), axis=1)
+    fit = -0.5 * freedom * np.log(quadratic / total)
+    return np.asarray(fit - 0.5 * np.sum(np.log(grow), axis=1) + _unusual(_SIZES))
+
+
+def _spectrum(columns: Array, z: Array) -> tuple[Array, Array]:
+    """Squared singular values of columns (R, K), and the squares of z along the left singular vectors."""
+    if columns.shape[1] == 1:  # most members have one parameter, and this is asked for hundreds of times
+        square = float(columns[:, 0] @ columns[:, 0])
+        return np.array([square]), np.array([float(columns[:, 0] @ z) ** 2 / max(square, 1e-300)])
+    u, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return s**2, (u.T @ z) ** 2
 
 
 def _unusual(sizes: Array) -> Array:

@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from calib.dataset import Poses
-from calib.evidence import Problem, weigh
+from calib.evidence import Problem, evidence_of, weigh
 from calib.leftover import Leftover, joint_directions
 from calib.robot import Robot
 
@@ -84,16 +83,21 @@ def unknown_motion(leftover: Leftover) -> LocalFault | None:
     arm = poses.q[:, [j for j in revolute if j < 3]]
     spans = [_smooth(arm, length_rad) for length_rad in _ARM_RAD] if arm.shape[1] else []
     directions = joint_directions(leftover)
-    found: list[tuple[float, LocalFault]] = []
+    tried: list[tuple[float, int, Array]] = []
     for joint in revolute:
         if not np.any(directions[joint]):
             continue
         for span in (*spans, *(_smooth(poses.q[:, [joint]], length_rad) for length_rad in _OWN_RAD)):
             columns = leftover.motion_columns(directions[joint], _USUAL * span)
-            weighed = weigh(Problem(-leftover.residual, (columns,), leftover.freedom))
-            size = _USUAL * float(np.sqrt(np.mean((span @ weighed.coefficients[0]) ** 2)))
-            found.append((weighed.log_evidence, LocalFault("smooth", joint, 0.0, size, "rad")))
-    return _of_all(found)
+            tried.append((evidence_of(-leftover.residual, columns, leftover.freedom), joint, span))
+    if not tried:
+        return None
+    _, joint, span = max(tried, key=lambda one: one[0])
+    columns = leftover.motion_columns(directions[joint], _USUAL * span)
+    weighed = weigh(Problem(-leftover.residual, (columns,), leftover.freedom))
+    size = _USUAL * float(np.sqrt(np.mean((span @ weighed.coefficients[0]) ** 2)))
+    total = _mean_likelihood(np.array([value for value, _, _ in tried]))
+    return LocalFault("smooth", joint, total, size, "rad")
 
 
 def fault_of(leftover: Leftover, floor: float) -> LocalFault | None:
@@ -108,8 +112,14 @@ def _of_all(found: list[tuple[float, LocalFault]]) -> LocalFault | None:
     """The best, with the evidence of all: the mean of their likelihoods."""
     if not found:
         return None
-    total = float(logsumexp([value for value, _ in found]) - np.log(len(found)))
+    total = _mean_likelihood(np.array([value for value, _ in found]))
     return replace(max(found, key=lambda one: one[0])[1], log_evidence=total)
+
+
+def _mean_likelihood(log_evidence: Array) -> float:
+    """log mean exp of (K,)."""
+    top = float(np.max(log_evidence))
+    return top + float(np.log(np.mean(np.exp(log_evidence - top))))
 
 
 def _likeliest(leftover: Leftover, columns: Array, faults: list[LocalFault]) -> tuple[float, LocalFault]:
@@ -132,7 +142,7 @@ def _likeliest(leftover: Leftover, columns: Array, faults: list[LocalFault]) -> 
     each = np.max(values, axis=0)
     best = int(np.argmax(each))
     size = float(along[best] / square[best]) if seen[best] else 0.0
-    return float(logsumexp(each) - np.log(len(each))), replace(faults[best], size=size)
+    return _mean_likelihood(each), replace(faults[best], size=size)
 
 
 def _bumps(robot: Robot, poses: Poses, joint: int) -> list[tuple[Array, list[LocalFault]]]:

@@ -8,7 +8,7 @@ that looking in many places is paid for.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -110,7 +110,8 @@ def judge(calibration: Calibration) -> Remains:
 
 def examine(dataset: Dataset, leftover: Leftover, *, draws: int = DRAWS) -> Remains:
     """Outliers first; then structure, with the outliers left out; then the size of what remains."""
-    outliers = _outliers(leftover, draws)
+    noise = _noise_again(leftover, draws)
+    outliers = _outliers(leftover, noise)
     lack, noise_mm, source, residual_mm = _lack_of_fit(dataset, leftover)
     poses, row = leftover.residuals.observed.used_poses
     return Remains(
@@ -118,7 +119,7 @@ def examine(dataset: Dataset, leftover: Leftover, *, draws: int = DRAWS) -> Rema
         noise_mm=noise_mm,
         noise_from=source,
         residual_mm=residual_mm,
-        inputs=_structure(leftover, outliers[row], draws),
+        inputs=_structure(leftover, outliers[row], noise),
         outlier_poses=tuple(poses.ids[i] for i in np.flatnonzero(outliers)),
         fault=fault_of(_without(leftover, outliers[row]), FAULT_EVIDENCE),
     )
@@ -137,6 +138,14 @@ def _noise(leftover: Leftover, draws: int) -> Iterator[Array]:
         yield noise * (size / np.linalg.norm(noise, axis=0))
 
 
+def _noise_again(leftover: Leftover, draws: int) -> Callable[[], Iterable[Array]]:
+    """`_noise` as often as it is asked for: kept where it is one block, else drawn again."""
+    if draws * len(leftover.residual) > _BLOCK:
+        return lambda: _noise(leftover, draws)
+    kept = list(_noise(leftover, draws))
+    return lambda: kept
+
+
 def _without(leftover: Leftover, outlier: NDArray[np.bool_]) -> Leftover:
     """Nothing left at the points (M,) that stand out: one wrong pose must not pass for a dent."""
     residual = leftover.residual.copy()
@@ -144,7 +153,7 @@ def _without(leftover: Leftover, outlier: NDArray[np.bool_]) -> Leftover:
     return replace(leftover, residual=residual)
 
 
-def _outliers(leftover: Leftover, draws: int) -> NDArray[np.bool_]:
+def _outliers(leftover: Leftover, noise: Callable[[], Iterable[Array]]) -> NDArray[np.bool_]:
     """(N,) poses whose residual is larger than the largest of a whole dataset of noise should be."""
     of_pose = _sum_by_pose(leftover)
     numbers = 3.0 * np.asarray(of_pose.sum(axis=1))  # (N, 1) coordinates at each pose
@@ -153,10 +162,7 @@ def _outliers(leftover: Leftover, draws: int) -> NDArray[np.bool_]:
         return np.asarray(of_pose @ np.sum(values.reshape(of_pose.shape[1], 3, -1) ** 2, axis=1) / numbers)
 
     ours = mean_square(leftover.residual)[:, 0]
-    largest = [
-        np.max(theirs / np.median(theirs, axis=0), axis=0)
-        for theirs in map(mean_square, _noise(leftover, draws))
-    ]
+    largest = [np.max(theirs / np.median(theirs, axis=0), axis=0) for theirs in map(mean_square, noise())]
     # A large outlier swells the common scale, so each is compared with the median of its own dataset.
     limit = np.quantile(np.concatenate(largest), 1.0 - OUTLIER_LEVEL)
     return np.asarray(ours / np.median(ours) > limit)
@@ -169,11 +175,13 @@ def _sum_by_pose(leftover: Leftover) -> csr_matrix:
     return csr_matrix((np.ones(len(row)), (row, points)), shape=(len(poses), len(row)))
 
 
-def _structure(leftover: Leftover, outlier: NDArray[np.bool_], draws: int) -> tuple[InputTest, ...]:
+def _structure(
+    leftover: Leftover, outlier: NDArray[np.bool_], noise: Callable[[], Iterable[Array]]
+) -> tuple[InputTest, ...]:
     """Westfall-Young corrected p of each input."""
     look = _Look.at(leftover, outlier)
     ours = look.scores(leftover.residual[:, None])
-    blocks = [look.scores(noise) for noise in _noise(leftover, draws)]
+    blocks = [look.scores(block) for block in noise()]
     standard, where = {}, {}
     for name, channels in look.channels_of.items():
         theirs = np.concatenate([scores[name] for scores in blocks], axis=1)
@@ -203,7 +211,7 @@ class _Look:
     of_pose: csr_matrix  # (N, M)
     kept: Array  # (R, 1) 0 at outliers
     directions: dict[str, Array]  # (M, 3) by channel
-    bumps: dict[str, list[Array]]  # by input, for each width (N, C)
+    bumps: dict[str, list[Array]]  # by input, for each width (C, N)
     channels_of: dict[str, list[str]]  # by input
 
     @classmethod
@@ -230,15 +238,16 @@ class _Look:
         rows = values.reshape(self.of_pose.shape[1], 3, -1)
         seen = {name: self.of_pose @ np.einsum("mi,mid->md", d, rows) for name, d in self.directions.items()}
         return {
-            name: np.stack(
-                [np.sum((bump.T @ seen[c]) ** 2, axis=0) for c in channels for bump in self.bumps[name]]
-            )
+            name: np.stack([_squares(bump @ seen[c]) for c in channels for bump in self.bumps[name]])
             for name, channels in self.channels_of.items()
         }
 
 
 def _bumps(values: Array) -> list[Array]:
-    """For each width (N, C) normalised Gaussian bumps over an input's range."""
+    """For each width normalised Gaussian bumps over an input's range, as C <= 25 rows of the same Gram matrix (C, N).
+
+    Wide bumps are much alike, so that a few rows do; what is dropped adds less than 1e-12 to a sum of squares.
+    """
     low, high = float(values.min()), float(values.max())
     u = (values - low) / (high - low)
     levels = np.unique(u)
@@ -247,8 +256,15 @@ def _bumps(values: Array) -> list[Array]:
     for width in _WIDTHS if len(levels) > 4 else (1e-3,):
         bump = np.exp(-0.5 * ((u[:, None] - centres) / width) ** 2)
         bump = bump[:, bump.sum(axis=0) > 0.3]
-        out.append(bump / np.linalg.norm(bump, axis=0))
+        left, s, _ = np.linalg.svd(bump / np.linalg.norm(bump, axis=0), full_matrices=False)
+        shown = s > 1e-6 * s[0]
+        out.append(s[shown, None] * left[:, shown].T)
     return out
+
+
+def _squares(values: Array) -> Array:
+    """(D,) sums of squares of the columns of (C, D)."""
+    return np.asarray(np.einsum("cd,cd->d", values, values))
 
 
 def _relevant(name: str, channels: Iterable[str]) -> list[str]:
