@@ -10,7 +10,7 @@ Three equal faces look alike under turns by a third: `candidates` gives all thre
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,8 +74,16 @@ def candidates(corner: Corner, jig: Jig) -> tuple[Orientation, Orientation, Orie
     known = jig_normals(jig.face_angles_deg)
     found = np.array([face.normal for face in corner.faces])
     one, two, three = (0, 1, 2) if np.linalg.det(found) > 0.0 else (0, 2, 1)
+    first = _orient(corner, known, (one, two, three))
+    if len(set(jig.face_angles_deg)) == 1:  # another name is the same rotation with its axes named anew
+        turned = first.scanner_R_jig
+        return (
+            first,
+            replace(first, scanner_R_jig=turned[:, [1, 2, 0]], order=(two, three, one)),
+            replace(first, scanner_R_jig=turned[:, [2, 0, 1]], order=(three, one, two)),
+        )
     return (
-        _orient(corner, known, (one, two, three)),
+        first,
         _orient(corner, known, (two, three, one)),
         _orient(corner, known, (three, one, two)),
     )
