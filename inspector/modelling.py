@@ -128,6 +128,7 @@ class Modelling:
         stale = self.own.stale(self._stage.name, session.own)
         if session.calibration is None or (session.screening is not None and not stale):
             self.show()
+            yield from self._judge()
             return
         self._learn.say("Ranking what could be missing …")
         yield
@@ -145,11 +146,24 @@ class Modelling:
             self.show()
         else:  # own effects that are in the model have changed
             self._change(ranked)
+        yield from self._judge()
         yield from self.compare()
+
+    def _judge(self) -> LongWork:
+        """Judge what is left, where that is not known yet; the ranking is on show meanwhile."""
+        session = self._session
+        if session.screening is None or session.remains is not None:
+            return
+        yield
+        judged = yield from self._beside(lambda: sessions.with_judgement(session), session)
+        if judged is not None and self._session.screening is session.screening:
+            self._stage.keep(replace(self._session, remains=judged.remains))
+            self._learn.advise(self._session)
+            self._stage.failure.update(self._stage.now)
 
     def _ranked(self, session: Session) -> Session:
         session = self._with_own(session)
-        return session if session.screening is not None else sessions.with_screening(session)
+        return session if session.screening is not None else sessions.with_ranking(session)
 
     def _with_own(self, session: Session) -> Session:
         own = self.own.families(self._stage.name, session.measured)

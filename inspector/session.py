@@ -47,7 +47,7 @@ class Session:
     effects: tuple[Added, ...] = ()  # beyond the link errors
     screening: Screening | None = None  # of everything not in this calibration's model
     failure: Failure | None = None  # where the calibration is off; known with the screening
-    remains: Remains | None = None  # what the calibration left over, judged; known with the screening
+    remains: Remains | None = None  # what the calibration left over, judged; known soon after the screening
     diagnosis: Diagnosis | None = None  # where it led to this calibration
     history: tuple[HistoryStep, ...] = ()  # the nominal robot, the link errors, then each change of the model
     own: tuple[Family, ...] = ()  # the user's effects beyond the catalogue
@@ -111,10 +111,22 @@ def with_calibration(session: Session, residual: str = "position") -> Session:
 
 def with_screening(session: Session) -> Session:
     """Hold every effect, the catalogue's and the user's own, against what the calibration left over; judge that."""
+    return with_judgement(with_ranking(session))
+
+
+def with_ranking(session: Session) -> Session:
+    """The first half of `with_screening`: where the calibration is off, and what each effect would make of it."""
     calibration = _calibrated(session)
     screening = screen(calibration, (*effects_for(session.measured), *session.own))
-    remains = examine(calibration.dataset, screening.leftover)
-    return replace(session, screening=screening, failure=failure_of(calibration), remains=remains)
+    return replace(session, screening=screening, failure=failure_of(calibration), remains=None)
+
+
+def with_judgement(session: Session) -> Session:
+    """The second half: what is left over, judged; nothing new where that is known or nothing was ranked."""
+    if session.screening is None or session.remains is not None:
+        return session
+    remains = examine(_calibrated(session).dataset, session.screening.leftover)
+    return replace(session, remains=remains)
 
 
 def with_own(session: Session, own: tuple[Family, ...]) -> Session:

@@ -81,6 +81,17 @@ def test_wrong_names_are_refused_in_words(ranked: Session, added: Session, name:
         sessions.without_effect(ranked, name)
 
 
+def test_a_ranking_is_there_before_its_judgement_and_is_not_judged_twice(ranked: Session) -> None:
+    early = sessions.with_ranking(replace(ranked, screening=None, failure=None, remains=None))
+    assert early.screening is not None
+    assert early.failure is not None
+    assert early.remains is None
+    assert sessions.with_judgement(early).remains == ranked.remains
+    assert sessions.with_judgement(ranked) is ranked
+    unranked = replace(ranked, screening=None, remains=None)
+    assert sessions.with_judgement(unranked) is unranked
+
+
 def test_nothing_can_be_added_before_it_is_ranked(ranked: Session) -> None:
     with pytest.raises(CalibError, match="none is ranked yet"):
         sessions.with_effect(replace(ranked, screening=None), HIDDEN)

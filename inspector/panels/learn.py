@@ -89,14 +89,14 @@ class LearnPanel:
         self._offer(session)
         self._own.content = tables.alert(own, colour=html.BAD) if own else ""
         self._state.content = html.state_html(session, undo, redo)
-        self._advise(session)
+        self.advise(session)
         self.update_figure(view)
         self._reasons.content = html.reasons_html(session.diagnosis)
         self.update_choice(view)
         screening = session.screening
         self._untestable.content = html.untestable_html(screening.untestable) if screening else ""
 
-    def _advise(self, session: Session) -> None:
+    def advise(self, session: Session) -> None:
         """The verdict where the program looked by itself; else what is left, and what to do next, with its button."""
         self._advised = ""
         self._advice.content = html.verdict_html(session.diagnosis)
