@@ -28,7 +28,7 @@ from calib.scan import Scan, load_scan
 
 MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
 MOST_CHOICES = 4  # triples of planes that are refined before the search gives up
-_EDGE_VOXELS = 35  # voxels along the jig's edge
+_EDGE_VOXELS = 28  # voxels along the jig's edge
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from calib.waviness import PlaneUncertainty, plane_uncertainty
 _ROUNDS = 6
 _LAST_ROUNDS = 2
 _POINTS_AT_FIRST = 20_000
+_POINTS_TO_TELL_A_LINE = 3_000
 _BAND_SIGMA = 12.0
 _MARGIN_SIGMA = 4.0  # a face's own noise must not carry its points over the edge into the other face's band
 _RINGS = (
@@ -71,7 +72,7 @@ def refine(
     origin = intersect(normals, start_offsets)
     way = points_mm - origin
     near = np.flatnonzero(np.einsum("ni,ni->n", way, way) < (1.1 * jig.edge_mm) ** 2)
-    local = points_mm[near] - origin  # small numbers: the planes are fitted around the first apex
+    local = way[near]  # small numbers: the planes are fitted around the first apex
     planes, margin_mm, failure = _fit_faces(
         local, near, normals, start_offsets - normals @ origin, jig, sigma_mm, options
     )
@@ -117,40 +118,43 @@ def _fit_faces(
     bands = np.full(3, _BAND_SIGMA * max(sigma_mm, jig.edge_mm / 1800))
     margin_mm = options.edge_margin_mm or jig.edge_mm / 40
     planes: list[PlaneFit] = []
-    everything = local, near
+    step = max(1, len(local) // _POINTS_AT_FIRST)  # at first some thousands of points tell enough
+    members = [(local[::step], near[::step])] * 3
     for turn in range(_ROUNDS):
-        last = turn >= _ROUNDS - _LAST_ROUNDS  # before, some thousands of points tell enough
-        step = 1 if last else max(1, len(everything[0]) // _POINTS_AT_FIRST)
-        local, near = everything[0][::step], everything[1][::step]
-        heights = local @ normals.T - offsets
-        if last and options.edge_margin_mm is None:
+        if turn == _ROUNDS - _LAST_ROUNDS:  # from here on all points that may be a face's, and no others
+            heights = (local @ normals.T - offsets).T
+            at_plane = [np.flatnonzero(np.abs(h) <= 2 * band) for h, band in zip(heights, bands, strict=True)]
+            members = [(local[on], near[on]) for on in at_plane]
+        heights = [points @ normals.T - offsets for points, _ in members]
+        if turn >= _ROUNDS - _LAST_ROUNDS and options.edge_margin_mm is None:
             margin_mm = _margin(heights, planes, jig)
         least_mm = max(margin_mm, _MARGIN_SIGMA * bands.max() / _BAND_SIGMA)
         planes = []
-        for face in range(3):
-            on = _face_points(heights, face, bands[face], jig, least_mm)
-            failure = _too_little(local[on], jig, options)
+        for face, (points, indices) in enumerate(members):
+            on = np.flatnonzero(_face_points(heights[face], face, bands[face], jig, least_mm))
+            failure = _too_little(points[on], jig, options)
             if failure:
                 return [], margin_mm, failure
-            planes.append(fit_plane_robustly(local[on], near[on], normals[face], offsets[face]))
+            planes.append(fit_plane_robustly(points[on], indices[on], normals[face], offsets[face]))
         normals = np.array([p.normal for p in planes])
         offsets = np.array([p.offset_mm for p in planes])
         bands = np.array([max(_BAND_SIGMA * p.sigma_mm, 1e-6) for p in planes])
     return planes, least_mm, ""
 
 
-def _margin(heights: NDArray, planes: Sequence[PlaneFit], jig: Jig) -> float:
+def _margin(heights: Sequence[NDArray], planes: Sequence[PlaneFit], jig: Jig) -> float:
     """The least margin beyond which the faces are flat: no ring of points along the edges lies off the planes.
 
-    heights  # (K, 3). A rounded edge lowers the points beside it, and the ring where the rounding begins lies within
-    the noise point by point, but not as a whole. The rings are tried from the inside out; the three faces count as one.
+    heights  # of each face's points (K, 3) over all faces. A rounded edge lowers the points beside it, and the ring
+    where the rounding begins lies within the noise point by point, but not as a whole. The rings are tried from the
+    inside out; the three faces count as one.
     """
     margins_mm = np.array(_RINGS) * jig.edge_mm
     total, count = np.zeros((2, len(margins_mm) + 1))
     for face, plane in enumerate(planes):
-        along = (-heights if jig.convex else heights)[:, [i for i in range(3) if i != face]]
-        inward = np.minimum(along.min(axis=1), (jig.edge_mm - along.sum(axis=1)) / np.sqrt(2))
-        z = heights[:, face] / plane.sigma_mm
+        one, other = _along_edges(heights[face], face, jig)
+        inward = np.minimum(np.minimum(one, other), (jig.edge_mm - one - other) / np.sqrt(2))
+        z = heights[face][:, face] / plane.sigma_mm
         on = (np.abs(z) < TUKEY) & (inward > margins_mm[0])
         ring = np.searchsorted(margins_mm, inward[on])
         total += np.bincount(ring, z[on], len(margins_mm) + 1)
@@ -170,12 +174,21 @@ def height_covariance(planes: Sequence[PlaneFit], covariance: NDArray, point_mm:
 def _face_points(heights: NDArray, face: int, band_mm: float, jig: Jig, margin_mm: float) -> NDArray:
     """Mask of the points in the band around a face's plane and inside its triangle, the margin taken off all edges.
 
-    heights  # (K, 3) over the three planes: along an edge they fall (convex) or rise (concave) away from the apex.
+    heights  # (K, 3) over the three planes
     """
-    along = (-heights if jig.convex else heights)[:, [i for i in range(3) if i != face]]
-    inside = np.all(along > margin_mm, axis=1)
-    inside &= along.sum(axis=1) < jig.edge_mm - np.sqrt(2) * margin_mm
-    return inside & (np.abs(heights[:, face]) <= band_mm)
+    one, other = _along_edges(heights, face, jig)
+    inside = (one > margin_mm) & (other > margin_mm)
+    inside &= one + other < jig.edge_mm - np.sqrt(2) * margin_mm
+    return np.asarray(inside & (np.abs(heights[:, face]) <= band_mm))
+
+
+def _along_edges(heights: NDArray, face: int, jig: Jig) -> tuple[NDArray, NDArray]:
+    """How far points (K, 3) lie from the apex along the two edges of a face, by their heights over the other faces.
+
+    Along an edge the heights fall (convex) or rise (concave) away from the apex.
+    """
+    one, other = (heights[:, i] for i in range(3) if i != face)
+    return (-one, -other) if jig.convex else (one, other)
 
 
 def _too_little(points: NDArray, jig: Jig, options: RefinementOptions) -> str:
@@ -185,8 +198,9 @@ def _too_little(points: NDArray, jig: Jig, options: RefinementOptions) -> str:
             f"only {len(points)} points on one of the faces, at least {options.min_face_points} are needed; "
             "turn the jig toward the scanner, or scan it finer"
         )
-    centred = points - points.mean(axis=0)
-    across = np.sqrt(np.linalg.eigvalsh(centred.T @ centred)[1] / len(points))
+    some = points[:: max(1, len(points) // _POINTS_TO_TELL_A_LINE)]
+    centred = some - some.mean(axis=0)
+    across = np.sqrt(np.linalg.eigvalsh(centred.T @ centred)[1] / len(some))
     if across < _LEAST_SPREAD * jig.edge_mm:
         return (
             f"the {len(points)} points on one of the faces lie along a line ({across:.2g} mm wide); "

@@ -109,8 +109,10 @@ def _patches(
     side = max(edge_mm / _PATCHES_AN_EDGE, float(np.sqrt(_POINTS_A_PATCH * area / total)))
     cell = np.floor(along / side).astype(np.int64)
     cell -= cell.min(axis=0)
-    patch = np.unique(cell[:, 0] * (int(cell[:, 1].max()) + 1) + cell[:, 1], return_inverse=True)[1].ravel()
-    count = np.bincount(patch).astype(float)
+    key = cell[:, 0] * (int(cell[:, 1].max()) + 1) + cell[:, 1]
+    table = np.bincount(key)
+    patch = (np.cumsum(table > 0) - 1)[key]
+    count = table[table > 0].astype(float)
 
     def mean(column: NDArray) -> NDArray:
         return np.asarray(np.bincount(patch, column) / count)

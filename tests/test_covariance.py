@@ -69,20 +69,20 @@ def squared(found: Corner) -> float:
 @pytest.fixture(scope="module")
 def free() -> list[Corner]:
     """Corners under white noise, of the generators 0, 1, ..."""
-    return [corner(np.random.default_rng(seed), Jig()) for seed in range(70)]
+    return [corner(np.random.default_rng(seed), Jig()) for seed in range(50)]
 
 
 def test_white_noise_is_taken_for_white(free: list[Corner]) -> None:
     assert (
-        2.2 < np.mean([squared(f) for f in free]) < 3.8
-    )  # ideal 3; the mean of 70 has a sigma of 0.29 itself
+        2.1 < np.mean([squared(f) for f in free]) < 4.0
+    )  # ideal 3; the mean of 50 has a sigma of 0.35 itself
     assert np.median([f.quality.smooth_factor for f in free]) < 1.1
 
 
 @pytest.mark.parametrize("length_mm", [5.0, 15.0])
 def test_the_covariance_holds_under_a_smooth_error(length_mm: float) -> None:
     """Within a factor of 2 of 3; counting points as independent gives 20 and more."""
-    scans = (np.random.default_rng(seed) for seed in range(40))
+    scans = (np.random.default_rng(seed) for seed in range(24))
     found = [squared(corner(rng, Jig(), smooth_mm=0.02, length_mm=length_mm)) for rng in scans]
     assert 1.5 < np.mean(found) < 6.0
 
