@@ -17,10 +17,11 @@ from calib.effects.base import Effect
 from calib.effects.links import LinkErrors
 from calib.errors import FitError
 from calib.evaluation import Evaluation, Figures, evaluate_all
+from calib.kinds import RESIDUAL_KINDS
 from calib.model import Model, geometric_model
 from calib.observations import Observations, place_scanner
 from calib.redundancy import Redundancy, analyse
-from calib.residuals import RESIDUAL_KINDS, make_residuals
+from calib.residuals import make_residuals
 from calib.robot import Robot
 from calib.robust import solve_robustly
 from calib.solver import Fit, Iteration, solve

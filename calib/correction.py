@@ -26,12 +26,12 @@ from calib import kinematics
 from calib.dataset import Poses
 from calib.errors import FitError
 from calib.inverse_kinematics import ToolProblem, solve_inverse
+from calib.kinds import CORRECTION_KINDS
 from calib.model import Model, geometric_model
 from calib.robot import Robot
 
 Array = NDArray[np.float64]
 
-WHATS = ("position", "pose")
 
 POSITION_TOLERANCE_MM = 1e-9
 ORIENTATION_TOLERANCE_RAD = 1e-12
@@ -125,8 +125,8 @@ def corrected_joints(
     _check(nominal, model, q0, conditions)
     if what is None:
         what = "pose" if nominal.n_joints >= 6 else "position"
-    if what not in WHATS:
-        raise FitError(f"cannot correct {what!r}; there are {' and '.join(WHATS)}")
+    if what not in CORRECTION_KINDS:
+        raise FitError(f"cannot correct {what!r}; there are {' and '.join(CORRECTION_KINDS)}")
     conditions = _plain_poses(q0) if conditions is None else replace(conditions, q=q0)
     goal = kinematics.forward(nominal.table, q0, nominal.is_revolute).base_T_frame[:, -1]
     problem = ToolProblem(model, x, conditions, goal, what == "pose")

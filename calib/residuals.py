@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from calib import frames
 from calib.effects.base import Array, Parameter
 from calib.errors import FitError
+from calib.kinds import RESIDUAL_KINDS
 from calib.linearised import Linearised
 from calib.model import Model
 from calib.observations import (
@@ -31,8 +32,6 @@ from calib.observations import (
 )
 from calib.placement import fit_scanner_frame, frame_columns, orthonormal, whitener
 from calib.pose_residuals import PoseResiduals
-
-RESIDUAL_KINDS = ("position", "distance", "pairs", "pose")
 
 
 class Residuals(Protocol):

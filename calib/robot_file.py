@@ -11,10 +11,9 @@ from typing import Any
 import tomli_w
 
 from calib.errors import DatasetError
+from calib.kinds import BUILTIN_ROBOTS
 from calib.robot import Joint, Robot, Target, Tool
 from calib.toml_file import TomlTable
-
-BUILTIN_ROBOTS = ("rb5", "panda")
 
 
 def builtin_robot(name: str) -> Robot:

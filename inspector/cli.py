@@ -11,14 +11,12 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext, redirect_stdout
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
 
-from calib.correction import WHATS
 from calib.errors import CalibError
-from calib.residuals import RESIDUAL_KINDS
-from calib.robot_file import BUILTIN_ROBOTS
-from inspector import commands, fit_commands
+from calib.kinds import BUILTIN_ROBOTS, CORRECTION_KINDS, RESIDUAL_KINDS
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -61,6 +59,16 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"inspector: {message}; see {self.prog} --help\n")
 
 
+def _later(module: str, name: str) -> Callable[[Any], int]:
+    """A subcommand's function, which is loaded once it runs: `--help` and a wrong word are answered at once."""
+
+    def run(options: Any) -> int:
+        return int(getattr(import_module(f"inspector.{module}"), name)(options))
+
+    run.__qualname__ = f"{module}.{name}"
+    return run
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="inspector",
@@ -74,7 +82,9 @@ def _parser() -> argparse.ArgumentParser:
         sub.add_argument("path", type=Path, metavar="PATH", help=path)
         return sub
 
-    sub = command("serve", commands.run_serve, "the web app", "dataset folder, or a folder of them")
+    sub = command(
+        "serve", _later("commands", "run_serve"), "the web app", "dataset folder, or a folder of them"
+    )
     sub.add_argument("--host", default="127.0.0.1", help="address to bind (default: this machine only)")
     sub.add_argument("--port", type=_port, default=8080, help="default 8080; 0 takes a free one")
     sub.add_argument("--session", type=Path, metavar="FILE.json", help="open a saved session again")
@@ -82,7 +92,7 @@ def _parser() -> argparse.ArgumentParser:
         "--effects-file", type=Path, metavar="FILE.py", help="effects of your own, read again when it changes"
     )
 
-    sub = command("corners", commands.run_corners, "find the jig's corner in every scan")
+    sub = command("corners", _later("commands", "run_corners"), "find the jig's corner in every scan")
     sub.add_argument("--out", type=Path, metavar="FILE", help="write the corners as points.csv")
     sub.add_argument("--orientation", action="store_true", help="with the jig's orientation in --out")
     sub.add_argument("--processes", type=_count, metavar="N", help="default: one for each core")
@@ -90,14 +100,14 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = command(
         "redundancy",
-        commands.run_redundancy,
+        _later("commands", "run_redundancy"),
         "which parameters say the same thing (Pearson), and the true rank",
     )
     sub.add_argument("--out", type=Path, metavar="FILE.csv", help="write Pearson's r of all pairs")
     _add_residual(sub)
     _add_json(sub)
 
-    sub = command("calibrate", fit_commands.run_calibrate, "fit the five-parameter model")
+    sub = command("calibrate", _later("fit_commands", "run_calibrate"), "fit the five-parameter model")
     sub.add_argument("--out", type=Path, metavar="FILE", help="write the calibrated robot.toml")
     sub.add_argument("--force", action="store_true", help="write --out although the fit is no improvement")
     sub.add_argument(
@@ -118,7 +128,7 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = command(
         "validate",
-        fit_commands.run_validate,
+        _later("fit_commands", "run_validate"),
         "how good the fit is away from its poses, and whether more would help",
     )
     sub.add_argument("--folds", type=int, default=5, help="default 5")
@@ -127,27 +137,33 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = command(
         "correct",
-        fit_commands.run_correct,
+        _later("fit_commands", "run_correct"),
         "joint targets that bring the real arm where the nominal one should be",
     )
     sub.add_argument(
         "--joints", type=Path, required=True, metavar="FILE", help="targets, columns as poses.csv"
     )
     sub.add_argument("--out", type=Path, required=True, metavar="FILE", help="write the corrected targets")
-    sub.add_argument("--what", choices=WHATS, help="default: pose for six joints and more, else position")
+    sub.add_argument(
+        "--what", choices=CORRECTION_KINDS, help="default: pose for six joints and more, else position"
+    )
     sub.add_argument("--force", action="store_true", help="go on although the fit is no improvement")
     _add_adding(sub)
     _add_fit(sub)
     _add_json(sub)
 
-    sub = command("diagnose", fit_commands.run_diagnose, "which physical effect is missing, step by step")
+    sub = command(
+        "diagnose", _later("fit_commands", "run_diagnose"), "which physical effect is missing, step by step"
+    )
     sub.add_argument(
         "--max-steps", type=int, default=3, metavar="N", help="effects to add at the most (default 3)"
     )
     _add_effects(sub)
     _add_json(sub)
 
-    sub = command("report", fit_commands.run_report, "one self-contained HTML page to send to someone")
+    sub = command(
+        "report", _later("fit_commands", "run_report"), "one self-contained HTML page to send to someone"
+    )
     sub.add_argument("--out", type=Path, required=True, metavar="FILE.html", help="write the page")
     sub.add_argument("--force", action="store_true", help="replace a file that is no report")
     _add_effects(sub)
@@ -156,10 +172,12 @@ def _parser() -> argparse.ArgumentParser:
     sub = subcommands.add_parser(
         "effects", help="the catalogue of effects", description="the catalogue of effects"
     )
-    sub.set_defaults(run=commands.run_effects)
+    sub.set_defaults(run=_later("commands", "run_effects"))
     _add_json(sub)
 
-    sub = command("simulate", commands.run_simulate, "make a dataset with known truth", "folder to make")
+    sub = command(
+        "simulate", _later("commands", "run_simulate"), "make a dataset with known truth", "folder to make"
+    )
     sub.add_argument("--robot", required=True, help=f"{', '.join(BUILTIN_ROBOTS)}, or a robot.toml")
     sub.add_argument("--poses", type=int, default=64, help="default 64")
     sub.add_argument(
@@ -174,7 +192,7 @@ def _parser() -> argparse.ArgumentParser:
 
     sub = command(
         "check",
-        commands.run_check,
+        _later("commands", "run_check"),
         "the whole chain: pass or fail, and why",
         "dataset folder, or a folder of them",
     )

@@ -16,9 +16,10 @@ from calib.dataset import Dataset
 from calib.dataset_file import find_datasets, load_dataset
 from calib.effects.descriptions import DESCRIPTIONS
 from calib.errors import DatasetError
+from calib.kinds import BUILTIN_ROBOTS
 from calib.labelling import label_corners
 from calib.measurement import failed_searches, found_corners, require_corners, with_corners
-from calib.robot_file import BUILTIN_ROBOTS, builtin_robot, load_robot
+from calib.robot_file import builtin_robot, load_robot
 from calib.toml_file import write_text_atomically
 from inspector import documents
 from inspector.exports import corners_csv, redundancy_csv

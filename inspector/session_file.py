@@ -23,7 +23,7 @@ from calib.effects.catalogue import Family
 from calib.effects.own import load_effects
 from calib.errors import CalibError
 from calib.fingerprint import changed, content_hash, fingerprint
-from calib.residuals import RESIDUAL_KINDS
+from calib.kinds import RESIDUAL_KINDS
 from calib.toml_file import write_text_atomically
 from inspector import session as sessions
 from inspector.documents import to_json

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ import pytest
 from arms import dataset_of, jang_arm, perturbed
 from calib.dataset_file import load_dataset, write_dataset
 from calib.robot_file import load_robot
-from inspector.cli import main
+from inspector.cli import _parser, main
 
 
 @pytest.fixture(scope="module")
@@ -117,6 +119,29 @@ def test_tolerances_holds_and_robust_weights_by_command(
     assert "position or pairs" in refused(
         capsys, "calibrate", points_folder, "--robust", "--residual", "distance"
     )
+
+
+def test_one_point_for_all_poses_is_no_calibration_and_is_not_written(
+    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
+) -> None:
+    """A tracker that lost its target: links of no length fit it without any residual."""
+    stuck = tmp_path / "stuck"
+    shutil.copytree(points_folder, stuck)
+    points = pd.read_csv(stuck / "points.csv")
+    points[["x_mm", "y_mm", "z_mm"]] = [100.0, 200.0, 300.0]
+    points.to_csv(stuck / "points.csv", index=False)
+    out = tmp_path / "robot.toml"
+    assert "times its tolerance" in refused(capsys, "calibrate", stuck, "--out", out)
+    assert not out.exists()
+    assert main(["calibrate", str(stuck), "--out", str(out), "--force"]) == 0
+    assert out.exists()
+    assert not run_json(capsys_after(capsys), "check", stuck, code=1)["passed"]
+
+
+def capsys_after(capsys: pytest.CaptureFixture[str]) -> pytest.CaptureFixture[str]:
+    """With what was printed so far forgotten."""
+    capsys.readouterr()
+    return capsys
 
 
 def test_known_sums_are_told(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
@@ -477,3 +502,22 @@ def test_an_effects_file_is_used_and_a_bad_one_is_one_line(
     line = refused(capsys, "diagnose", hidden_folder, "--effects-file", path)
     assert "line 1" in line
     assert str(path) in line
+
+
+def test_help_loads_nothing_that_it_does_not_show() -> None:
+    program = (
+        "import sys, inspector.cli\ntry: inspector.cli.main(['--help'])\nfinally: print(list(sys.modules))"
+    )
+    said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False).stdout
+    loaded = said[said.rindex("[") :]
+    assert "'argparse'" in loaded
+    for slow in ("numpy", "scipy", "pandas", "viser", "inspector.commands"):
+        assert f"'{slow}'" not in loaded
+
+
+def test_every_subcommand_has_the_function_that_it_names() -> None:
+    (subcommands,) = (a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
+    assert len(subcommands.choices) > 10
+    for sub in subcommands.choices.values():
+        module, name = sub.get_default("run").__qualname__.split(".")
+        assert callable(getattr(import_module(f"inspector.{module}"), name))

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from arms import dataset_of, elementary_points, jang_arm, perturbed
 from calib.dataset import Dataset, Points
+from calib.kinds import RESIDUAL_KINDS
 from calib.model import geometric_model
 from calib.observations import Observations
-from calib.residuals import RESIDUAL_KINDS, make_residuals
+from calib.residuals import make_residuals
 from calib.robust import solve_robustly, tukey_weights
 from calib.solver import solve
 from test_frames import random_transform

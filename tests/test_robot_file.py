@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from arms import jang_arm, perturbed
 from calib.errors import DatasetError
+from calib.kinds import BUILTIN_ROBOTS
 from calib.robot import Robot
-from calib.robot_file import BUILTIN_ROBOTS, builtin_robot, load_robot, robot_to_toml
+from calib.robot_file import builtin_robot, load_robot, robot_to_toml
 
 GOOD = """
 name = "two"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calib.comparison import LINKS, Version, versions
 from calib.corners import CornerSearch
-from calib.residuals import RESIDUAL_KINDS
+from calib.kinds import RESIDUAL_KINDS
 from inspector.session import Session
 
 RESIDUALS = RESIDUAL_KINDS
