@@ -19,13 +19,15 @@ import math
 import os
 import socket
 import threading
+import zipfile
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, TypeVar, get_type_hints
 from urllib.parse import urlsplit
 
 import viser
-from viser import _assignable_props_api, _messages
+from viser import _assignable_props_api, _icons, _messages
 from viser.infra import _infra
 
 from calib.errors import CalibError
@@ -182,9 +184,20 @@ def _guard_gui(gui: viser.GuiApi) -> None:
 _type_hints = functools.cache(get_type_hints)
 
 
-def _remember_types() -> None:
-    """Work out the types of a kind of node once, not for every node: that was a sixth of a turn of the page."""
+@functools.cache
+def _opened(path: Path) -> contextlib.AbstractContextManager[zipfile.ZipFile]:
+    """A zip file that stays open."""
+    return contextlib.nullcontext(zipfile.ZipFile(path))
+
+
+def _remember() -> None:
+    """Let viser do once what it does again and again, for time that would be felt.
+
+    It works out the types of a kind of node for every node (a sixth of a turn of the page), and reads the directory of
+    its four thousand icons for every icon (more than half a second of the start).
+    """
     _assignable_props_api.get_type_hints = _type_hints  # type: ignore[assignment]
+    _icons.zipfile = SimpleNamespace(ZipFile=_opened)  # type: ignore[assignment]
 
 
 # ---- the server -----------------------------------------------------------------------------------------------------
@@ -259,6 +272,7 @@ def start_server(
     Raises:
         ServerError: the address cannot be bound (`bind`).
     """
+    _remember()
     listener = bind(host, port)
     try:
         with _serving_on(listener, host, tuple(extra_origins)), contextlib.redirect_stdout(io.StringIO()):
@@ -267,7 +281,6 @@ def start_server(
         listener.close()
         raise
     _guard_gui(server.gui)
-    _remember_types()
     return server
 
 
