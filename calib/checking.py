@@ -7,14 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.calibration import Calibration, calibrate, structural_rank
+from calib.calibration import Calibration, calibrate, declared_sigma_mm, structural_rank
 from calib.corners import CornerSearch
 from calib.dataset import Dataset
 from calib.diagnosis import Diagnosis, diagnose
 from calib.errors import FitError
 from calib.explanation import verdict_words
+from calib.fitting_together import does_not_belong
 from calib.measurement import failed_searches, with_corners
 from calib.repeatability import Repeats, find_repeats, pooled_sigma_mm
+from calib.sigma_check import is_declared
 
 HOPELESS = 100.0
 """A residual this many times the declared sigma is no calibrated arm, whatever the improvement."""
@@ -75,14 +77,7 @@ def check(
         dataset = with_corners(dataset, searches, orientation=residual == "pose")
     repeats = find_repeats(dataset)
     if repeats:
-        findings.append(
-            Finding(
-                "repeats",
-                None,
-                f"{len(repeats)} places measured again and again: one coordinate's sigma is "
-                f"{pooled_sigma_mm(repeats):.4f} mm",
-            )
-        )
+        findings.append(_repeats(dataset, repeats))
     calibration = diagnosis = None
     different = len(np.unique(np.round(dataset.poses.q[~dataset.poses.is_test], 9), axis=0))
     knowable = structural_rank(dataset.robot)
@@ -117,6 +112,15 @@ def _corners(searches: Mapping[str, CornerSearch]) -> Finding:
     )
 
 
+def _repeats(dataset: Dataset, repeats: tuple[Repeats, ...]) -> Finding:
+    sigma_mm = pooled_sigma_mm(repeats)
+    words = f"{len(repeats)} places measured again and again: one coordinate's sigma is {sigma_mm:.4f} mm"
+    hopeless = is_declared(dataset) and sigma_mm > HOPELESS * declared_sigma_mm(dataset)
+    if hopeless:
+        words += f", {sigma_mm / declared_sigma_mm(dataset):.3g} times the declared: these are not points of one place"
+    return Finding("repeats", False if hopeless else None, words)
+
+
 def _fit(calibration: Calibration, max_test_rmse_mm: float | None) -> list[Finding]:
     fit = calibration.fit
     findings = [Finding("fit", fit.converged, fit.summary())]
@@ -144,16 +148,22 @@ def _fit(calibration: Calibration, max_test_rmse_mm: float | None) -> list[Findi
         )
     if np.isfinite(fit.noise):
         meaning = ""
-        hopeless = fit.noise > HOPELESS
-        if hopeless:
-            meaning = ": the model does not describe these data; check joint signs, units and the order of the poses"
-        elif fit.noise > 1.5:
+        declared = is_declared(calibration.dataset)
+        ratio_words = f", {fit.noise:.3g} times the declared sigma" if declared else "; no sigma is declared"
+        doubt = does_not_belong(calibration)
+        if not doubt and declared and fit.noise > HOPELESS:
+            doubt = (
+                "the model does not describe these data; check joint signs, units and the order of the poses"
+            )
+        if doubt:
+            meaning = f": {doubt}"
+        elif declared and fit.noise > 1.5:
             meaning = ": more than noise is left; something is missing from the model, or sigma was declared too small"
         findings.append(
             Finding(
                 "residual",
-                False if hopeless else None,
-                f"{calibration.sigma_mm:.4g} mm a coordinate, {fit.noise:.3g} times the declared sigma{meaning}",
+                False if doubt else None,
+                f"{calibration.sigma_mm:.4g} mm a coordinate{ratio_words}{meaning}",
             )
         )
     return findings

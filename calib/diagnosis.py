@@ -21,6 +21,7 @@ from calib.decision import FLOOR, MARGIN, is_convincing, leader, predicts_worse,
 from calib.effects.base import Effect
 from calib.effects.catalogue import Family, effects_for, family_of
 from calib.errors import CalibError
+from calib.fitting_together import does_not_belong
 from calib.leftover import leftover_of
 from calib.local_faults import LocalFault
 from calib.screening import Candidate, Screening, Untestable, screen
@@ -85,7 +86,7 @@ class Diagnosis:
                     "margin": step.log_evidence_margin,
                 }
             )
-        return pd.DataFrame(rows)
+        return pd.DataFrame(rows).astype({"p_value": float, "margin": float})  # None is NaN
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,8 @@ def diagnose(
     ambiguous: tuple[str, ...] = ()
     refused = ""
     simpler: LocalFault | None = None
-    while len(added) < max_steps:
+    foreign = bool(does_not_belong(calibration))  # then any pattern is there, and no effect is its cause
+    while len(added) < max_steps and not foreign:
         convincing = [c for c in screening.candidates if is_convincing(c)]
         if not convincing:
             break
@@ -179,7 +181,9 @@ def diagnose(
     if ambiguous:  # then the residual holds the cause that was left open, and tells no story of its own
         remains = replace(remains, fault=None)
     found = Diagnosis(
-        verdict=verdict_of([one.name for one in added], ambiguous, bool(refused or simpler), remains),
+        verdict=verdict_of(
+            [one.name for one in added], ambiguous, bool(refused or simpler or foreign), remains
+        ),
         missing=tuple(one.name for one in added),
         ambiguous_set=ambiguous,
         steps=tuple(steps),

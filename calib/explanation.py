@@ -9,9 +9,11 @@ import numpy as np
 from calib.calibration import Calibration
 from calib.decision import MARGIN
 from calib.diagnosis import Diagnosis, Step
+from calib.fitting_together import does_not_belong
 from calib.meaning import meaning
 from calib.next_poses import in_words, splitting_poses
 from calib.screening import Candidate
+from calib.sigma_check import is_declared
 from calib.structure import Remains
 
 HARDLY = 0.03  # a change of the held-out error below this share is none to speak of
@@ -62,14 +64,18 @@ def explain(diagnosis: Diagnosis) -> str:
 def _compared(calibration: Calibration) -> str:
     fit, dataset = calibration.fit, calibration.dataset
     train, test = calibration.after.train, calibration.after.test
+    names = calibration.model.family_names
+    with_effects = f" with {' and '.join(names)}" if names else ""
     words = (
-        f"The five-parameter model was fitted to {train.points if train else 0} measured points of {dataset.robot.name} with the "
-        f"scanner's place unknown. It leaves {calibration.sigma_mm:.4g} mm a coordinate, {fit.noise:.2g} times the declared "
-        "noise"
+        f"The five-parameter model{with_effects} was fitted to {train.points if train else 0} measured points of {dataset.robot.name} with the "
+        f"scanner's place unknown. It leaves {calibration.sigma_mm:.4g} mm a coordinate"
+    )
+    words += (
+        f", {fit.noise:.2g} times the declared noise" if is_declared(dataset) else "; no noise is declared"
     )
     if test is not None and train is not None:
         words += f"; the training poses are off by {train.rmse_mm:.4g} mm (3D RMSE), the test poses by {test.rmse_mm:.4g} mm"
-    return words + "."
+    return f"{words}."
 
 
 def _step(before: Step, after: Step) -> str:
@@ -89,7 +95,8 @@ def _step(before: Step, after: Step) -> str:
         words += f". With it the test poses, which it never saw, {go} from {old.test.rmse_mm:.4g} to {new.test.rmse_mm:.4g} mm"
     elif old.train is not None and new.train is not None:
         words += (
-            f". With it the training poses fall from {old.train.rmse_mm:.4g} to {new.train.rmse_mm:.4g} mm"
+            f". With it the training poses fall from {old.train.rmse_mm:.4g} to {new.train.rmse_mm:.4g} mm; "
+            "no test poses confirm it"
         )
     note = candidate.family.note
     return f"{words}. {_meaning(candidate, after.calibration)}{' Note: ' + note + '.' if note else ''}"
@@ -210,14 +217,17 @@ def remains_words(remains: Remains) -> str:
 def verdict_words(diagnosis: Diagnosis) -> str:
     """The verdict alone, a sentence or two."""
     named = " and ".join(diagnosis.missing)
+    doubt = does_not_belong(diagnosis.steps[0].calibration)
     were = "was" if len(diagnosis.missing) == 1 else "were"
     return {
-        "adequate": "Verdict: adequate. Nothing in the catalogue is missing beyond noise, and nothing else shows.",
+        "adequate": f"Verdict: adequate. {_nothing(diagnosis)}, and nothing else shows.",
         "named": f"Verdict: {named} {were} missing, and with {'it' if were == 'was' else 'them'} nothing else shows.",
         "ambiguous": "Verdict: ambiguous"
         + (f" after {named}" if named else "")
         + ". The set above holds the cause if the catalogue does.",
-        "unexplained": "Verdict: unexplained. "
+        "unexplained": f"Verdict: unexplained. {doubt[:1].upper()}{doubt[1:]}."
+        if doubt
+        else "Verdict: unexplained. "
         + (
             f"{named} {'helps' if were == 'was' else 'help'}, yet "
             if named
@@ -227,8 +237,24 @@ def verdict_words(diagnosis: Diagnosis) -> str:
             "what is left tells of something else, said above. Look at that joint."
             if diagnosis.simpler or diagnosis.remains.fault
             else "something with a pattern is left. Look at the inputs named above; a loose part or a hose would show so."
+            if diagnosis.remains.structured
+            else "more than noise is left, without a pattern against any input."
+            if diagnosis.remains.too_large
+            else "what was found makes the test poses worse."
         ),
         "outliers": "Verdict: outliers. "
         + (f"{named} {were} missing; " if named else "")
         + "apart from single poses nothing is left. Measure those poses again before you leave them out.",
     }[diagnosis.verdict]
+
+
+def _nothing(diagnosis: Diagnosis) -> str:
+    """What `adequate` covers: a family that these data cannot test is not found absent."""
+    if not diagnosis.candidates:
+        return "These data can test none of the catalogue's effects; what is left is no more than noise"
+    blind = [
+        u.name for u in diagnosis.untestable if u.name != "scanner_scale"
+    ]  # which hardly any data can test
+    return "Nothing in the catalogue is missing beyond noise" + (
+        f", as far as these data can tell ({', '.join(blind)}: not testable)" if blind else ""
+    )

@@ -32,6 +32,13 @@ class Combination:
     value: float  # of the fitted parameters, nominal and correction
     sigma: float
     worst_part_sigma: float  # the largest of |coefficient| x sigma among its parts
+    tolerance: float  # the largest of |coefficient| x tolerance among its parts
+    unit: str  # of value and sigma; "" where the parts have several
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the data tell more of it than a tolerance does: the rule that single parameters go by."""
+        return self.sigma < 0.5 * self.tolerance
 
     @property
     def words(self) -> str:
@@ -63,19 +70,22 @@ def combination(calibration: Calibration, coefficients: Mapping[str, float]) -> 
         weights[names.index(name)] = coefficient
     value = np.array([p.nominal for p in parameters]) + calibration.fit.x
     variance = float(weights @ calibration.fit.covariance @ weights)
+    used = np.flatnonzero(weights)
+    units = {parameters[i].unit for i in used}
     return Combination(
         coefficients=dict(coefficients),
         value=float(weights @ value),
         sigma=float(np.sqrt(max(variance, 0.0))),
-        worst_part_sigma=float(
-            np.max(np.abs(weights[weights != 0.0]) * calibration.fit.sigma[weights != 0.0])
-        ),
+        worst_part_sigma=float(np.max(np.abs(weights[used]) * calibration.fit.sigma[used])),
+        tolerance=float(np.max(np.abs(weights[used]) * calibration.model.scales[used])),
+        unit=units.pop() if len(units) == 1 else "",
     )
 
 
 def known_sums(calibration: Calibration, groups_of: Redundancy | None = None) -> tuple[Combination, ...]:
-    """For each group of parameters that act alike: the one sum that the data can know (a6 + aTCP, theta4 - beta4).
+    """For each group of parameters that act alike: the one sum that the data know (a6 + aTCP, theta4 - beta4).
 
+    A sum that these poses leave as vague as its tolerance is left out.
     `groups_of` is the dataset's redundancy, found here where None. Groups without influence on distances or positions
     from an unknown place (d1, theta1 - beta1) are left out.
     """
@@ -89,7 +99,7 @@ def known_sums(calibration: Calibration, groups_of: Redundancy | None = None) ->
         if len(present) > 1:
             sign = {n: float(np.sign(found.pearson[row[group[0]], row[n]])) for n in present}
             out.append(combination(calibration, sign))
-    return tuple(out)
+    return tuple(found_sum for found_sum in out if found_sum.is_known)
 
 
 def correlated_pairs(calibration: Calibration, threshold: float = CORRELATED) -> tuple[CorrelatedPair, ...]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.calibration import Calibration, declared_sigma_mm
+from calib.dataset import Dataset
 from calib.distributions import chi2_ppf
 
 
@@ -50,16 +51,23 @@ class SigmaCheck:
         return f"{found}, {ratio:.3g} times the declared {self.declared_mm:.4g} mm: {meaning}"
 
 
+def is_declared(dataset: Dataset) -> bool:
+    """Whether a dataset says how noisy its points are."""
+    points = dataset.points
+    return dataset.scanner.point_sigma_mm is not None or (
+        points is not None and points.covariance_mm2 is not None
+    )
+
+
 def check_sigma(calibration: Calibration) -> SigmaCheck:
     """The residual sigma of a calibration with its 95 % interval, beside the declared one."""
     dataset, freedom = calibration.dataset, calibration.fit.degrees_of_freedom
     assert dataset.points is not None
-    is_declared = dataset.points.covariance_mm2 is not None or dataset.scanner.point_sigma_mm is not None
     sigma = calibration.sigma_mm
     low = high = float("nan")
     if np.isfinite(sigma):
         low, high = (sigma * float(np.sqrt(freedom / chi2_ppf(share, freedom))) for share in (0.975, 0.025))
-    declared = declared_sigma_mm(dataset) if is_declared else None
+    declared = declared_sigma_mm(dataset) if is_declared(dataset) else None
     return SigmaCheck(sigma, low, high, declared, freedom)
 
 

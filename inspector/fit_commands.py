@@ -15,6 +15,7 @@ from calib.effects.catalogue import Family
 from calib.effects.own import load_effects
 from calib.errors import CalibError, DatasetError
 from calib.explanation import explain, verdict_words
+from calib.fitting_together import does_not_belong
 from calib.knowledge import known_sums
 from calib.learning import learning_curve
 from calib.robot_file import robot_to_toml
@@ -60,7 +61,7 @@ def run_calibrate(options: Any) -> int:
     steps = _fitted(options, dataset)
     result = steps[-1].calibration
     if options.out is not None:
-        result.require_improvement(force=options.force)
+        _require_sense(result, options.force)
     session = _as_session(options, dataset, steps) if options.session is not None else None
     if options.out is not None:
         write_text_atomically(options.out, robot_to_toml(result.robot))
@@ -73,7 +74,9 @@ def run_calibrate(options: Any) -> int:
     if session is not None:
         save_session(options.session, session)
     table = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.6g}")
-    sums = "\n".join(f"known: {c.words} = {c.value:.6g} +- {c.sigma:.2g}" for c in known_sums(result))
+    sums = "\n".join(
+        f"known: {c.words} = {c.value:.6g} +- {c.sigma:.2g} {c.unit}".rstrip() for c in known_sums(result)
+    )
     way = [f"+ {step.name}: {_errors(step.calibration)}" for step in steps[1:]]
     words = "\n".join(
         [table, sums, *([f"link errors: {_errors(steps[0].calibration)}", *way] if way else [])]
@@ -81,6 +84,16 @@ def run_calibrate(options: Any) -> int:
     document = documents.calibration_document(result) | {"steps": documents.additions(steps)}
     show(options, document, f"{words}\n{result.summary()}")
     return 0
+
+
+def _require_sense(result: Calibration, force: bool) -> None:
+    """Refuse to write what no controller should run by. Raises CalibError unless `force`."""
+    result.require_improvement(force=force)
+    doubt = "" if force else does_not_belong(result)
+    if doubt:
+        raise CalibError(
+            f"dataset {result.dataset.name}: {doubt}; nothing was written, --force writes it anyway"
+        )
 
 
 def _as_session(options: Any, dataset: Dataset, steps: Sequence[Addition]) -> Session:
@@ -127,7 +140,7 @@ def run_correct(options: Any) -> int:
     targets = load_targets(options.joints, dataset.robot)
     dataset = measured(dataset, orientation=options.residual == "pose")
     result = _fitted(options, dataset)[-1].calibration
-    result.require_improvement(force=options.force)
+    _require_sense(result, options.force)
     correction = corrected_joints(
         dataset.robot,
         result.model,
@@ -175,10 +188,11 @@ def run_diagnose(options: Any) -> int:
         result = diagnose(
             dataset, effects=options.effect, own=own, max_steps=options.max_steps, on_step=on_step
         )
-    ranking = (
-        result.steps[0].screening.to_frame().head(6).to_string(index=False, float_format=lambda v: f"{v:.3g}")
-    )
-    steps = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.4g}")
+    ranked = result.steps[0].screening.to_frame()
+    ranking = "No effect can be ranked: none is testable with these data."
+    if len(ranked):
+        ranking = ranked.head(6).to_string(index=False, float_format=lambda v: f"{v:.3g}")
+    steps = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.4g}", na_rep="-")
     silent = "\n".join(f"not testable: {u.name}: {u.why}; {u.would_help}" for u in result.untestable)
     words = f"{ranking}\n\n{steps}\n\n{silent}\n\n{explain(result)}"
     show(options, documents.diagnosis_document(result), words)

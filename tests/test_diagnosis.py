@@ -18,12 +18,13 @@ from calib.effects.descriptions import FAMILY_NAMES
 from calib.effects.own import check_effects, load_effects
 from calib.effects.state import RobotState
 from calib.errors import CalibError, FitError
-from calib.explanation import explain
+from calib.explanation import explain, verdict_words
 from calib.failure import failure_of
+from calib.fitting_together import does_not_belong
 from calib.leftover import leftover_of
 from calib.next_poses import splitting_poses
 from calib.robot_file import builtin_robot
-from calib.screening import screen
+from calib.screening import Screening, screen
 from calib.simulation import simulate_dataset
 from calib.structure import examine
 
@@ -290,6 +291,34 @@ def test_a_constant_displacement_is_untestable_not_evidence() -> None:
     assert result.candidates == ()
     assert result.untestable[0].name == "constant"
     assert "looks like" in result.untestable[0].why
+
+
+def test_points_of_other_poses_are_told_as_such_and_nothing_is_named() -> None:
+    dataset = simulated(seed=3)
+    assert dataset.points is not None
+    shifted = dataset.with_points(replace(dataset.points, xyz_mm=np.roll(dataset.points.xyz_mm, 1, axis=0)))
+    result = diagnose(shifted)
+    assert result.missing == ()
+    assert result.verdict == "unexplained"
+    assert "the order of the poses" in explain(result)
+    assert does_not_belong(calibrate(shifted))
+    assert not does_not_belong(calibrate(dataset))
+    assert not does_not_belong(calibrate(simulated(["joint_compliance"], seed=3, sigmas=60.0)))
+
+
+def test_what_cannot_be_tested_is_not_called_absent() -> None:
+    dataset = simulated(seed=5)
+    assert "not testable" not in verdict_words(diagnose(dataset, max_steps=0))
+    blind = replace(dataset, poses=replace(dataset.poses, approach=None, temperature_c=None))
+    result = diagnose(blind)
+    assert result.verdict == "adequate"
+    assert "(backlash, thermal_growth: not testable)" in verdict_words(result)
+    none = replace(result, steps=(replace(result.steps[0], screening=screening_of_nothing(result)),))
+    assert "can test none" in verdict_words(none)
+
+
+def screening_of_nothing(result: Diagnosis) -> Screening:
+    return replace(result.steps[0].screening, candidates=())
 
 
 def test_where_it_fails_shows_the_joint_that_fails() -> None:

@@ -27,6 +27,20 @@ def test_sums_are_known_although_their_parts_are_not() -> None:
     assert abs(known.value - truth["a6"] - truth["aTCP"]) < 5 * known.sigma
 
 
+def test_a_sum_that_these_poses_leave_open_is_not_called_known() -> None:
+    rng = np.random.default_rng(0)
+    robot = jang_arm()
+    few = calibrate(dataset_of(robot, perturbed(robot, rng), rng, poses=10, noise_mm=0.03, range_rad=0.01))
+    many = calibrate(dataset_of(robot, perturbed(robot, rng), rng, poses=60, noise_mm=0.03))
+    told = [{c.words for c in known_sums(result)} for result in (few, many)]
+    assert "d6 + dTCP" in told[1]
+    assert told[0] < told[1]
+    both = combination(few, {"d6": 1.0, "dTCP": 1.0})
+    assert not both.is_known
+    assert (both.unit, both.tolerance) == ("mm", 1.0)
+    assert combination(many, {"a2": 1.0, "theta2": 1.0}).unit == ""
+
+
 def test_any_sum_can_be_asked_for_and_an_unknown_name_is_refused() -> None:
     rng = np.random.default_rng(0)
     robot = jang_arm()
