@@ -63,14 +63,19 @@ def face_distances(points_mm: ArrayLike, corner: Corner, jig: Jig) -> tuple[Arra
     distance = np.full(len(points), np.nan)
     nearest = np.full(len(points), -1)
     # Most of a scan is wall and arm: only points in the box around the jig are looked at closely.
-    close = np.flatnonzero((np.abs(points - corner.xyz_mm) <= (1.0 + RIM + REACH) * jig.edge_mm).all(axis=1))
+    box_mm = (1.0 + RIM + REACH) * jig.edge_mm
+    near = np.ones(len(points), dtype=bool)
+    for axis in range(3):
+        near &= np.abs(points[:, axis] - corner.xyz_mm[axis]) <= box_mm
+    close = np.flatnonzero(near)
     around = points[close]
     limit = np.full(len(around), REACH * jig.edge_mm)
     for number, (face, outline) in enumerate(zip(corner.faces, jig_outline(corner, jig), strict=True)):
         height = around @ face.normal - face.offset_mm
         sides = np.column_stack([outline[1] - outline[0], outline[2] - outline[0], face.normal])
-        along = np.linalg.solve(sides, (around - outline[0]).T)
-        inside = (along[0] > -RIM) & (along[1] > -RIM) & (along[0] + along[1] < 1.0 + RIM)
+        to_sides = np.linalg.inv(sides)[:2]
+        u, v = to_sides @ around.T - (to_sides @ outline[0])[:, None]
+        inside = (u > -RIM) & (v > -RIM) & (u + v < 1.0 + RIM)
         better = inside & (np.abs(height) <= limit)
         distance[close[better]], nearest[close[better]] = height[better], number
         limit[better] = np.abs(height[better])
