@@ -19,7 +19,16 @@ def write_text_atomically(path: Path, text: str) -> None:
 
 
 def write_bytes_atomically(path: Path, content: bytes) -> None:
-    """As `write_text_atomically`."""
+    """As `write_text_atomically`. What is no file, such as a terminal or a pipe, is written to as it stands.
+
+    Raises DatasetError where the path is a folder.
+    """
+    if path.is_dir():
+        raise DatasetError(f"{path}: is a folder; name a file to write")
+    path = path.resolve()  # a link stays a link
+    if path.exists() and not path.is_file():
+        path.write_bytes(content)
+        return
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
     try:

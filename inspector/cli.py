@@ -7,6 +7,7 @@ With --json exactly one JSON object goes to stdout; progress goes to stderr.
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -196,7 +197,9 @@ def _parser() -> argparse.ArgumentParser:
         "the whole chain: pass or fail, and why",
         "dataset folder, or a folder of them",
     )
-    sub.add_argument("--max-test-rmse-mm", type=float, metavar="X", help="what the test poses' error may be")
+    sub.add_argument(
+        "--max-test-rmse-mm", type=_rmse_mm, metavar="X", help="what the test poses' error may be"
+    )
     _add_residual(sub)
     _add_json(sub)
     return parser
@@ -259,14 +262,24 @@ def _named_number(text: str) -> tuple[str, float]:
 
 
 def _count(text: str) -> int:
-    count = int(text)
-    if not 1 <= count <= 1024:
-        raise argparse.ArgumentTypeError(f"{count} is not a number of processes; 1 to 1024")
-    return count
+    return _whole(text, 1, 1024, "number of processes")
 
 
 def _port(text: str) -> int:
-    port = int(text)
-    if not 0 <= port <= 65535:
-        raise argparse.ArgumentTypeError(f"{port} is not a port; 0 to 65535")
-    return port
+    return _whole(text, 0, 65535, "port")
+
+
+def _whole(text: str, low: int, high: int, what: str) -> int:
+    if not text.isdecimal() or not low <= int(text) <= high:
+        raise argparse.ArgumentTypeError(f"{text} is not a {what}; {low} to {high}")
+    return int(text)
+
+
+def _rmse_mm(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} is not an error to ask for; a number of mm above 0")
+    return value

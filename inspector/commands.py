@@ -90,6 +90,9 @@ def run_simulate(options: Any) -> int:
         raise DatasetError(f"{options.path}: exists and is not empty; name a new folder")
     if options.seed < 0:
         raise DatasetError(f"--seed {options.seed}: a seed is 0 or more")
+    if options.robot not in BUILTIN_ROBOTS and not Path(options.robot).is_file():
+        known = ", ".join(BUILTIN_ROBOTS)
+        raise DatasetError(f"--robot {options.robot}: no such file; give one of {known}, or a robot.toml")
     robot = (
         builtin_robot(options.robot) if options.robot in BUILTIN_ROBOTS else load_robot(Path(options.robot))
     )

@@ -79,7 +79,11 @@ def run_calibrate(options: Any) -> int:
     )
     way = [f"+ {step.name}: {_errors(step.calibration)}" for step in steps[1:]]
     words = "\n".join(
-        [table, sums, *([f"link errors: {_errors(steps[0].calibration)}", *way] if way else [])]
+        [
+            table,
+            *([sums] if sums else []),
+            *([f"link errors: {_errors(steps[0].calibration)}", *way] if way else []),
+        ]
     )
     document = documents.calibration_document(result) | {"steps": documents.additions(steps)}
     show(options, document, f"{words}\n{result.summary()}")

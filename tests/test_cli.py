@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -142,6 +143,25 @@ def capsys_after(capsys: pytest.CaptureFixture[str]) -> pytest.CaptureFixture[st
     """With what was printed so far forgotten."""
     capsys.readouterr()
     return capsys
+
+
+def test_what_is_no_file_is_not_replaced_by_one(
+    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
+) -> None:
+    """An output may be a link, or a pipe as in --out >(less); a folder in its place is told."""
+    kept, link, pipe = tmp_path / "kept.toml", tmp_path / "link.toml", tmp_path / "pipe"
+    link.symlink_to(kept)
+    assert main(["calibrate", str(points_folder), "--out", str(link)]) == 0
+    assert link.is_symlink()
+    assert load_robot(kept).n_joints == 6
+    os.mkfifo(pipe)
+    with subprocess.Popen(["cat", str(pipe)], stdout=subprocess.PIPE) as reader:
+        assert main(["calibrate", str(points_folder), "--out", str(pipe)]) == 0
+        assert reader.communicate()[0] == kept.read_bytes()
+    assert pipe.is_fifo()
+    capsys.readouterr()
+    assert "is a folder; name a file" in refused(capsys, "calibrate", points_folder, "--out", tmp_path)
+    assert "give one of rb5, panda" in refused(capsys, "simulate", tmp_path / "new", "--robot", "rb6")
 
 
 def test_known_sums_are_told(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
@@ -346,7 +366,11 @@ def test_as_a_program_and_as_a_module(points_folder: Path, tmp_path: Path) -> No
         ([], "COMMAND"),
         (["calibrate"], "PATH"),
         (["calibrate", "x", "--residual", "angles"], "angles"),
-        (["serve", "x", "--port", "99999"], "99999"),
+        (["serve", "x", "--port", "99999"], "99999 is not a port"),
+        (["serve", "x", "--port", "eighty"], "eighty is not a port; 0 to 65535"),
+        (["corners", "x", "--processes", "0"], "0 is not a number of processes"),
+        (["check", "x", "--max-test-rmse-mm", "nan"], "nan is not an error to ask for"),
+        (["check", "x", "--max-test-rmse-mm", "-1"], "-1 is not an error to ask for"),
         (["simulate", "x", "--robot", "rb5", "--poses", "many"], "many"),
     ],
 )
