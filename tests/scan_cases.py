@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.jig import Jig
-from scan_scene import SceneScan, box_beside, grazing, make_scene, room
+from scan_scene import SceneScan, box_beside, cylinder_beside, grazing, make_scene, parallel_planes, room
 
 Make = Callable[[np.random.Generator, int], SceneScan]
 
@@ -55,6 +55,9 @@ CASES: dict[str, Case] = {
     "concave, fillet": Case(
         lambda rng, rays: make_scene(rng, rays, convex=False, fillet_mm=1.0), Jig(convex=False)
     ),
+    "cylinder": Case(lambda rng, rays: make_scene(rng, rays, field_mm=200, extras=(cylinder_beside(rng),))),
+    "parallel planes": Case(parallel_planes),
+    "4k points": Case(lambda rng, rays: make_scene(rng, 4_300)),
     "8k points": Case(lambda rng, rays: make_scene(rng, 8_600)),
     "edge 30 mm": Case(_sized(30.0, 400.0), Jig(edge_mm=30.0)),
     "edge 120 mm": Case(_sized(120.0, 1400.0), Jig(edge_mm=120.0)),

@@ -121,6 +121,26 @@ def box_beside(rng: np.random.Generator, size: float) -> tuple[Patch, ...]:
     return tuple(box(np.array([left, rng.uniform(-20, 20), 690.0]), turn, (size, size, size)))
 
 
+def cylinder_beside(rng: np.random.Generator) -> Cylinder:
+    """A cylinder of any direction and 16 to 50 mm across, to the left or right of the jig."""
+    axis = rng.standard_normal(3)
+    axis /= np.linalg.norm(axis)
+    middle = np.array([rng.choice([-1, 1]) * rng.uniform(55, 75), rng.uniform(-30, 30), 700.0])
+    return Cylinder(middle - 60 * axis, axis, rng.uniform(8, 25), 120.0)
+
+
+def parallel_planes(rng: np.random.Generator, rays: int) -> SceneScan:
+    """A jig with a plate parallel to each of its faces, some millimetres before or behind and off to the side."""
+    rotation = jig_rotation(rng.uniform(0, 22), rng.uniform(0, 360), rng.uniform(0, 120))
+    plates = []
+    for i in range(3):
+        u, v = rotation[:, (i + 1) % 3], rotation[:, (i + 2) % 3]
+        height = rng.choice([-1, 1]) * rng.uniform(5, 25)
+        origin = np.array([0, 0, 700.0]) - height * rotation[:, i] + rng.uniform(40, 70) * (u + v)
+        plates.append(Patch(origin, rng.uniform(20, 70) * u, rng.uniform(20, 70) * v))
+    return make_scene(rng, rays, field_mm=220, rotation=rotation, extras=tuple(plates))
+
+
 def make_scene(
     rng: np.random.Generator,
     rays: int = 12_000,
@@ -131,7 +151,7 @@ def make_scene(
     sigma_mm: float = 0.02,
     rotation: NDArray | None = None,
     convex: bool = True,
-    extras: tuple[Patch, ...] = (),
+    extras: tuple[Patch | Cylinder, ...] = (),
     background: bool = True,
     outliers: float = 0.0,
     cut_face: float = 1.0,
