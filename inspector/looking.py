@@ -13,7 +13,7 @@ from inspector.panels.review import LOOK_LAYERS, ReviewPanel
 from inspector.scene import LAYERS, SceneView
 
 LOOK_DISTANCE_MM = {"Scan": 330.0, "Planes": 240.0, "Corner": 170.0, "Distance": 200.0}
-ARM_DISTANCE = 2.3  # of the radius that holds arm and points
+ARM_DISTANCE = 2.0  # of the radius that holds arm and points
 ARM_BESIDE, ARM_ABOVE = 1.1, 0.45  # where the arm is looked at from: to the scanner's right, and above
 
 
@@ -81,7 +81,9 @@ def arm_frame(view: View) -> NDArray | None:
 
 
 def arm_middle(view: View, scanner_T_base: NDArray, medians: Mapping[int, NDArray]) -> tuple[NDArray, float]:
-    """The middle (3,) between the robot's base and the points, and a radius that holds both, mm."""
+    """The middle (3,) of the smallest ball about the robot's base and the ball of the points, and its radius, mm."""
     points, radius = middle_of(view, medians)
-    base = scanner_T_base[:3, 3]
-    return 0.5 * (base + points), 0.5 * float(np.linalg.norm(points - base)) + radius
+    away = scanner_T_base[:3, 3] - points
+    distance = max(float(np.linalg.norm(away)), 1e-9)
+    outside = max(distance - radius, 0.0)  # how far the base stands out of the points' ball
+    return points + 0.5 * outside * away / distance, radius + 0.5 * outside

@@ -16,13 +16,15 @@ GROUP_COLOURS = (
     "#882255",
     "#6699CC",
 )
-MODEL_COLOURS = {"nominal": "#8A8F98", "link errors": "#0072B2", "with effects": "#CC79A7"}
+MODEL_COLOURS = {"nominal": "#E69F00", "link errors": "#0072B2", "with effects": "#CC79A7"}
 ARM, JOINT, SLIDE = "#C3C9D1", "#6B7787", "#8C7340"  # links; joints that turn; joints that slide
 HIGHLIGHT = "#E63C3C"  # the selected corner
-REJECTED = "#8A9099"  # what a filter or the choice of the three planes left out
+REJECTED = "#5F6B7A"  # what a filter or the choice of planes left out; darker than face 3, grey to some eyes
 SCAN_ON_LIGHT, SCAN_ON_DARK = "#5F6B7A", "#C9D1DC"  # points of the selected scan that are on no face
 UNKNOWN = "#8A8F98"  # a role or pose of which nothing is known
 FAILED = "#B3261E"
+# Viser makes lighter shades of this and writes with them: #0072B2 on a light page, the colour itself on a dark one.
+BRAND_ON_LIGHT, BRAND_ON_DARK = "#003654", "#40A1DF"
 
 
 def rgb(colour: str) -> tuple[int, int, int]:

@@ -75,8 +75,8 @@ def correlation_heatmap(
     }  # fmt: skip
     return figure(
         traces,
-        xaxis={**axis, "tickangle": -90},
-        yaxis={**axis, "autorange": "reversed", "scaleanchor": "x"},
+        xaxis={**axis, "tickangle": -90, "title": "parameter"},
+        yaxis={**axis, "autorange": "reversed", "scaleanchor": "x", "title": "parameter"},
         margin=(6, 6, 6, 6),
         dark=dark,
     )
@@ -130,7 +130,7 @@ def _curve(role: str, x: list[int], y: NDArray) -> dict[str, Any]:
     return {
         "type": "scatter", "mode": "lines+markers", "name": ROLE_WORDS[role], "x": x, "y": y.tolist(),
         "line": {"color": ROLE_COLOURS[role], "width": 2},
-        "marker": {"size": 8, "symbol": "circle" if role == "train" else "diamond"},
+        "marker": {"size": 8, "symbol": "circle" if role == "train" else "diamond"}, "cliponaxis": False,
     }  # fmt: skip
 
 
@@ -227,6 +227,7 @@ def error_history(
         xaxis={
             "tickvals": steps, "ticktext": names, "zeroline": False, "range": [-0.3, len(labels) - 0.7],
             "tickfont": {"size": 10}, "tickangle": -25 if len(labels) > 2 else 0, "automargin": True,
+            "title": "change of the model",
         },
         yaxis={"type": "log", "title": "3D RMSE, mm", "automargin": True, **_log_ticks(shown), **extent},
         margin=(56, 14, 30, 10),

@@ -189,8 +189,8 @@ def added_variable(explained: ArrayLike, residual: ArrayLike, name: str, *, dark
     ]  # fmt: skip
     return figure(
         traces,
-        xaxis={"title": f"what {escape(name)} would make, σ", "automargin": True},
-        yaxis={"title": "left over, σ", "automargin": True},
+        xaxis={"title": f"what {escape(name)} would make, σ of the noise", "automargin": True},
+        yaxis={"title": "left over, σ of the noise", "automargin": True},
         margin=(56, 12, 30, 42),
         dark=dark,
     )

@@ -28,7 +28,7 @@ from inspector.drawing import (
 )
 from inspector.looking import Looking
 from inspector.modelling import Modelling
-from inspector.palette import role_colour
+from inspector.palette import BRAND_ON_DARK, BRAND_ON_LIGHT, rgb, role_colour
 from inspector.panels.base import FACTORS, View, put
 from inspector.panels.compare import ComparePanel
 from inspector.panels.corner import CornerPanel
@@ -46,7 +46,6 @@ from inspector.session_file import Shown
 from inspector.worker import LongWork
 
 POINTS_LOOK = "Arm"  # where there are no scans to look at
-BRAND = (0, 114, 178)
 
 
 class Stage:
@@ -87,8 +86,9 @@ class Stage:
 
     def theme(self, *, dark: bool) -> None:
         """The page itself, light or dark."""
+        brand = rgb(BRAND_ON_DARK if dark else BRAND_ON_LIGHT)
         self._server.gui.configure_theme(
-            dark_mode=dark, show_logo=False, show_share_button=False, brand_color=BRAND
+            dark_mode=dark, show_logo=False, show_share_button=False, brand_color=brand
         )
 
     @property

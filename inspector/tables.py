@@ -9,7 +9,17 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 _CELL = "padding:2px 6px;white-space:nowrap;"
+_BREAK = "overflow-wrap:anywhere;"  # names from outside may be one long word
+LONG_NAME = 22  # characters of a name that stays in one line
 _LINE = "border-bottom:1px solid rgba(128,128,128,0.28);"
+
+
+# Viser writes labels in Mantine's dimmed grey, whose contrast is 3.3 (light) and 4.0 (dark): here it is 6 and more.
+STYLE = (
+    '<style>:root[data-mantine-color-scheme="light"]{--mantine-color-dimmed:#5C636A}'
+    ':root[data-mantine-color-scheme="dark"]{--mantine-color-dimmed:#B4B8BC}'
+    ".js-plotly-plot~button{color:#24292F}</style>"  # the sign that enlarges a figure is always on white
+)
 
 
 class Html(str):
@@ -40,11 +50,12 @@ def table(
 
     def cell(tag: str, column: int, value: object, extra: str = "") -> str:
         align = "left" if column < left else "right"
-        return f'<{tag} style="{_CELL}{_LINE}text-align:{align};{extra}">{_markup(value)}</{tag}>'
+        shown = _markup(value) if column >= left or isinstance(value, Html) else _name(value)
+        return f'<{tag} style="{_CELL}{_LINE}text-align:{align};{extra}">{shown}</{tag}>'
 
     stay = (
-        "position:sticky;top:0;backdrop-filter:blur(12px);" if height else ""
-    )  # the page's own colour stays behind
+        "position:sticky;top:0;background:var(--mantine-color-body);" if height else ""
+    )  # the page's own colour
     head = "".join(cell("th", i, h, f"font-weight:600;{stay}") for i, h in enumerate(headers))
     body = []
     for number, row in enumerate(rows):
@@ -63,6 +74,14 @@ def wrapping(value: object) -> Html:
     return Html(f'<span style="white-space:normal">{text(value)}</span>')
 
 
+def _name(value: object) -> str:
+    """A name; a long one takes several lines, broken anywhere, and leaves the columns beside it their place."""
+    if len(str(value)) <= LONG_NAME:
+        return text(value)
+    wide = "display:inline-block;width:7.5em;white-space:normal;vertical-align:top;"
+    return f'<span style="{wide}{_BREAK}">{text(value)}</span>'
+
+
 def swatch(colour: str) -> Html:
     """A small square in a colour of the palette (never one from outside)."""
     return Html(
@@ -73,7 +92,7 @@ def swatch(colour: str) -> Html:
 
 def named_swatch(colour: str, name: object) -> Html:
     """A square in a colour with its meaning behind it."""
-    return Html(f"{swatch(colour)}&nbsp;{text(name)}")
+    return Html(f"{swatch(colour)}&nbsp;{_name(name)}")
 
 
 def legend(entries: Iterable[tuple[str, object]]) -> str:
@@ -87,19 +106,22 @@ def legend(entries: Iterable[tuple[str, object]]) -> str:
 
 def note(sentence: object) -> str:
     """The plain-words line of a tab: what one sees and what to look for."""
-    return f'<div style="margin:4px 16px 8px 16px;font-size:12px;line-height:1.4;opacity:0.78">{text(sentence)}</div>'
+    style = f"margin:4px 16px 8px 16px;font-size:12px;line-height:1.4;opacity:0.78;{_BREAK}"
+    return f'<div style="{style}">{text(sentence)}</div>'
 
 
 def heading(title: object) -> str:
     """A small heading inside a tab."""
-    return f'<div style="margin:10px 16px 2px 16px;font-size:13px;font-weight:600">{text(title)}</div>'
+    return (
+        f'<div style="margin:10px 16px 2px 16px;font-size:13px;font-weight:600;{_BREAK}">{text(title)}</div>'
+    )
 
 
 def alert(sentence: object, *, colour: str = "#B3261E") -> str:
     """A line that has to be seen: a failure with its reason."""
     return (
         f'<div style="margin:4px 14px 8px 14px;padding:6px 10px;border-left:4px solid {colour};font-size:12px;'
-        f'line-height:1.4;background:rgba(128,128,128,0.14)">{text(sentence)}</div>'
+        f'line-height:1.4;background:rgba(128,128,128,0.14);{_BREAK}">{text(sentence)}</div>'
     )
 
 
@@ -107,7 +129,7 @@ def facts(pairs: Iterable[tuple[str, object]]) -> str:
     """Name and value, a row each."""
     rows = "".join(
         f'<tr><td style="{_CELL}opacity:0.75">{text(name)}</td>'
-        f'<td style="{_CELL}white-space:normal;text-align:right">{_markup(value)}</td></tr>'
+        f'<td style="{_CELL}white-space:normal;text-align:right;{_BREAK}">{_markup(value)}</td></tr>'
         for name, value in pairs
     )
     return (
@@ -119,6 +141,5 @@ def facts(pairs: Iterable[tuple[str, object]]) -> str:
 def bullets(sentences: Iterable[object]) -> str:
     """A plain list, a sentence each."""
     items = "".join(f'<li style="margin:1px 0">{text(sentence)}</li>' for sentence in sentences)
-    return (
-        f'<ul style="margin:2px 16px 6px 16px;padding-left:16px;font-size:12px;line-height:1.4">{items}</ul>'
-    )
+    style = f"margin:2px 16px 6px 16px;padding-left:16px;font-size:12px;line-height:1.4;{_BREAK}"
+    return f'<ul style="{style}">{items}</ul>'

@@ -25,7 +25,9 @@ NOTE = (
     "noise does neither."
 )
 SHOW_ARM, SHOW_DISTANCE = "Arm and arrows", "Jig over scan"
-NOT_YET = "Nothing to compare yet: the model is fitted when all corners are found."
+NOT_YET = (
+    "Nothing to compare yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
+)
 COLUMNS = ("model", "training", "max", "test", "max")
 
 
@@ -107,7 +109,9 @@ def figures_html(view: View) -> str:
     noise = "not declared" if floor is None else words.millimetres(floor)
     return (
         tables.heading("3D errors, mm: RMSE and largest")
-        + tables.table(COLUMNS, [*rows, ("noise alone", noise, "", noise if floor is not None else "", "")])
+        + tables.table(
+            COLUMNS, [*rows, ("noise alone", noise, "–", noise if floor is not None else "–", "–")]
+        )
         + tables.note("Training poses are fitted; test poses are only predicted.")
     )
 

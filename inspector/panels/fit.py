@@ -11,7 +11,7 @@ from calib.calibration import Calibration
 from inspector import tables
 from inspector.palette import ROLE_COLOURS
 from inspector.panels import words
-from inspector.panels.base import RESIDUALS, Actions, View, hidden_plot
+from inspector.panels.base import RESIDUALS, Actions, View, hidden_plot, put
 from inspector.plots import convergence, outline, parameter_label, pose_residuals
 from inspector.server import one_of
 
@@ -20,6 +20,7 @@ NOTE = (
     "too many parameters or physics that is not in the model. Look for single poses that stand out."
 )
 PARAMETER_COLUMNS = ("name", "nominal", "fitted", "change", "sigma", "unit")
+EFFECT_COLUMNS = ("name", "fitted", "sigma", "unit")  # without an effect its sizes are zero
 FIGURES = (
     ("rmse_mm", "3D RMSE"),
     ("mean_mm", "3D mean"),
@@ -46,6 +47,7 @@ class FitPanel:
         self._residuals = hidden_plot(gui, 0.62)
         self._parameters = gui.add_html("")
         self._drawn: tuple[Calibration, bool] | None = None  # what the bars on show are of
+        self._fitted: Calibration | None = None  # what the figures are of
         self.calibrate.on_click(
             lambda _: actions.calibrate(one_of(self.residual.value, RESIDUALS, RESIDUALS[0]))
         )
@@ -63,6 +65,9 @@ class FitPanel:
             self._state.content = tables.note(waiting or "Not calibrated yet.")
             self._figures.content = self._parameters.content = ""
             return
+        if result is not self._fitted and result.residual in RESIDUALS:  # a choice not yet pressed for stays
+            put(self.residual, result.residual)
+        self._fitted = result
         self._state.content = state_html(result)
         distances = result.residual == "distance"
         train = [s.train_distance_rmse_mm if distances else s.train_rmse_mm for s in result.steps]
@@ -156,9 +161,19 @@ def parameter_rows(result: Calibration) -> list[tuple[str, ...]]:
 
 def parameters_html(result: Calibration) -> str:
     """The parameters as a table; what the data do not know is said."""
+    rows = parameter_rows(result)
+    links = [row for row in rows if "." not in row[0]]
+    effects: dict[str, list[tuple[object, ...]]] = {}
+    for name, _, fitted, _, sigma, unit in rows[len(links) :]:
+        effect, _, short = name.partition(".")
+        effects.setdefault(effect, []).append((tables.wrapping(short), fitted, sigma, unit))
     return (
         tables.heading("Parameters")
-        + tables.table(PARAMETER_COLUMNS, parameter_rows(result), height="420px")
+        + tables.table(PARAMETER_COLUMNS, links, height="420px")
+        + "".join(
+            tables.heading(f"Effect {effect}") + tables.table(EFFECT_COLUMNS, of_it, height="260px")
+            for effect, of_it in effects.items()
+        )
         + tables.note(
             "* the data tell next to nothing of it by itself: the value is held by its tolerance, or shared."
         )

@@ -145,7 +145,8 @@ def chosen_html(
     if own:
         facts.append(("from", "your effects file"))
     if candidate is not None:
-        likeness = ", ".join(f"{n} {100 * s:.0f} %" for n, s in list(candidate.overlaps.items())[:5])
+        alike = sorted(candidate.overlaps.items(), key=lambda item: -item[1])[:5]
+        likeness = ", ".join(f"{n} {100 * s:.0f}\N{NO-BREAK SPACE}%" for n, s in alike)
         facts.append(("explains, of what is left", f"{100 * candidate.explained_share:.0f} %"))
         if candidate.members:
             now, then = words.millimetres(cv_before_mm), words.millimetres(candidate.cv_rmse_mm)

@@ -135,4 +135,4 @@ def group_table(search: CornerSearch, grey: bool) -> str:
 
 def _vector(v: object) -> str:
     x, y, z = (float(c) for c in v)  # type: ignore[attr-defined]
-    return f"{x:+.2f} {y:+.2f} {z:+.2f}"
+    return f"{x:+z.2f} {y:+z.2f} {z:+z.2f}"  # z: no minus before zero

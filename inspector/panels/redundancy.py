@@ -15,7 +15,8 @@ from inspector.plots import correlation_heatmap, parameter_label
 from inspector.server import one_of
 
 NOTE = (
-    "Pearson's r of each pair of parameters: dark red or dark blue (|r| = 1) off the diagonal means that the two "
+    "Pearson's r of each pair of parameters: dark red or dark blue (r\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}±1) off the "
+    "diagonal means that the two "
     "always act together, so only one can be fitted. Grey means no influence at all. Hover for values; the sign at the "
     "figure's lower right enlarges it."
 )
@@ -114,6 +115,9 @@ def redundancy_html(analysis: Redundancy) -> str:
             tables.bullets(across),
         ]
     if sums:
-        parts += [tables.heading("Cancel as a sum, though no two are alike"), tables.bullets(sums)]
+        parts += [
+            tables.heading("Cancel as a sum (in mm and rad), though no two are alike"),
+            tables.bullets(sums),
+        ]
     parts += [tables.heading("No influence on the measurement"), tables.note(silent)]
     return "".join(parts)

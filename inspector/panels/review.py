@@ -59,7 +59,8 @@ class ReviewPanel:
         self.layers: dict[str, viser.GuiCheckboxHandle] = {}
         self._folders: dict[str, viser.GuiFolderHandle] = {}
         for folder, layers in LAYER_WORDS.items():
-            self._folders[folder] = gui.add_folder(folder, expand_by_default=True)
+            # The scans' are folded, so that the panel fits a screen 720 pixels high; the views above switch them, too.
+            self._folders[folder] = gui.add_folder(folder, expand_by_default=folder != "Scan layers")
             with self._folders[folder]:
                 for name, label in layers.items():
                     self.layers[name] = gui.add_checkbox(label, name in LOOK_LAYERS[LOOKS[0]])
@@ -73,7 +74,7 @@ class ReviewPanel:
                 "Ellipsoids ×", tuple(str(f) for f in FACTORS), initial_value="1000",
                 hint="how many times larger than one standard deviation the uncertainty is drawn",
             )  # fmt: skip
-        gui.add_html(tables.note("Keys: N next, P previous, 1–7 views, D dark"))
+        gui.add_html(tables.STYLE + tables.note("Keys: N next, P previous, 1–7 views, D dark"))
         self._problem = gui.add_html("")
         self._connect(gui)
 
@@ -132,6 +133,8 @@ class ReviewPanel:
         roles = [str(r) for r in poses.role]
         self._about.content = tables.facts(
             [
+                # The list above has room for a short name only.
+                *([("dataset", dataset.name)] if len(dataset.name) > tables.LONG_NAME else []),
                 ("robot", dataset.robot.name),
                 ("poses", " · ".join(f"{roles.count(r)} {w}" for r, w in ROLE_WORDS.items() if r in roles)),
                 *([("scanner placements", len(set(poses.setup)))] if len(set(poses.setup)) > 1 else []),

@@ -12,7 +12,7 @@ def length(mm: float) -> str:
     if not math.isfinite(mm):
         return "–"
     if abs(mm) < 0.1:
-        return f"{mm * 1000:.3g} µm" if mm else "0 µm"
+        return f"{mm * 1000:#.3g}".rstrip(".") + " µm" if mm else "0 µm"
     return f"{mm:.3f} mm"
 
 
