@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib import frames, kinematics
 from calib.dataset import Dataset
-from calib.model import Model
-from calib.observations import Observations, predict_poses
+from calib.model import Model, geometric_model
+from calib.observations import Observations, place_scanner, predict_poses
 from calib.placement import orthonormal
 from calib.pose_residuals import PoseResiduals
 from calib.robot import Robot
@@ -43,9 +43,12 @@ def evaluate_attitudes(model: Model, x: Array, dataset: Dataset) -> Attitudes:
 
     Raises FitError where no training pose has an orientation, or orientations have no covariance.
     """
-    of_training = PoseResiduals(model, Observations.of(dataset))
-    placed = of_training.placement(x)
+    nominal = geometric_model(dataset.robot)
+    zero = np.zeros(len(nominal.parameters))  # the scanner's effects look from where the fit had it look
+    training = place_scanner(Observations.of(dataset), nominal, zero)
+    placed = PoseResiduals(model, training).placement(x)
     everything = Observations.of(dataset, np.isin(dataset.poses.setup, list(placed.scanner_T_base)))
+    everything = replace(everything, scanner_T_base=training.scanner_T_base)
     residuals = PoseResiduals(model, everything)
     base_mm, attitude = predict_poses(model, x, everything)
     angle = np.linalg.norm(residuals.errors(placed, base_mm, attitude)[:, 3:], axis=1)

@@ -8,12 +8,15 @@ Three equal faces look alike under turns by 120 degrees. What tells them apart, 
   the one whose normal lies nearest the tool's x axis, unless the jig's angles tell its faces apart;
 * `angles`: a jig whose measured `face_angles_deg` differ by more than the scans' noise is marked by them;
 * `continuity`: with neither, each pose is named as the one before it, which holds for small turns between poses.
+
+No jig is square to a scan's microradians. Where its faces, taken over all poses, do not meet at the angles told, and
+those are not certified, the angles found take their place: else each orientation would lean as its own noise weighs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +26,7 @@ from calib import frames, kinematics
 from calib.dataset import Dataset, points_from_corners
 from calib.errors import FitError
 from calib.intersection import Corner
+from calib.jig import Jig
 from calib.model import geometric_model
 from calib.observations import Observations, place_scanner, predict_points
 from calib.orientation import Orientation, candidates
@@ -36,6 +40,8 @@ CLEARLY = 12.0
 """How much better, in squared misfit, the angles of one way of naming have to fit than those of the others."""
 _LOOSE_RAD = 0.2  # a scanner placed less firmly than this predicts no attitude
 _HYPOTHESES = 40
+_LEAST_POSES = 5  # that together say at what angles the faces meet
+_CLEARLY_OFF = 5.0  # sigmas of the total misfit
 
 
 @dataclass(frozen=True)
@@ -48,19 +54,23 @@ class Labelling:
     margin: Mapping[str, float]  # by pose id: how much farther the next-best name is
     unit: str  # of both: "deg", or "squared sigmas" where angles tell
     refused: Mapping[str, str]  # pose id -> why its faces cannot be named
+    found_angles_deg: tuple[float, float, float] | None = None  # where they took the place of those told
 
     def summary(self) -> str:
         """One line: what named the faces, the least margin, and how many were refused."""
         least = f", margin {min(self.margin.values()):.4g} {self.unit} or more" if self.margin else ""
         first = next(iter(self.refused.items()), None)
         refused = f"; {len(self.refused)} refused, {first[0]}: {first[1]}" if first else ""
-        return f"faces named by {self.by} at {len(self.orientations)} poses{least}{refused}"
+        meet = ", ".join(f"{angle:.4f}" for angle in self.found_angles_deg or ())
+        angles = f"; they meet at {meet} deg, which differs from what dataset.toml tells" if meet else ""
+        return f"faces named by {self.by} at {len(self.orientations)} poses{least}{angles}{refused}"
 
     def document(self) -> dict[str, Any]:
         """As a JSON object; quaternions are w, x, y, z of scanner_R_jig."""
         return {
             "named_by": self.by,
             "margin_unit": self.unit,
+            "found_angles_deg": self.found_angles_deg,
             "poses": [
                 {
                     "pose": pose_id,
@@ -88,8 +98,31 @@ def label_corners(dataset: Dataset, corners: Mapping[str, Corner]) -> Labelling:
     predicted = _predicted_attitudes(dataset, corners) if ids else {}
     marked = len(set(dataset.jig.face_angles_deg)) > 1
     if predicted:
-        return _by_robot(three, predicted, marked)
-    return (_by_angles(three) if marked else None) or _by_continuity(three)
+        named = _by_robot(three, predicted, marked)
+    else:
+        named = (_by_angles(three) if marked else None) or _by_continuity(three)
+    return _with_found_angles(named, corners, dataset.jig)
+
+
+def _with_found_angles(named: Labelling, corners: Mapping[str, Corner], jig: Jig) -> Labelling:
+    """The same names; the orientations by the angles at which the faces meet on the whole, where the jig's are off."""
+    before = named.orientations
+    misfit, count = sum(o.misfit for o in before.values()), len(before)
+    if jig.certified or count < _LEAST_POSES or misfit < 3.0 * count + _CLEARLY_OFF * np.sqrt(6.0 * count):
+        return named
+    in_jig = np.zeros((3, 3))
+    for pose_id, found in before.items():
+        in_jig += np.array([corners[pose_id].faces[i].normal for i in found.order]) @ found.scanner_R_jig
+    in_jig /= np.linalg.norm(in_jig, axis=1, keepdims=True)
+    one, two, three = (
+        float(np.degrees(np.arccos(-in_jig[i] @ in_jig[j]))) for i, j in ((0, 1), (1, 2), (2, 0))
+    )
+    truer = replace(jig, face_angles_deg=(one, two, three))
+    after = {
+        pose_id: next(o for o in candidates(corners[pose_id], truer) if o.order == found.order)
+        for pose_id, found in before.items()
+    }
+    return replace(named, orientations=after, found_angles_deg=truer.face_angles_deg)
 
 
 def _turn_deg(rotation: Array) -> Array:

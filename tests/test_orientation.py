@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 from calib.corners import CornerSearch, find_corner
 from calib.dataset import Dataset
 from calib.errors import CornerError
+from calib.frames import mean_rotation
 from calib.intersection import Corner, Face, intersect
 from calib.jig import Jig
-from calib.labelling import label_corners
+from calib.labelling import Labelling, label_corners
 from calib.measurement import with_corners
 from calib.orientation import candidates, jig_normals
 from calib.points_file import points_frame
@@ -163,6 +164,8 @@ def labelled(
     simulation: Simulation,
     rng: np.random.Generator,
     jig: Jig = Jig(),  # noqa: B008
+    *,
+    sigma_rad: float = 1e-4,
 ) -> tuple[Dataset, dict[str, Corner], np.ndarray]:
     """The simulation's corners by pose with their faces in any order, and the jig's true orientations (N, 3, 3)."""
     dataset = replace(simulation.dataset, jig=jig)
@@ -171,7 +174,7 @@ def labelled(
     corners = {}
     for i, pose_id in enumerate(dataset.poses.ids):
         normals = (jig_normals(jig.face_angles_deg) @ true[i].T)[rng.permutation(3)]
-        corners[pose_id] = corner_of(normals, rng, apex=simulation.apex_mm[i])
+        corners[pose_id] = corner_of(normals, rng, sigma_rad=sigma_rad, apex=simulation.apex_mm[i])
     return dataset, corners, true
 
 
@@ -194,6 +197,36 @@ def test_the_nominal_robot_names_the_faces_alike_at_every_pose(simulation, jig):
         np.testing.assert_allclose(turns[0], np.eye(3), atol=3e-3)
     assert "robot" in result.summary()
     assert len(result.document()["poses"]) == 30
+
+
+def test_a_jig_that_is_not_as_told_is_measured_over_all_poses(simulation):
+    """0.03 degrees out of square, untold: 500 microradians beside a noise of 60."""
+    real = Jig(face_angles_deg=(90.03, 89.98, 90.01))
+    dataset, corners, true = labelled(simulation, np.random.default_rng(14), real, sigma_rad=2e-5)
+
+    def squared(result: Labelling) -> float:
+        seats = np.array([true[i].T @ o.scanner_R_jig for i, o in enumerate(result.orientations.values())])
+        seat = mean_rotation(seats)
+        each = []
+        for i, found in enumerate(result.orientations.values()):
+            off = error_rad(true[i] @ seat, found.scanner_R_jig)
+            each.append(off @ np.linalg.solve(found.covariance_rad2, off))
+        return float(np.median(each))
+
+    told = label_corners(replace(dataset, jig=Jig()), corners)
+    angles = told.found_angles_deg
+    assert angles is not None
+    np.testing.assert_allclose(
+        sorted(angles), sorted(real.face_angles_deg), atol=0.003
+    )  # the mean of 30 has a sigma of 0.0009
+    assert "meet at" in told.summary()
+    assert max(o.misfit for o in told.orientations.values()) < 21.1
+    assert squared(told) < 5.0  # chi-squared of three has its median at 2.4
+    right = label_corners(dataset, corners)
+    assert right.found_angles_deg is None
+    certified = label_corners(replace(dataset, jig=Jig(certified=True)), corners)
+    assert certified.found_angles_deg is None
+    assert np.median([o.misfit for o in certified.orientations.values()]) > 21.1
 
 
 def test_corners_become_full_poses_where_their_faces_are_named(simulation):
