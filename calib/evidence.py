@@ -173,26 +173,44 @@ def _best_size(
 ) -> tuple[float, float]:
     """The best common size of the chosen members beside others of the given spread, and the log evidence there."""
     of = np.repeat(chosen, [b - a for a, b in bounds])
-    others = ~of & (spread > 0.0)
-    z, columns, fixed = y, triangle[:, of], 0.0
-    if others.any():
-        cover = np.eye(len(y)) + (triangle[:, others] * spread[others] ** 2) @ triangle[:, others].T
-        root = np.linalg.cholesky(cover)
-        whitened = np.linalg.solve(root, np.column_stack([y, columns]))
-        z, columns = whitened[:, 0], whitened[:, 1:]
-        fixed = -float(np.sum(np.log(np.diag(root))))
+    z, columns, fixed = _beside(y, triangle[:, of], triangle, np.where(of, 0.0, spread))
     lam, h2 = _spectrum(columns, z)
     values = fixed + _by_size(lam, h2, rest + float(z @ z), rest + float(y @ y), freedom)
     best = int(np.argmax(values))
     return float(values[best]), float(_SIZES[best])
 
 
+def _beside(y: Array, columns: Array, triangle: Array, spread: Array) -> tuple[Array, Array, float]:
+    """y and columns in units of what noise and the columns (R, K) of this spread make, and the log evidence of that."""
+    others = spread > 0.0
+    if not others.any():
+        return y, columns, 0.0
+    root = np.linalg.cholesky(
+        np.eye(len(y)) + (triangle[:, others] * spread[others] ** 2) @ triangle[:, others].T
+    )
+    whitened = np.linalg.solve(root, np.column_stack([y, columns]))
+    return whitened[:, 0], whitened[:, 1:], -float(np.sum(np.log(np.diag(root))))
+
+
+def _best_sizes(
+    y: Array, rest: float, triangle: Array, spread: Array, width: int, freedom: int
+) -> tuple[Array, Array]:
+    """As `_best_size` of each member alone, all `width` columns wide, beside those that have a spread: (G,), (G,)."""
+    z, columns, fixed = _beside(y, triangle, triangle, spread)
+    members = columns.T.reshape(-1, width, len(y))
+    u, s, _ = np.linalg.svd(np.swapaxes(members, 1, 2), full_matrices=False)
+    h2 = np.einsum("grk,r->gk", u, z)[:, None, :] ** 2
+    values = fixed + _by_size(s[:, None, :] ** 2, h2, rest + float(z @ z), rest + float(y @ y), freedom)
+    best = np.argmax(values, axis=1)
+    return np.take_along_axis(values, best[:, None], axis=1)[:, 0], _SIZES[best]
+
+
 def _by_size(lam: Array, h2: Array, left: float, total: float, freedom: int) -> Array:
     """Log evidence at each of `_SIZES`; `left` is the residual's square over the other members, `total` without any."""
-    grow = 1.0 + _SIZES[:, None] ** 2 * lam  # (sizes, K)
-    quadratic = left - np.sum(h2 * (1.0 - 1.0 / grow), axis=1)
+    grow = 1.0 + _SIZES[:, None] ** 2 * lam  # (..., sizes, K)
+    quadratic = left - np.sum(h2 * (1.0 - 1.0 / grow), axis=-1)
     fit = -0.5 * freedom * np.log(quadratic / total)
-    return np.asarray(fit - 0.5 * np.sum(np.log(grow), axis=1) + _unusual(_SIZES))
+    return np.asarray(fit - 0.5 * np.sum(np.log(grow), axis=-1) + _unusual(_SIZES))
 
 
 def _spectrum(columns: Array, z: Array) -> tuple[Array, Array]:
@@ -225,8 +243,20 @@ def _choose_members(
         others = sizes[~alone & (sizes > 0.0)]
         return found + float(np.sum(_unusual(others))), size
 
+    widths = {b - a for a, b in bounds}
+
+    def each() -> list[tuple[float, float, int]]:
+        """`best` of every member that is not chosen yet."""
+        free = np.flatnonzero(sizes == 0.0).tolist()
+        if len(widths) > 1 or not free:
+            return [(*best(g), g) for g in free]
+        width = min(widths)
+        values, found = _best_sizes(y, rest, triangle, np.repeat(sizes, width), width, freedom)
+        values = values + float(np.sum(_unusual(sizes[sizes > 0.0])))
+        return [(float(values[g]), float(found[g]), g) for g in free]
+
     for _ in range(count):
-        tried = [(*best(g), g) for g in map(int, np.flatnonzero(sizes == 0.0))]
+        tried = each()
         if not tried or max(tried)[0] < value + cost + _GAIN:
             break
         value, best_size, newest = max(tried)
