@@ -10,7 +10,7 @@ from html import escape
 
 _CELL = "padding:2px 6px;white-space:nowrap;"
 _BREAK = "overflow-wrap:anywhere;"  # names from outside may be one long word
-LONG_NAME = 22  # characters of a name that stays in one line
+LONG_NAME = 22  # characters of a word that stays in one line
 _LINE = "border-bottom:1px solid rgba(128,128,128,0.28);"
 
 
@@ -75,8 +75,8 @@ def wrapping(value: object) -> Html:
 
 
 def _name(value: object) -> str:
-    """A name; a long one takes several lines, broken anywhere, and leaves the columns beside it their place."""
-    if len(str(value)) <= LONG_NAME:
+    """A name; one with a long word takes several lines and leaves the columns beside it their place."""
+    if max(map(len, str(value).split()), default=0) <= LONG_NAME:
         return text(value)
     wide = "display:inline-block;width:7.5em;white-space:normal;vertical-align:top;"
     return f'<span style="{wide}{_BREAK}">{text(value)}</span>'

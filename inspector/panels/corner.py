@@ -94,7 +94,7 @@ def quality_html(corner: Corner) -> list[str]:
         )
     parts = [tables.table(("face", "points", "rms", "seen at", "covered"), faces)]
     angles = [
-        (f"faces {pair}", f"{angle:.3f}°", f"{error:+.3f}°", f"{sigma:.3f}°")
+        (f"faces {pair}", f"{angle:.3f}°", f"{error:+z.3f}°", f"{sigma:.3f}°")
         for pair, angle, error, sigma in zip(
             ("1–2", "2–3", "3–1"),
             quality.angles_deg,
