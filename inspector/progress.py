@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -38,7 +40,23 @@ def processes(scans: int, wanted: int | None = None) -> Iterator[Executor | None
         return
     # Not fork: Open3D and BLAS have threads by then, which a forked child would not have.
     with ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn")) as executor:
+        with _deaf_to_interrupts():
+            for _ in range(count):
+                executor.submit(os.getpid)  # starts a process
         yield executor
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Let processes that start here ignore Ctrl-C, which a terminal sends to all: this one ends them, in silence."""
+    if threading.current_thread() is not threading.main_thread():  # no other may set signals
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

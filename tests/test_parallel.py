@@ -6,6 +6,7 @@ import json
 import multiprocessing
 import os
 import pickle
+import signal
 import subprocess
 import sys
 import time
@@ -28,6 +29,7 @@ from calib.jig import Jig
 from calib.parallel import as_they_come
 from calib.scan import write_scan
 from inspector.cli import main
+from inspector.progress import processes
 from scan_scene import make_scene
 
 SPAWN = multiprocessing.get_context("spawn")
@@ -214,3 +216,12 @@ def test_the_command_finds_the_same_with_any_number_of_processes(
     with pytest.raises(SystemExit) as stopped:
         main(["corners", str(tmp_path / "cell"), "--processes", "0"])
     assert stopped.value.code == 2
+
+
+def test_processes_leave_an_interrupt_to_the_one_that_started_them() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with processes(10, 2) as executor:
+        assert executor is not None
+        assert signal.getsignal(signal.SIGINT) is before
+        heard = [executor.submit(signal.getsignal, signal.SIGINT) for _ in range(4)]
+        assert {one.result() for one in heard} == {signal.SIG_IGN}
