@@ -276,6 +276,9 @@ def _relevant(name: str, channels: Iterable[str]) -> list[str]:
     return axes if name in "xyz" else list(channels)
 
 
+COPY_MM = 1e-9  # repeats that scatter less are rows written twice, which tell nothing of the noise
+
+
 def _lack_of_fit(dataset: Dataset, leftover: Leftover) -> tuple[float | None, float, str, float]:
     """p of the residual's size, the noise it was held against, where that came from, and the residual's sigma; mm."""
     observed = leftover.residuals.observed
@@ -284,8 +287,8 @@ def _lack_of_fit(dataset: Dataset, leftover: Leftover) -> tuple[float | None, fl
     square = float(leftover.residual @ leftover.residual)
     repeats = find_repeats(dataset)
     freedom = sum(3 * (r.count - 1) for r in repeats)
-    if freedom >= 12:
-        noise_mm = pooled_sigma_mm(repeats)
+    noise_mm = pooled_sigma_mm(repeats) if freedom >= 12 else 0.0
+    if noise_mm > COPY_MM:
         # Repeats are part of the residual; what exceeds them is compared with them.
         pure = freedom * (noise_mm / declared_mm) ** 2
         left = leftover.freedom - freedom

@@ -306,6 +306,15 @@ def test_points_of_other_poses_are_told_as_such_and_nothing_is_named() -> None:
     assert not does_not_belong(calibrate(simulated(["joint_compliance"], seed=3, sigmas=60.0)))
 
 
+def test_rows_written_twice_are_no_repeats_to_judge_by() -> None:
+    dataset = simulated(seed=4)
+    assert dataset.points is not None
+    twice = dataset.with_points(dataset.points.select(np.tile(np.arange(len(dataset.points)), 2)))
+    remains = examine(twice, leftover_of(calibrate(twice)))
+    assert remains.noise_from == "dataset"
+    assert remains.noise_mm == pytest.approx(0.05)
+
+
 def test_what_cannot_be_tested_is_not_called_absent() -> None:
     dataset = simulated(seed=5)
     assert "not testable" not in verdict_words(diagnose(dataset, max_steps=0))
