@@ -38,11 +38,12 @@ def state_html(session: Session, undo: int, redo: int) -> str:
     if session.calibration is None or not session.history:
         return tables.note("Not calibrated yet.")
     last = session.history[-1]
+    test = last.test_rmse_mm
     floor = noise_floor_mm(session.calibration)
     rows: list[tuple[str, object]] = [
         ("model", " + ".join(["link errors", *(added.name for added in session.effects)])),
         ("training 3D RMSE", f"{words.millimetres(last.train_rmse_mm)} mm"),
-        ("test 3D RMSE", f"{words.millimetres(last.test_rmse_mm)} mm"),
+        ("test 3D RMSE", f"{words.millimetres(test)} mm" if math.isfinite(test) else "no test poses"),
         ("noise alone, 3D", "not declared" if floor is None else f"{words.millimetres(floor)} mm"),
         ("changes to undo · redo", f"{undo} · {redo}"),
     ]
