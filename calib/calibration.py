@@ -137,10 +137,10 @@ class Calibration:
 
 
 def figures_line(before: Figures, after: Figures) -> str:
-    """Before and after in one line, with the fall in per cent."""
+    """Before and after in one line, with the change in per cent."""
 
     def fall(name: str, a: float, b: float) -> str:
-        share = f" (-{100.0 * (1.0 - b / a):.1f} %)" if a > 0.0 else ""
+        share = f" ({100.0 * (b / a - 1.0):+.1f} %)" if a > 0.0 else ""
         return f"{name} {a:.4g} -> {b:.4g} mm{share}"
 
     return ", ".join(

@@ -214,6 +214,17 @@ def remains_words(remains: Remains) -> str:
     return words
 
 
+def _unconfirmed(diagnosis: Diagnosis) -> str:
+    """A warning where the test poses, within their scatter, speak against what was named."""
+    first, last = diagnosis.steps[0].calibration.after.test, diagnosis.calibration.after.test
+    if first is None or last is None or last.rmse_mm < (1.0 + HARDLY) * first.rmse_mm:
+        return ""
+    return (
+        f" But the {last.points} test points do not confirm it: they got worse, though by no more than their scatter. Take it "
+        "for a lead, and measure more poses."
+    )
+
+
 def verdict_words(diagnosis: Diagnosis) -> str:
     """The verdict alone, a sentence or two."""
     named = " and ".join(diagnosis.missing)
@@ -221,7 +232,8 @@ def verdict_words(diagnosis: Diagnosis) -> str:
     were = "was" if len(diagnosis.missing) == 1 else "were"
     return {
         "adequate": f"Verdict: adequate. {_nothing(diagnosis)}, and nothing else shows.",
-        "named": f"Verdict: {named} {were} missing, and with {'it' if were == 'was' else 'them'} nothing else shows.",
+        "named": f"Verdict: {named} {were} missing, and with {'it' if were == 'was' else 'them'} nothing else shows."
+        + _unconfirmed(diagnosis),
         "ambiguous": "Verdict: ambiguous"
         + (f" after {named}" if named else "")
         + ". The set above holds the cause if the catalogue does.",

@@ -73,7 +73,7 @@ class Fit:
         state = "converged" if self.converged else "not converged"
         return (
             f"{state} after {len(self.iterations) - 1} iterations ({self.reason}); {self.rows} rows, "
-            f"{len(self.x)} parameters, rank {self.rank}, residual {self.noise:.3g} times the declared sigma"
+            f"{len(self.x)} parameters, rank {self.rank}, residual {self.noise:.3g} times the points' sigma"
         )
 
 
