@@ -54,10 +54,13 @@ class Taking:
     def __init__(self, stage: Stage, worker: Worker, panel: TakeAwayPanel, root: Path) -> None:
         self._stage, self._worker, self._panel, self._root = stage, worker, panel, root
         self._aside = ThreadPoolExecutor(1, thread_name_prefix="inspector-taking")
+        # A page that never sends its picture keeps a thread waiting, which must not be the one that makes files.
+        self._pictures = ThreadPoolExecutor(2, thread_name_prefix="inspector-picture")
 
     def close(self) -> None:
-        """Let go of the thread."""
-        self._aside.shutdown(wait=False, cancel_futures=True)
+        """Let go of the threads."""
+        for pool in (self._aside, self._pictures):
+            pool.shutdown(wait=False, cancel_futures=True)
 
     def take(self, what: str, client: viser.ClientHandle) -> None:
         """Make one of `panels.takeaway.ITEMS` for this page; of several presses the last counts."""
@@ -67,9 +70,11 @@ class Taking:
     def _take(self, what: str, client: viser.ClientHandle) -> LongWork:
         asked = Asked(self._stage.now, self._stage.look_name, self._root)
         self._panel.say(f"Making: {what} …")
-        future: Future[tuple[str, bytes]] = self._aside.submit(
-            (lambda: _screenshot(asked, client)) if what == SCREENSHOT else (lambda: MAKERS[what](asked))
-        )
+        future: Future[tuple[str, bytes]]
+        if what == SCREENSHOT:
+            future = self._pictures.submit(lambda: _screenshot(asked, client))
+        else:
+            future = self._aside.submit(lambda: MAKERS[what](asked))
         try:
             while not future.done():
                 wait([future], TURN_S)
