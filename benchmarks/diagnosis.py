@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations
@@ -31,10 +30,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from calib.calibration import calibrate
 from calib.dataset import Dataset, Points, Scanner
 from calib.diagnosis import diagnose, effects_named
-from calib.effects.catalogue import effects_for
 from calib.errors import CalibError
 from calib.robot_file import builtin_robot
-from calib.screening import screen
 from calib.simulation import Simulation, simulate_dataset
 from calib.true_arm import OUTSIDE_EFFECTS, SIMULATED_EFFECTS
 from calib.true_mechanism import Conditions
@@ -251,68 +248,6 @@ def tell_outside(rows: pd.DataFrame) -> None:
             print(f"     {effect:16s} {share(here)}   {counted(of_effect['verdict'])}{told}")
 
 
-def tell_growth(counts: Sequence[int]) -> None:
-    """Seconds for the parts of a diagnosis and peak memory as the poses become more, and by which power they grow."""
-    print("seconds of CPU, RB5 with joint compliance, this process alone; in brackets the power of growth")
-    before: tuple[int, dict[str, float]] | None = None
-    for count in sorted(counts):
-        dataset = simulate_dataset(
-            builtin_robot("rb5"),
-            rng=np.random.default_rng(count),
-            effects=("joint_compliance",),
-            visible_sigmas=1.0,
-            conditions=True,
-            poses=round(count * 80 / 64),
-        ).dataset
-        spent = (
-            pd.DataFrame([seconds_of(dataset) for _ in range(5 if count < 1000 else 1)]).median().to_dict()
-        )
-        told = [f"{name} {value:.3f}{growth(name, count, spent, before)}" for name, value in spent.items()]
-        memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # of the process so far
-        poses = np.sum(~dataset.poses.is_test)
-        print(f"  {poses} training poses: {', '.join(told)}; peak memory {memory_mb:.0f} MB", flush=True)
-        before = (count, spent)
-
-
-def growth(
-    name: str, count: int, spent: Mapping[str, float], before: tuple[int, Mapping[str, float]] | None
-) -> str:
-    """The power p of time ~ poses^p from one count to the next."""
-    if before is None:
-        return ""
-    return f" ({np.log(spent[name] / before[1][name]) / np.log(count / before[0]):.2f})"
-
-
-def seconds_of(dataset: Dataset) -> dict[str, float]:
-    """CPU time of each part. The refit is the step of the diagnosis: the members and sizes that the evidence chose."""
-    clock = [time.process_time()]
-
-    def done() -> None:
-        clock.append(time.process_time())
-
-    fitted = calibrate(dataset)
-    done()
-    best = screen(fitted, effects_for(dataset)).candidates[0]
-    done()
-    calibrate(dataset, effects=best.members, sizes=best.sizes, start=fitted)
-    done()
-    calibrate(dataset, effects=best.members, sizes=best.sizes)
-    done()
-    calibrate(dataset, effects=effects_named(dataset, ["joint_compliance"]), start=fitted)
-    done()
-    diagnose(dataset)
-    done()
-    names = (
-        "geometric fit",
-        "all families",
-        "refit of the best, from that fit",
-        "the same from scratch",
-        "refit with all joints",
-        "diagnosis",
-    )
-    return dict(zip(names, np.diff(clock).tolist(), strict=True))
-
-
 def counted(values: pd.Series) -> str:
     """'named 30, ambiguous 4'"""
     return ", ".join(f"{value} {count}" for value, count in Counter(values).most_common())
@@ -329,9 +264,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--outside", type=int, default=4, help="datasets for each cause and size")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--rows", type=Path, help="also write every trial to this CSV file")
-    parser.add_argument(
-        "--growth", type=int, nargs="*", default=[64], help="training poses to time, such as 64 1000"
-    )
     options = parser.parse_args(arguments)
     asked = trials(options.singles, options.nulls, options.pairs, options.outside)
     start = time.perf_counter()
@@ -342,7 +274,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
             if len(found) % 20 == 0 and sys.stderr.isatty():
                 print(f"\r{len(found)} of {len(asked)}", end="", file=sys.stderr)
     if not found:
-        tell_growth(options.growth)
         return
     rows = pd.DataFrame(found)
     if options.rows:
@@ -351,7 +282,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if len(refused):
         print(f"{len(refused)} datasets were refused, the first: {refused['verdict'].iloc[0]}")
     tell(rows.drop(index=refused.index))
-    tell_growth(options.growth)
     print(f"{len(rows)} datasets in {time.perf_counter() - start:.0f} s")
 
 
