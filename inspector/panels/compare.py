@@ -51,6 +51,7 @@ class ComparePanel:
         self._pose = gui.add_html("")
         self._distance = gui.add_html("")
         self._problems = gui.add_html("")
+        self._ticks: dict[str, bool] = {}  # as the view last had them
         self._connect(actions)
 
     def _connect(self, a: Actions) -> None:
@@ -71,7 +72,11 @@ class ComparePanel:
         names = [version.name for version in view.versions]
         for name, box in self.shown.items():
             box.disabled = name not in names
-            put(box, name in names and name in view.compared)
+            ticked = name in names and name in view.compared
+            # Only what is news: a tick of a moment ago, whose own turn is still to come, must not be taken back.
+            if self._ticks.get(name) != ticked:
+                put(box, ticked)
+                self._ticks[name] = ticked
         has_scans = view.session.dataset.scan_folder is not None
         self._show.options = (SHOW_ARM, SHOW_DISTANCE) if has_scans else (SHOW_ARM,)
         if tuple(names or VERSIONS) != tuple(self.version.options):
