@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from calib.clustering import PlaneGroup
 from calib.intersection import intersect
@@ -25,6 +26,7 @@ from calib.normals import Neighbourhoods
 _CELLS = 12  # cells along an edge when a face's area is counted
 _TRIANGLE_CELLS = _CELLS * (_CELLS - 1) // 2  # whole cells in the triangle
 _COLLAR = 0.25  # of the edge
+_NEAR_POINT = 0.8  # spacings; a square grid leaves no place farther than 0.71 from a point
 _MOST_GROUPS = 60
 _MOST_PEAKS = 4
 _SETS_TO_TELL_OF = 3  # a plane of fewer sets is mostly a splinter of another
@@ -143,6 +145,7 @@ class _Planes:
         solid = (
             self.around.thickness_mm[near] < self.tolerances.height_mm
         )  # part of a surface, no stray point
+        spacing_mm = self.around.spacing_mm(near) if near.any() else 0.0
         shares = []
         for face in range(3):
             others = [i for i in range(3) if i != face]
@@ -159,6 +162,7 @@ class _Planes:
                     agrees[on],
                     self.sign * through,
                     self.edge_mm,
+                    spacing_mm,
                 )
             )
         filled, spilt, seen_through = np.array(shares).T
@@ -169,7 +173,7 @@ class _Planes:
 
 
 def outline_shares(
-    along_mm: NDArray, agrees: NDArray, through_mm: NDArray, edge_mm: float
+    along_mm: NDArray, agrees: NDArray, through_mm: NDArray, edge_mm: float, spacing_mm: float = 0.0
 ) -> tuple[float, float, float]:
     """Areas, as shares of a face's triangle, that are filled, spilt over, and seen through.
 
@@ -178,7 +182,8 @@ def outline_shares(
     the plane cuts. What spills does so in a collar around the triangle; farther off the plane may graze something else.
     through_mm  # (M, 2) where the rays of points behind the plane went through it. All areas are
     counted in cells of a twelfth of the edge, so that the density of the points does not matter; a cell with more
-    points behind it than on it is seen through.
+    points behind it than on it is seen through. In a scan whose points are `spacing_mm` apart a cell between two of
+    them is filled too.
     """
     on, behind = np.zeros((2, 2 * _CELLS, 2 * _CELLS), dtype=np.int64)
     a, b = along_mm.T / edge_mm
@@ -187,15 +192,25 @@ def outline_shares(
     spills &= (a > -_COLLAR) & (b > -_COLLAR) & (a + b < 1 + np.sqrt(2) * _COLLAR)
     spilt = len(np.unique(np.floor(along_mm[spills] / edge_mm * _CELLS).astype(int), axis=0))
     for table, points in ((on, along_mm), (behind, through_mm)):
-        cell = np.floor(points[np.all((points >= 0) & (points < edge_mm), axis=1)] / edge_mm * _CELLS).astype(
-            int
-        )
+        over = np.all((points >= 0) & (points < edge_mm), axis=1)
+        cell = np.floor(points[over] / edge_mm * _CELLS).astype(int)
         np.add.at(table, (cell[:, 0], cell[:, 1]), 1)
     row, column = np.indices(on.shape)
     inside = row + column <= _CELLS - 2
-    filled = int(np.sum(inside & (on > 0) & (on >= behind)))
+    filled = int(np.sum(inside & ((on > 0) | _between(along_mm, edge_mm, spacing_mm)) & (on >= behind)))
     seen_through = int(np.sum(inside & (behind > on)))
-    return filled / _TRIANGLE_CELLS, spilt / (_CELLS**2 / 2), seen_through / _TRIANGLE_CELLS
+    points_a_cell = float(on[inside].sum()) / max(filled, 1)  # below one, a point stands for several cells
+    spilt_area = spilt / min(1.0, max(points_a_cell, 0.1)) / (_CELLS**2 / 2)
+    return filled / _TRIANGLE_CELLS, spilt_area, seen_through / _TRIANGLE_CELLS
+
+
+def _between(along_mm: NDArray, edge_mm: float, spacing_mm: float) -> NDArray:
+    """Mask (2 cells, 2 cells) of the cells whose middle is as near to a point (K, 2) as points of a surface are."""
+    middles = (np.indices((2 * _CELLS, 2 * _CELLS)).reshape(2, -1).T + 0.5) * edge_mm / _CELLS
+    near = np.zeros(len(middles), dtype=bool)
+    if _NEAR_POINT * spacing_mm > 0.5 * edge_mm / _CELLS and len(along_mm):
+        near = np.asarray(cKDTree(along_mm).query(middles)[0]) < _NEAR_POINT * spacing_mm
+    return near.reshape(2 * _CELLS, 2 * _CELLS)
 
 
 def _acceptable(candidates: Sequence[FaceChoice], tolerances: ChoiceTolerances) -> list[FaceChoice]:

@@ -29,6 +29,9 @@ from calib.scan import Scan, load_scan
 MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
 MOST_CHOICES = 4  # triples of planes that are refined before the search gives up
 _EDGE_VOXELS = 28  # voxels along the jig's edge
+# Where the first look at a scan finds no jig, others follow: neighbours of a normal, how many times the sample sets.
+# Few neighbours fit into a narrow or sparsely seen face, many sets meet a jig that is a small part of the scan.
+_LOOKS = ((NEIGHBOURS, 1), (9, 4), (NEIGHBOURS, 12))
 
 
 @dataclass(frozen=True)
@@ -107,13 +110,36 @@ def find_corner(
             f"{NEIGHBOURS} at the very least; scan the pose again"
         )
         return _failed(scan.name, failure, elapsed())
-    around = estimate_normals(scan.points_mm[thinned])
+    rng = rng or _generator(scan.points_mm)
+    told: CornerSearch | None = None
+    for neighbours, times in _LOOKS:
+        around = estimate_normals(scan.points_mm[thinned], neighbours)
+        search = _look(
+            scan, around, jig, scan_sigma_mm, rng, replace(options, sample_sets=times * options.sample_sets)
+        )
+        if search.corner is not None or told is None or len(search.chosen) > len(told.chosen):
+            told = search  # of a failure the first look tells, unless another got as far as a choice
+        if search.corner is not None:
+            break
+    assert told is not None
+    return replace(told, seconds=elapsed())
+
+
+def _look(
+    scan: Scan,
+    around: Neighbourhoods,
+    jig: Jig,
+    scan_sigma_mm: float | None,
+    rng: np.random.Generator,
+    options: CornerOptions,
+) -> CornerSearch:
+    """One look at the scan's thinned points: sample sets, groups, choice and refinement."""
     tolerances = _Tolerances.of(around, jig, max(scan_sigma_mm or 0.0, around.noise_mm()))
     drawn = draw_sample_sets(
         around.neighbours,
         options.sample_sets,
-        rng or _generator(scan.points_mm),
-        long_walk=walk_for(2 * tolerances.filters.distance_mm[0], around.reach_mm),
+        rng,
+        long_walk=walk_for(2 * tolerances.filters.distance_mm[0], float(np.median(around.radius_mm))),
         local=options.local_sets,
     )
     sets = apply_filters(around.points_mm[drawn], around.normals[drawn], tolerances.filters)
@@ -132,7 +158,7 @@ def find_corner(
     if not chosen:
         failure = why_none(groups, around, jig, tolerances.choice)
     return CornerSearch(
-        scan.name, around.points_mm, around.normals, sets, all_groups, chosen, corner, failure, elapsed()
+        scan.name, around.points_mm, around.normals, sets, all_groups, chosen, corner, failure, 0.0
     )
 
 

@@ -15,8 +15,7 @@ from scipy.spatial import cKDTree
 
 NEIGHBOURS = 20
 TRIM_KEPT = 0.7  # share of the neighbours that the second and third PCA see
-# Variance of a normal variable cut to its central 70 %, and the 3 of the plane's degrees of freedom taken off.
-_TRIMMED_VARIANCE = 0.310 * (14 - 3) / 14
+_TRIMMED_VARIANCE = 0.310  # of a normal variable cut to its central 70 %
 _VOXELS_AN_AXIS = 2**20
 _UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _ENOUGH_POINTS = 150_000
@@ -35,7 +34,11 @@ class Neighbourhoods:
     thickness_mm: NDArray  # (V,) noise along the normal, as the neighbours show it
     normal_sigma_rad: NDArray  # (V,) the normal's own uncertainty
     neighbours: NDArray  # (V, k) indices of the nearest points, the point itself first
-    reach_mm: float  # median radius of a neighbourhood
+    radius_mm: NDArray  # (V,) distance of the farthest of the neighbours
+
+    def spacing_mm(self, some: NDArray) -> float:
+        """Median distance between neighbouring points on the surfaces, of `some` of the points (indices or mask)."""
+        return float(np.median(self.radius_mm[some]) * np.sqrt(np.pi / self.neighbours.shape[1]))
 
     def noise_mm(self) -> float:
         """Noise along the normals in the flat parts of the scene.
@@ -113,12 +116,12 @@ def finite_rows(points_mm: NDArray) -> NDArray:
         return np.asarray(np.isfinite(points_mm @ np.ones(3)))  # a sum is quicker than all(axis=1)
 
 
-def estimate_normals(points_mm: NDArray) -> Neighbourhoods:
-    """Trimmed PCA: the plane through the nearest points, twice fitted again to the best 70 % of them.
+def estimate_normals(points_mm: NDArray, neighbours: int = NEIGHBOURS) -> Neighbourhoods:
+    """Trimmed PCA: the plane through the nearest `neighbours`, twice fitted again to the best 70 % of them.
 
     points_mm  # (V, 3), V >= 4. The trimming keeps a normal near an edge on its own side of the edge.
     """
-    k = min(NEIGHBOURS, len(points_mm))
+    k = min(neighbours, len(points_mm))
     tree = cKDTree(points_mm, balanced_tree=False, compact_nodes=False)
     distance, near = (np.asarray(found) for found in tree.query(points_mm, k=k))
     local = np.stack([x[near] - x[:, None] for x in np.ascontiguousarray(points_mm.T)])  # (3, V, k)
@@ -129,7 +132,8 @@ def estimate_normals(points_mm: NDArray) -> Neighbourhoods:
         cut = np.partition(height, kept - 1, axis=1)[:, kept - 1, None]
         plane = _fit_planes(local, (height <= cut).astype(float))
     away = np.sum(plane.normals * points_mm, axis=1, keepdims=True) > 0
-    thickness = np.sqrt(plane.variances[:, 0] / _TRIMMED_VARIANCE)
+    freedom = max(kept - 3, 1) / kept  # the plane takes three degrees of freedom
+    thickness = np.sqrt(plane.variances[:, 0] / (_TRIMMED_VARIANCE * freedom))
     sigma_rad = thickness / np.sqrt(np.maximum(plane.variances[:, 1], 1e-12) * kept)
     return Neighbourhoods(
         points_mm,
@@ -137,7 +141,7 @@ def estimate_normals(points_mm: NDArray) -> Neighbourhoods:
         thickness,
         sigma_rad,
         near,
-        float(np.median(distance[:, -1])),
+        distance[:, -1],
     )
 
 

@@ -27,7 +27,8 @@ _LAST_ROUNDS = 2
 _POINTS_AT_FIRST = 20_000
 _POINTS_TO_TELL_A_LINE = 3_000
 _BAND_SIGMA = 12.0
-_MARGIN_SIGMA = 4.0  # a face's own noise must not carry its points over the edge into the other face's band
+_LESS_MARGIN = (1.0, 0.5, 0.2)
+_MARGIN_SIGMA = 3.0  # a face's own noise must not carry its points over the edge into the other face's band
 _RINGS = (
     1 / 200,
     1 / 120,
@@ -39,9 +40,13 @@ _RINGS = (
     1 / 12,
 )  # margins to choose from, of the edge
 _RING_SIGMA = 3.5  # mean height of a ring of points along the edges that tells rounding from noise
+_FARTHEST = 4.0
+_PEELINGS = 4
 _LEAST_SPREAD = 1 / 200  # standard deviation across the strip of points on a face, of the edge
 SQUARENESS_DEG = 1.0
 MOST_INCIDENCE_DEG = 84.0
+_ROUGHEST = 10.0  # times the scatter of the other faces; a face seen at 84 deg scatters some 6 times as much
+_ROUGH = 1 / 3000  # of the edge: below this the scatter tells nothing
 
 
 @dataclass(frozen=True)
@@ -126,13 +131,19 @@ def _fit_faces(
             at_plane = [np.flatnonzero(np.abs(h) <= 2 * band) for h, band in zip(heights, bands, strict=True)]
             members = [(local[on], near[on]) for on in at_plane]
         heights = [points @ normals.T - offsets for points, _ in members]
-        if turn >= _ROUNDS - _LAST_ROUNDS and options.edge_margin_mm is None:
+        if (
+            turn == _ROUNDS - 1 and options.edge_margin_mm is None
+        ):  # planes of fewer points would look off here
             margin_mm = _margin(heights, planes, jig)
         least_mm = max(margin_mm, _MARGIN_SIGMA * bands.max() / _BAND_SIGMA)
         planes = []
         for face, (points, indices) in enumerate(members):
-            on = np.flatnonzero(_face_points(heights[face], face, bands[face], jig, least_mm))
-            failure = _too_little(points[on], jig, options)
+            for share in _LESS_MARGIN:  # a narrow strip of few points cannot spare its rim
+                on = np.flatnonzero(_face_points(heights[face], face, bands[face], jig, share * least_mm))
+                on = on[_with_the_rest(np.column_stack(_along_edges(heights[face][on], face, jig)))]
+                failure = _too_little(points[on], jig, options)
+                if not failure:
+                    break
             if failure:
                 return [], margin_mm, failure
             planes.append(fit_plane_robustly(points[on], indices[on], normals[face], offsets[face]))
@@ -182,6 +193,26 @@ def _face_points(heights: NDArray, face: int, band_mm: float, jig: Jig, margin_m
     return np.asarray(inside & (np.abs(heights[:, face]) <= band_mm))
 
 
+def _with_the_rest(along_mm: NDArray) -> NDArray:
+    """Mask of the points of a face that lie where the others do. along_mm  # (K, 2), from the apex along its edges
+
+    Where only a part of a face is seen, a stray point far from it would turn the plane by its lever alone. Measured by
+    the covariance of the points, no point of an evenly covered triangle is farther than sqrt(8) from their middle.
+    """
+    kept = np.ones(len(along_mm), dtype=bool)
+    for _ in range(_PEELINGS):
+        if kept.sum() < 4:
+            break
+        centred = along_mm - along_mm[kept].mean(axis=0)
+        scatter = centred[kept].T @ centred[kept] / kept.sum()
+        scatter += 1e-12 * np.trace(scatter) * np.eye(2)
+        within = np.einsum("ki,ki->k", centred @ np.linalg.inv(scatter), centred) < _FARTHEST**2
+        if np.array_equal(within, kept):
+            break
+        kept = within
+    return kept
+
+
 def _along_edges(heights: NDArray, face: int, jig: Jig) -> tuple[NDArray, NDArray]:
     """How far points (K, 3) lie from the apex along the two edges of a face, by their heights over the other faces.
 
@@ -219,6 +250,14 @@ def _doubt(planes: Sequence[PlaneFit], covariance: NDArray, origin: NDArray, jig
                 f"normal; beyond {MOST_INCIDENCE_DEG:g} deg stray points along an edge look the same); "
                 "turn the jig so that three faces are seen"
             )
+    scatter = np.array([plane.sigma_mm for plane in planes])
+    usual_mm = max(float(np.median(scatter)), _ROUGH * jig.edge_mm)
+    if scatter.max() > _ROUGHEST * usual_mm:
+        rough = planes[int(np.argmax(scatter))]
+        return (
+            f"the {len(rough.indices)} points taken for one of the faces scatter {rough.sigma_mm:.2g} mm, those of the "
+            f"others {usual_mm:.2g} mm: they are no plane; turn the jig so that three faces are seen"
+        )
     slopes = [covariance[3 * i + 1 : 3 * i + 3, 3 * i + 1 : 3 * i + 3] for i in range(3)]
     tilt_deg = [np.degrees(np.sqrt(np.linalg.eigvalsh(slope)[-1])) for slope in slopes]
     nominal_slack_deg = SQUARENESS_DEG + max(abs(a - 90) for a in jig.face_angles_deg)

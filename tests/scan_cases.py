@@ -59,6 +59,7 @@ CASES: dict[str, Case] = {
     "parallel planes": Case(parallel_planes),
     "4k points": Case(lambda rng, rays: make_scene(rng, 4_300)),
     "8k points": Case(lambda rng, rays: make_scene(rng, 8_600)),
+    "jig small in view": Case(lambda rng, rays: make_scene(rng, rays, field_mm=400)),
     "edge 30 mm": Case(_sized(30.0, 400.0), Jig(edge_mm=30.0)),
     "edge 120 mm": Case(_sized(120.0, 1400.0), Jig(edge_mm=120.0)),
     "noise 0.01 untold": Case(lambda rng, rays: make_scene(rng, rays, sigma_mm=0.01), told_sigma_mm=None),
