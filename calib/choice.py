@@ -16,17 +16,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from calib.clustering import PlaneGroup
 from calib.intersection import intersect
 from calib.jig import Jig
 from calib.normals import Neighbourhoods
+from calib.outline import outline_shares
 
-_CELLS = 12  # cells along an edge when a face's area is counted
-_TRIANGLE_CELLS = _CELLS * (_CELLS - 1) // 2  # whole cells in the triangle
-_COLLAR = 0.25  # of the edge
-_NEAR_POINT = 0.8  # spacings; a square grid leaves no place farther than 0.71 from a point
 _MOST_GROUPS = 60
 _MOST_PEAKS = 4
 _SETS_TO_TELL_OF = 3  # a plane of fewer sets is mostly a splinter of another
@@ -170,47 +166,6 @@ class _Planes:
         seen_through[np.argmin(filled - spilt - seen_through)] = 0.0
         wrong = spilt + seen_through
         return FaceChoice(groups, chosen, filled - wrong, wrong)
-
-
-def outline_shares(
-    along_mm: NDArray, agrees: NDArray, through_mm: NDArray, edge_mm: float, spacing_mm: float = 0.0
-) -> tuple[float, float, float]:
-    """Areas, as shares of a face's triangle, that are filled, spilt over, and seen through.
-
-    along_mm  # (K, 2) coordinates of the plane's points along the face's two edges, from the apex; agrees  # (K,)
-    whether a point's own normal is that of the plane, without which it is not counted as spilt: it may belong to what
-    the plane cuts. What spills does so in a collar around the triangle; farther off the plane may graze something else.
-    through_mm  # (M, 2) where the rays of points behind the plane went through it. All areas are
-    counted in cells of a twelfth of the edge, so that the density of the points does not matter; a cell with more
-    points behind it than on it is seen through. In a scan whose points are `spacing_mm` apart a cell between two of
-    them is filled too.
-    """
-    on, behind = np.zeros((2, 2 * _CELLS, 2 * _CELLS), dtype=np.int64)
-    a, b = along_mm.T / edge_mm
-    margin = 0.5 / _CELLS
-    spills = agrees & ((a < -margin) | (b < -margin) | (a + b > 1 + 1.5 * margin))
-    spills &= (a > -_COLLAR) & (b > -_COLLAR) & (a + b < 1 + np.sqrt(2) * _COLLAR)
-    spilt = len(np.unique(np.floor(along_mm[spills] / edge_mm * _CELLS).astype(int), axis=0))
-    for table, points in ((on, along_mm), (behind, through_mm)):
-        over = np.all((points >= 0) & (points < edge_mm), axis=1)
-        cell = np.floor(points[over] / edge_mm * _CELLS).astype(int)
-        np.add.at(table, (cell[:, 0], cell[:, 1]), 1)
-    row, column = np.indices(on.shape)
-    inside = row + column <= _CELLS - 2
-    filled = int(np.sum(inside & ((on > 0) | _between(along_mm, edge_mm, spacing_mm)) & (on >= behind)))
-    seen_through = int(np.sum(inside & (behind > on)))
-    points_a_cell = float(on[inside].sum()) / max(filled, 1)  # below one, a point stands for several cells
-    spilt_area = spilt / min(1.0, max(points_a_cell, 0.1)) / (_CELLS**2 / 2)
-    return filled / _TRIANGLE_CELLS, spilt_area, seen_through / _TRIANGLE_CELLS
-
-
-def _between(along_mm: NDArray, edge_mm: float, spacing_mm: float) -> NDArray:
-    """Mask (2 cells, 2 cells) of the cells whose middle is as near to a point (K, 2) as points of a surface are."""
-    middles = (np.indices((2 * _CELLS, 2 * _CELLS)).reshape(2, -1).T + 0.5) * edge_mm / _CELLS
-    near = np.zeros(len(middles), dtype=bool)
-    if _NEAR_POINT * spacing_mm > 0.5 * edge_mm / _CELLS and len(along_mm):
-        near = np.asarray(cKDTree(along_mm).query(middles)[0]) < _NEAR_POINT * spacing_mm
-    return near.reshape(2 * _CELLS, 2 * _CELLS)
 
 
 def _acceptable(candidates: Sequence[FaceChoice], tolerances: ChoiceTolerances) -> list[FaceChoice]:

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.choice import outline_shares
 from calib.clustering import PlaneGroup
 from calib.intersection import Corner, Face, intersect, intersection_covariance, packed
 from calib.jig import Jig
-from calib.plane_fit import TUKEY, PlaneFit, fit_plane_robustly
+from calib.outline import along_edges, face_points, flat_margin_mm, outline_shares, with_the_rest
+from calib.plane_fit import PlaneFit, fit_plane_robustly
 from calib.quality import CornerQuality, FaceQuality, angle_errors
 from calib.rigid import angle_derivative, found_angles_deg, hold_to_angles, turned_normals
 from calib.waviness import PlaneUncertainty, plane_uncertainty
@@ -29,19 +29,6 @@ _POINTS_TO_TELL_A_LINE = 3_000
 _BAND_SIGMA = 12.0
 _LESS_MARGIN = (1.0, 0.5, 0.2)
 _MARGIN_SIGMA = 3.0  # a face's own noise must not carry its points over the edge into the other face's band
-_RINGS = (
-    1 / 200,
-    1 / 120,
-    1 / 80,
-    1 / 60,
-    1 / 40,
-    1 / 30,
-    1 / 20,
-    1 / 12,
-)  # margins to choose from, of the edge
-_RING_SIGMA = 3.5  # mean height of a ring of points along the edges that tells rounding from noise
-_FARTHEST = 4.0
-_PEELINGS = 4
 _LEAST_SPREAD = 1 / 200  # standard deviation across the strip of points on a face, of the edge
 SQUARENESS_DEG = 1.0
 MOST_INCIDENCE_DEG = 84.0
@@ -55,7 +42,7 @@ class RefinementOptions:
 
     # Kept away from every edge of a face: rounding, blurred and flying pixels. None: found from the points' heights.
     edge_margin_mm: float | None = None
-    min_face_points: int = 6
+    minface_points: int = 6
 
 
 def refine(
@@ -133,14 +120,14 @@ def _fit_faces(
         heights = [points @ normals.T - offsets for points, _ in members]
         if (
             turn == _ROUNDS - 1 and options.edge_margin_mm is None
-        ):  # planes of fewer points would look off here
-            margin_mm = _margin(heights, planes, jig)
+        ):  # before, planes of some points only look off
+            margin_mm = flat_margin_mm(heights, planes, jig)
         least_mm = max(margin_mm, _MARGIN_SIGMA * bands.max() / _BAND_SIGMA)
         planes = []
         for face, (points, indices) in enumerate(members):
             for share in _LESS_MARGIN:  # a narrow strip of few points cannot spare its rim
-                on = np.flatnonzero(_face_points(heights[face], face, bands[face], jig, share * least_mm))
-                on = on[_with_the_rest(np.column_stack(_along_edges(heights[face][on], face, jig)))]
+                on = np.flatnonzero(face_points(heights[face], face, bands[face], jig, share * least_mm))
+                on = on[with_the_rest(np.column_stack(along_edges(heights[face][on], face, jig)))]
                 failure = _too_little(points[on], jig, options)
                 if not failure:
                     break
@@ -153,27 +140,6 @@ def _fit_faces(
     return planes, least_mm, ""
 
 
-def _margin(heights: Sequence[NDArray], planes: Sequence[PlaneFit], jig: Jig) -> float:
-    """The least margin beyond which the faces are flat: no ring of points along the edges lies off the planes.
-
-    heights  # of each face's points (K, 3) over all faces. A rounded edge lowers the points beside it, and the ring
-    where the rounding begins lies within the noise point by point, but not as a whole. The rings are tried from the
-    inside out; the three faces count as one.
-    """
-    margins_mm = np.array(_RINGS) * jig.edge_mm
-    total, count = np.zeros((2, len(margins_mm) + 1))
-    for face, plane in enumerate(planes):
-        one, other = _along_edges(heights[face], face, jig)
-        inward = np.minimum(np.minimum(one, other), (jig.edge_mm - one - other) / np.sqrt(2))
-        z = heights[face][:, face] / plane.sigma_mm
-        on = (np.abs(z) < TUKEY) & (inward > margins_mm[0])
-        ring = np.searchsorted(margins_mm, inward[on])
-        total += np.bincount(ring, z[on], len(margins_mm) + 1)
-        count += np.bincount(ring, minlength=len(margins_mm) + 1)
-    off = np.abs(total[1:-1]) > _RING_SIGMA * np.sqrt(count[1:-1])
-    return float(margins_mm[np.flatnonzero(off)[-1] + 1 if off.any() else 0])
-
-
 def height_covariance(planes: Sequence[PlaneFit], covariance: NDArray, point_mm: NDArray) -> NDArray:
     """Covariance (3, 3) in mm^2 of the three planes' heights at one point (3,). covariance  # (9, 9)"""
     lever = np.zeros((3, 9))
@@ -182,51 +148,11 @@ def height_covariance(planes: Sequence[PlaneFit], covariance: NDArray, point_mm:
     return np.asarray(lever @ covariance @ lever.T)
 
 
-def _face_points(heights: NDArray, face: int, band_mm: float, jig: Jig, margin_mm: float) -> NDArray:
-    """Mask of the points in the band around a face's plane and inside its triangle, the margin taken off all edges.
-
-    heights  # (K, 3) over the three planes
-    """
-    one, other = _along_edges(heights, face, jig)
-    inside = (one > margin_mm) & (other > margin_mm)
-    inside &= one + other < jig.edge_mm - np.sqrt(2) * margin_mm
-    return np.asarray(inside & (np.abs(heights[:, face]) <= band_mm))
-
-
-def _with_the_rest(along_mm: NDArray) -> NDArray:
-    """Mask of the points of a face that lie where the others do. along_mm  # (K, 2), from the apex along its edges
-
-    Where only a part of a face is seen, a stray point far from it would turn the plane by its lever alone. Measured by
-    the covariance of the points, no point of an evenly covered triangle is farther than sqrt(8) from their middle.
-    """
-    kept = np.ones(len(along_mm), dtype=bool)
-    for _ in range(_PEELINGS):
-        if kept.sum() < 4:
-            break
-        centred = along_mm - along_mm[kept].mean(axis=0)
-        scatter = centred[kept].T @ centred[kept] / kept.sum()
-        scatter += 1e-12 * np.trace(scatter) * np.eye(2)
-        within = np.einsum("ki,ki->k", centred @ np.linalg.inv(scatter), centred) < _FARTHEST**2
-        if np.array_equal(within, kept):
-            break
-        kept = within
-    return kept
-
-
-def _along_edges(heights: NDArray, face: int, jig: Jig) -> tuple[NDArray, NDArray]:
-    """How far points (K, 3) lie from the apex along the two edges of a face, by their heights over the other faces.
-
-    Along an edge the heights fall (convex) or rise (concave) away from the apex.
-    """
-    one, other = (heights[:, i] for i in range(3) if i != face)
-    return (-one, -other) if jig.convex else (one, other)
-
-
 def _too_little(points: NDArray, jig: Jig, options: RefinementOptions) -> str:
     """Why a face's points (K, 3) do not define a plane, or ""."""
-    if len(points) < options.min_face_points:
+    if len(points) < options.minface_points:
         return (
-            f"only {len(points)} points on one of the faces, at least {options.min_face_points} are needed; "
+            f"only {len(points)} points on one of the faces, at least {options.minface_points} are needed; "
             "turn the jig toward the scanner, or scan it finer"
         )
     some = points[:: max(1, len(points) // _POINTS_TO_TELL_A_LINE)]

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calib.choice import outline_shares
 from calib.clustering import PlaneGroup
 from calib.intersection import Face, intersect, intersection_covariance, packed
 from calib.jig import Jig
+from calib.outline import outline_shares
 from calib.refinement import RefinementOptions, refine
 
 JIG = Jig()
