@@ -22,6 +22,7 @@ FLAGS = (  # software rendering in a container without GPU, sandbox or much shar
     "--disable-background-networking",
     "--disable-dev-shm-usage",
 )
+MS = 30_000  # the longest that something on the page is waited for
 
 
 def chromium_path() -> str | None:
@@ -53,14 +54,17 @@ def browser() -> Iterator[Any]:
         running.close()
 
 
-def open_page(running: Any, url: str, width: int = 1280, height: int = 720) -> Any:
-    """A page on the app, once its panel is there; `page.problems` collects errors of the page's own scripts."""
+@contextmanager
+def open_page(running: Any, url: str, width: int = 1280, height: int = 720) -> Iterator[Any]:
+    """A page on the app, once its panel is there; its own scripts must not fail while it is open."""
     page = running.new_page(viewport={"width": width, "height": height})
-    page.problems = []
-    page.on("pageerror", lambda error: page.problems.append(str(error)))
+    problems: list[str] = []
+    page.on("pageerror", lambda error: problems.append(str(error)))
     page.goto(f"{url}/?fixedDpr=1&hideViserLogo")
     page.get_by_role("tab", name="Measure").wait_for(timeout=60_000)
-    return page
+    yield page
+    assert problems == []
+    page.close()
 
 
 def open_tab(page: Any, name: str) -> None:
@@ -70,10 +74,15 @@ def open_tab(page: Any, name: str) -> None:
         page.get_by_role("tab", name=label, exact=True).click()
 
 
-def node_drawn(page: Any, name: str, timeout_ms: float = 30_000) -> None:
+def says(page: Any, text: str) -> None:
+    """Wait until this can be read on the page."""
+    page.get_by_text(text).locator("visible=true").first.wait_for(timeout=MS)
+
+
+def node_drawn(page: Any, name: str) -> None:
     """Wait until the page's 3D view has this node."""
     page.wait_for_function(
-        "name => window.__viserMutable?.nodeRefFromName?.[name] != null", arg=name, timeout=timeout_ms
+        "name => window.__viserMutable?.nodeRefFromName?.[name] != null", arg=name, timeout=MS
     )
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import html
 import json
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from app_support import IDLE_S, idle_app, plain, shows
 from calib.errors import DatasetError
 from inspector.app import App, names_of, serving
 from inspector.palette import ROLE_COLOURS
@@ -25,8 +25,6 @@ from inspector.tabs import STEPS
 from tiny_dataset import BROKEN, HOSTILE, POSES, write_tiny
 from wire_client import WireClient
 
-IDLE_S = 60.0
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -35,8 +33,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def running(folder: Path) -> Iterator[App]:
-    with serving(folder, port=0) as app:
-        assert app.worker.wait_idle(IDLE_S)
+    with idle_app(folder) as app:
         yield app
 
 
@@ -59,16 +56,6 @@ def page(app: App) -> Iterator[WireClient]:
 def session(app: App) -> Session:
     assert app.stage.view is not None
     return app.stage.view.session
-
-
-def plain(page: WireClient) -> str:
-    """The page's words without markup."""
-    return html.unescape(re.sub(r"<[^>]+>", " ", page.text()))
-
-
-def shows(page: WireClient, *parts: str) -> None:
-    """Wait until the page says all of this."""
-    page.wait(lambda p: all(part in plain(p) for part in parts))
 
 
 def figure(page: WireClient, kind: str) -> list[dict[str, object]]:
@@ -97,8 +84,7 @@ def test_a_folder_of_datasets_opens_at_the_first_and_works_through_it(app: App, 
 
 
 def test_a_single_dataset_opens_too_and_a_wrong_path_is_one_clear_error(folder: Path, tmp_path: Path) -> None:
-    with serving(folder / "points", port=0) as app:
-        assert app.worker.wait_idle(IDLE_S)
+    with idle_app(folder / "points") as app:
         assert session(app).calibration is not None
     for wrong in (tmp_path, tmp_path / "nowhere"):
         with pytest.raises(DatasetError), serving(wrong, port=0):
@@ -150,9 +136,9 @@ def test_next_and_previous_change_every_place(app: App, page: WireClient) -> Non
     ids = session(app).dataset.poses.ids
     page.set(label="", value=NEXT)
     shows(page, f"2 of {POSES}")
-    app.worker.wait_idle(IDLE_S)
+    assert app.worker.wait_idle(IDLE_S)
     page.wait(lambda p: p.value("Pose").startswith(f"{ids[1]} "))
-    assert plain(page).count(f"Pose {ids[1]}") == 4  # Scans, Planes, Corner and Compare
+    page.wait(lambda p: plain(p).count(f"Pose {ids[1]}") == 4)  # Scans, Planes, Corner and Compare
     page.wait(lambda p: outlined(p) == [ids[1]])
     page.set(label="", value=PREVIOUS)
     shows(page, f"1 of {POSES}")

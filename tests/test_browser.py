@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 import viser
 
-from browser_support import colours_in, need_chromium, node_drawn, open_page, open_tab
+from app_support import IDLE_S
+from browser_support import MS, colours_in, need_chromium, node_drawn, open_page, open_tab, says
 from inspector.app import App, serving
 from inspector.panels import words
 from inspector.panels.compare import SHOW_ARM, SHOW_DISTANCE
@@ -18,8 +19,6 @@ from inspector.server import url_of
 from tiny_dataset import BROKEN, HOSTILE, POSES, write_tiny
 
 pytestmark = pytest.mark.browser
-IDLE_S = 90.0
-MS = 30_000
 
 
 @pytest.fixture(scope="module")
@@ -31,10 +30,8 @@ def app(chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[App
 
 @pytest.fixture(scope="module")
 def page(chromium: Any, app: App) -> Iterator[Any]:
-    opened = open_page(chromium, url_of(app.server))
-    yield opened
-    assert opened.problems == []
-    opened.close()
+    with open_page(chromium, url_of(app.server)) as opened:
+        yield opened
 
 
 @pytest.mark.parametrize(("ci", "outcome"), [("true", pytest.fail.Exception), ("", pytest.skip.Exception)])
@@ -46,10 +43,6 @@ def test_without_a_browser_ci_fails_and_others_skip_with_the_reason(
     monkeypatch.setenv("CI", ci)
     with pytest.raises(outcome, match="apt-get install chromium"):
         need_chromium()
-
-
-def says(page: Any, text: str) -> None:
-    page.get_by_text(text).locator("visible=true").first.wait_for(timeout=MS)
 
 
 def test_the_page_opens_and_says_how_far_the_search_has_come(page: Any, app: App) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import html
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app_support import IDLE_S, idle_app, plain
 from calib.comparison import EFFECTS, LINKS, NOMINAL, Version
 from calib.dataset_file import load_dataset, write_dataset
 from calib.scan import load_scan
 from calib.surface_distance import face_distances
 from hidden_dataset import write_hidden
-from inspector.app import App, serving
+from inspector.app import App
 from inspector.model_drawing import distance_limit_mm, error_limit_mm
 from inspector.palette import MODEL_COLOURS, ROLE_COLOURS, rgb
 from inspector.panels import words
@@ -26,8 +25,6 @@ from inspector.scene import ROOT
 from test_link_mesh import box_stl
 from tiny_dataset import BROKEN, write_tiny
 from wire_client import WireClient
-
-IDLE_S = 60.0
 
 
 @pytest.fixture(scope="module")
@@ -46,8 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def running(folder: Path) -> Iterator[App]:
-    with serving(folder, port=0) as app:
-        assert app.worker.wait_idle(IDLE_S)
+    with idle_app(folder) as app:
         yield app
 
 
@@ -71,10 +67,6 @@ def app(running: App) -> App:
 def page(app: App) -> Iterator[WireClient]:
     with WireClient(app.server.get_port()) as client:
         yield client
-
-
-def plain(page: WireClient) -> str:
-    return html.unescape(re.sub(r"<[^>]+>", " ", page.text()))
 
 
 def version(app: App, name: str) -> Version:

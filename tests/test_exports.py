@@ -16,6 +16,7 @@ import pytest
 import trimesh
 from PIL import Image
 
+from app_support import IDLE_S, idle_app
 from browser_support import colours_in, node_drawn, open_page
 from calib.adding import add_in_turn
 from calib.calibration import Calibration
@@ -27,7 +28,7 @@ from calib.residual_table import residual_table
 from calib.robot_file import load_robot
 from hidden_dataset import HIDDEN, write_hidden
 from inspector import exports
-from inspector.app import App, serving
+from inspector.app import App
 from inspector.cli import main
 from inspector.panels.takeaway import ITEMS, SCREENSHOT
 from inspector.scene import ROOT
@@ -36,8 +37,6 @@ from inspector.server import url_of
 from inspector.session_file import dataset_of, load_session, opening
 from tiny_dataset import HOSTILE
 from wire_client import WireClient
-
-IDLE_S = 60.0
 
 
 @pytest.fixture(scope="module")
@@ -245,8 +244,7 @@ def test_the_redundancy_matrix_is_that_of_the_json(
 @pytest.fixture(scope="module")
 def app(folder: Path) -> Iterator[App]:
     before = {path: path.read_bytes() for path in folder.parent.rglob("*") if path.is_file()}
-    with serving(folder, port=0) as running:
-        assert running.worker.wait_idle(IDLE_S)
+    with idle_app(folder) as running:
         running.add_effect(HIDDEN)
         assert running.worker.wait_idle(IDLE_S)
         yield running
@@ -329,8 +327,7 @@ def test_a_session_from_the_page_opens_in_the_same_state(app: App, folder: Path,
         path.write_bytes(taken(page, "Session (JSON)"))
     saved, notes = opening(load_session(path), folder)
     assert notes == ()
-    with serving(folder, port=0, saved=saved) as again:
-        assert again.worker.wait_idle(IDLE_S)
+    with idle_app(folder, saved=saved) as again:
         before, now = app.stage.now, again.stage.now
         assert str(now.session.history) == str(before.session.history)
         assert now.session.effects == before.session.effects
@@ -354,27 +351,24 @@ def test_a_session_of_a_dataset_that_changed_says_so_on_the_page(
     saved, notes = opening(load_session(path), there)
     words = "The dataset has changed since the session was saved: poses.csv."
     assert words in notes[0]
-    with serving(there, port=0, saved=saved) as again, WireClient(again.server.get_port()) as page:
-        assert again.worker.wait_idle(IDLE_S)
+    with idle_app(there, saved=saved) as again, WireClient(again.server.get_port()) as page:
         page.wait(lambda p: "has changed since the session was saved" in p.text())
 
 
 @pytest.mark.browser
 def test_a_browser_downloads_its_picture_and_the_report(chromium: Any, app: App, tmp_path: Path) -> None:
     app.dark(False)
-    page = open_page(chromium, url_of(app.server), 1000, 700)
-    page.set_default_timeout(120_000)
-    node_drawn(page, f"{ROOT}/corners/points")
-    page.get_by_role("tab", name="Take away").click()
-    for what, name in ((SCREENSHOT, "view.png"), ("Session (JSON)", "session.json")):
-        with page.expect_download() as download:
-            page.get_by_role("button", name=what).click()
-        download.value.save_as(tmp_path / name)
-        assert download.value.suggested_filename.endswith(name)
-    picture = Image.open(tmp_path / "view.png")
-    assert picture.mode == "RGB"
-    assert picture.width > 200
-    assert colours_in((tmp_path / "view.png").read_bytes()) > 20
-    assert load_session(tmp_path / "session.json").shown.dark is False
-    assert page.problems == []
-    page.close()
+    with open_page(chromium, url_of(app.server), 1000, 700) as page:
+        page.set_default_timeout(120_000)
+        node_drawn(page, f"{ROOT}/corners/points")
+        page.get_by_role("tab", name="Take away").click()
+        for what, name in ((SCREENSHOT, "view.png"), ("Session (JSON)", "session.json")):
+            with page.expect_download() as download:
+                page.get_by_role("button", name=what).click()
+            download.value.save_as(tmp_path / name)
+            assert download.value.suggested_filename.endswith(name)
+        picture = Image.open(tmp_path / "view.png")
+        assert picture.mode == "RGB"
+        assert picture.width > 200
+        assert colours_in((tmp_path / "view.png").read_bytes()) > 20
+        assert load_session(tmp_path / "session.json").shown.dark is False

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import html
 import io
 import json
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,9 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app_support import IDLE_S, idle_app, plain, shows
 from calib.next_poses import nearest_rival, poses_between
 from hidden_dataset import HIDDEN, write_hidden
-from inspector.app import App, serving
+from inspector.app import App
 from inspector.cli import main
 from inspector.panels import words
 from inspector.panels.failure import PLACES, input_title
@@ -26,7 +25,6 @@ from inspector.scene import ROOT
 from inspector.session import Session
 from wire_client import WireClient
 
-IDLE_S = 60.0
 ADD = "Add to the model"
 
 
@@ -37,8 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def app(folder: Path) -> Iterator[App]:
-    with serving(folder, port=0) as running:
-        assert running.worker.wait_idle(IDLE_S)
+    with idle_app(folder) as running:
         yield running
 
 
@@ -50,14 +47,6 @@ def page(app: App) -> Iterator[WireClient]:
 
 def session(app: App) -> Session:
     return app.stage.now.session
-
-
-def plain(page: WireClient) -> str:
-    return html.unescape(re.sub(r"<[^>]+>", " ", page.text()))
-
-
-def shows(page: WireClient, *parts: str) -> None:
-    page.wait(lambda p: all(part in plain(p) for part in parts), 30)
 
 
 def history(page: WireClient) -> dict[str, list[float]]:
@@ -117,7 +106,7 @@ def test_find_gives_what_the_command_gives(folder: Path, app: App, page: WireCli
     curves = history(page)
     assert curves["test"][1:] == pytest.approx([s["test_rmse_mm"] for s in told["steps"]])
     assert curves["training"][1:] == pytest.approx([s["train_rmse_mm"] for s in told["steps"]])
-    assert page.has(FIND)  # it is not looking any more
+    page.wait(lambda p: p.has(FIND))  # it is not looking any more
     page.set("Model", UNDO)  # the diagnosis is one change
     page.wait(lambda p: len(history(p)["test"]) == 2)
     page.wait(lambda p: "Verdict: " not in plain(p))

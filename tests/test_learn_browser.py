@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 
-from browser_support import node_drawn, open_page
+from app_support import IDLE_S, idle_app
+from browser_support import MS, node_drawn, open_page, says
 from hidden_dataset import HIDDEN, write_hidden
-from inspector.app import App, serving
+from inspector.app import App
 from inspector.panels import words
 from inspector.panels.learn import FIND, REDO, REMOVE, UNDO
 from inspector.scene import ROOT
@@ -18,8 +19,6 @@ from inspector.server import url_of
 from test_learn import ADD, command
 
 pytestmark = pytest.mark.browser
-IDLE_S = 90.0
-MS = 30_000
 
 
 @pytest.fixture(scope="module")
@@ -30,21 +29,14 @@ def folder(chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def app(folder: Path) -> Iterator[App]:
-    with serving(folder, port=0) as running:
-        assert running.worker.wait_idle(IDLE_S)
+    with idle_app(folder) as running:
         yield running
 
 
 @pytest.fixture(scope="module")
 def page(chromium: Any, app: App) -> Iterator[Any]:
-    opened = open_page(chromium, url_of(app.server))
-    yield opened
-    assert opened.problems == []
-    opened.close()
-
-
-def says(page: Any, text: str) -> None:
-    page.get_by_text(text).locator("visible=true").first.wait_for(timeout=MS)
+    with open_page(chromium, url_of(app.server)) as opened:
+        yield opened
 
 
 def fact(page: Any, name: str) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import html
-import re
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app_support import IDLE_S, idle_app, shows
 from calib.dataset import Dataset
 from calib.dataset_file import load_dataset
 from calib.errors import CalibError
@@ -21,7 +20,6 @@ from inspector.panels.learn import REMOVE
 from inspector.session import Session
 from wire_client import WireClient
 
-IDLE_S = 60.0
 FILE = """
 from dataclasses import dataclass
 from typing import ClassVar
@@ -108,17 +106,12 @@ def test_the_watch_tells_of_each_change_and_ends(tmp_path: Path) -> None:
 @pytest.fixture
 def served(folder: Path, tmp_path: Path) -> Iterator[tuple[App, Path]]:
     path = written(tmp_path / "mine.py")
-    with serving(folder, port=0, effects_file=path) as app:
-        assert app.worker.wait_idle(IDLE_S)
+    with idle_app(folder, effects_file=path) as app:
         yield app, path
 
 
 def session(app: App) -> Session:
     return app.stage.now.session
-
-
-def shows(page: WireClient, *parts: str) -> None:
-    page.wait(lambda p: all(part in html.unescape(re.sub(r"<[^>]+>", " ", p.text())) for part in parts), 60)
 
 
 def test_own_effects_are_ranked_added_and_removed_like_any_other(served: tuple[App, Path]) -> None:

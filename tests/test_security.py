@@ -18,15 +18,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from app_support import IDLE_S, idle_app
 from calib.dataset_file import load_dataset, write_dataset
 from calib.errors import DatasetError
 from hidden_dataset import HIDDEN, write_hidden
-from inspector.app import App, serving
+from inspector.app import App
 from inspector.cli import main
 from inspector.panels.takeaway import ITEMS
 from wire_client import WireClient
 
-IDLE_S = 90.0
 EVIL = "<img src=x onerror=alert(1)>"
 
 OWN = f'''
@@ -75,8 +75,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def app(folder: Path) -> Iterator[App]:
-    with serving(folder / "served", port=0, effects_file=folder / "own.py") as running:
-        assert running.worker.wait_idle(IDLE_S)
+    with idle_app(folder / "served", effects_file=folder / "own.py") as running:
         yield running
 
 
