@@ -264,9 +264,8 @@ def test_a_failed_scan_says_why_in_words(app: App, page: WireClient) -> None:
     assert len(failure) > 20
     shows(page, f"No corner: {failure}")
     assert app.worker.wait_idle(IDLE_S)
-    assert f"{ROOT}/corner/ellipsoid" not in page.scene
-    assert f"{ROOT}/faces/points" not in page.scene
-    assert plain(page).count("failed") >= 2  # the progress line and the list of poses
+    page.wait(lambda p: not {f"{ROOT}/corner/ellipsoid", f"{ROOT}/faces/points"} & p.scene.keys())
+    page.wait(lambda p: plain(p).count("failed") >= 2)  # the progress line and the list of poses
 
 
 def test_corner_tab_gives_position_and_sigma_with_units(app: App, page: WireClient) -> None:
@@ -377,8 +376,8 @@ def test_switching_datasets_and_back_searches_nothing_again(app: App, page: Wire
     shows(page, "No scans to search")
     assert app.worker.wait_idle(IDLE_S)
     assert session(app).dataset.points is not None
-    assert not [n for n in page.scene if n.startswith(f"{ROOT}/overview/")]
-    assert f"{ROOT}/corners/dots" in page.scene
+    page.wait(lambda p: not [n for n in p.scene if n.startswith(f"{ROOT}/overview/")])
+    page.wait(lambda p: f"{ROOT}/corners/dots" in p.scene)
     page.set("Dataset", "cell")
     shows(page, f"{POSES - 1} of {POSES} corners found")
     assert app.worker.wait_idle(IDLE_S)

@@ -154,7 +154,7 @@ def test_measured_points_by_role_or_by_error_with_a_scale(app: App, page: WireCl
     limit = error_limit_mm(app.stage.now)
     errors = version(app, LINKS).pose_errors_mm()
     assert limit / 2.01 <= errors.max() <= limit
-    assert f"{limit:g} mm" in plain(page)
+    page.wait(lambda p: f"{limit:g} mm" in plain(p))
     page.wait(lambda p: not np.array_equal(array(p, "corners/points", "colors", 3), expected))
     drawn = array(page, "corners/points", "colors", 3).astype(int)
     order = np.argsort(errors)  # along viridis green grows all the way
@@ -213,7 +213,7 @@ def test_a_link_with_a_mesh_is_drawn_as_it_and_moves_with_its_frame(app: App, pa
     assert app.worker.wait_idle(IDLE_S)
     page.wait(lambda p: f"{ROOT}/arm/mesh1" in p.scene)
     assert f"{ROOT}/arm/mesh2" not in page.scene
-    assert "&lt;b&gt;gone&lt;/b&gt;.stl" in page.text()  # why the third link has none
+    page.wait(lambda p: "&lt;b&gt;gone&lt;/b&gt;.stl" in p.text())  # why the third link has none
     assert "<b>gone" not in page.text()
     sent = page.log.count("MeshMessage")
     for pose in (0, 5):
@@ -256,7 +256,7 @@ def test_the_jig_lies_over_the_scan_coloured_by_distance(app: App, page: WireCli
     app.select(BROKEN)
     assert app.worker.wait_idle(IDLE_S)
     page.wait(lambda p: "no place for the jig's model" in plain(p))
-    assert not [n for n in page.scene if n.startswith((f"{ROOT}/jig/", f"{ROOT}/distance/"))]
+    page.wait(lambda p: not [n for n in p.scene if n.startswith((f"{ROOT}/jig/", f"{ROOT}/distance/"))])
 
 
 def test_points_alone_offer_the_views_that_they_have(app: App, page: WireClient) -> None:

@@ -212,7 +212,7 @@ def test_an_effect_that_does_not_help_is_shown_as_such(app: App, page: WireClien
     page.wait(lambda p: len(history(p)["test"]) == 4)
     old, new = (step.test_rmse_mm for step in session(app).history[-2:])
     helped = new < 0.99 * old
-    assert ("It does not help" in plain(page)) != helped
+    page.wait(lambda p: ("It does not help" in plain(p)) != helped)
 
 
 def test_the_page_goes_on_while_the_program_looks(app: App, page: WireClient) -> None:
