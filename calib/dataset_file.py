@@ -12,9 +12,17 @@ import tomli_w
 from calib.dataset import Dataset, Poses, Scanner
 from calib.errors import DatasetError
 from calib.jig import Jig
-from calib.points_file import load_points, points_frame
+from calib.points_file import (
+    LEAST_SIGMA_DEG,
+    LEAST_SIGMA_MM,
+    MOST_SIGMA_DEG,
+    MOST_SIGMA_MM,
+    load_points,
+    points_frame,
+)
 from calib.poses_file import load_poses, poses_frame
 from calib.robot_file import load_robot, robot_to_toml
+from calib.table_file import TableFile
 from calib.toml_file import TomlTable, write_text_atomically
 
 FORMAT = 1
@@ -44,7 +52,8 @@ def load_dataset(folder: Path) -> Dataset:
     name = top.text("name") or folder.name
     description = top.text("description", "") or ""
     robot = load_robot(_inside(folder, top.text("robot", "robot.toml") or "", top, "robot"))
-    poses, warnings = load_poses(_inside(folder, top.text("poses", "poses.csv") or "", top, "poses"), robot)
+    poses_path = _inside(folder, top.text("poses", "poses.csv") or "", top, "poses")
+    poses, warnings = load_poses(poses_path, robot)
     points_name, scan_folder = top.text("points"), top.text("scans")
     if points_name is None and scan_folder is None:
         raise top.error(
@@ -55,7 +64,10 @@ def load_dataset(folder: Path) -> Dataset:
         points, point_warnings = load_points(_inside(folder, points_name, top, "points"), robot, poses)
         warnings += point_warnings
     if scan_folder is not None:
-        _check_scans(folder, _inside(folder, scan_folder, top, "scans"), poses, needed=points is None)
+        scans = _inside(folder, scan_folder, top, "scans")
+        if points is None and not scans.is_dir():
+            raise top.error("scans", f"found {scan_folder!r}, no such folder", "name the folder of the scans")
+        _check_scans(folder, scans, poses, poses_path, needed=points is None)
     jig, jig_extra = _jig(top.table("jig"))
     scanner = _scanner(top.table("scanner"))
     return Dataset(
@@ -84,13 +96,25 @@ def _inside(folder: Path, name: str, top: TomlTable, key: str) -> Path:
 
 
 def _scanner(table: TomlTable) -> Scanner:
-    sigma_deg = table.number("orientation_sigma_deg", positive=True)
+    sigma_deg = _sigma(table, "orientation_sigma_deg", LEAST_SIGMA_DEG, MOST_SIGMA_DEG, "deg")
     return Scanner(
         orientation_sigma_rad=None if sigma_deg is None else math.radians(sigma_deg),
-        point_sigma_mm=table.number("point_sigma_mm", positive=True),
-        scan_sigma_mm=table.number("scan_sigma_mm", positive=True),
+        point_sigma_mm=_sigma(table, "point_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
+        scan_sigma_mm=_sigma(table, "scan_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
         extra=table.unread(),
     )
+
+
+def _sigma(table: TomlTable, key: str, least: float, most: float, unit: str) -> float | None:
+    """A standard deviation that an instrument may have; None where the key is absent."""
+    sigma = table.number(key, positive=True)
+    if sigma is not None and not least <= sigma <= most:
+        raise table.error(
+            key,
+            f"found {sigma:g} {unit}",
+            f"a sigma lies between {least:g} and {most:g} {unit}; leave the line out where it is not known",
+        )
+    return sigma
 
 
 def _jig(table: TomlTable) -> tuple[Jig, dict[str, Any]]:
@@ -113,18 +137,20 @@ def _jig(table: TomlTable) -> tuple[Jig, dict[str, Any]]:
     return jig, table.unread()
 
 
-def _check_scans(folder: Path, scan_folder: Path, poses: Poses, *, needed: bool) -> None:
+def _check_scans(folder: Path, scan_folder: Path, poses: Poses, poses_path: Path, *, needed: bool) -> None:
+    """Each pose's scan lies below the folder and, where `needed`, is there. Raises DatasetError with its line."""
     for row, name in enumerate(poses.scan_names):
         path = scan_folder / name
-        if not path.resolve().is_relative_to(folder.resolve()):
-            raise DatasetError(
-                f"{folder / 'poses.csv'}: line {row + 2}, column scan: {name!r} leaves the dataset's folder; "
-                "use a file name below the scan folder"
-            )
-        if needed and not path.is_file():
-            raise DatasetError(
-                f"{path}: no such scan, pose {poses.ids[row]!r} needs it; add it or remove the pose"
-            )
+        outside = not path.resolve().is_relative_to(folder.resolve())
+        if not outside and (not needed or path.is_file()):
+            continue
+        file = TableFile.load(poses_path)  # once more, for the line
+        column = "scan" if "scan" in file else "pose"
+        if outside:
+            found = f"{name!r} leaves the dataset's folder"
+            raise file.error(row, column, found, "use a file name below the scan folder")
+        found = f"{path} is a folder, no scan" if path.is_dir() else f"no such scan as {path}"
+        raise file.error(row, column, found, f"add it or remove the pose {poses.ids[row]!r}")
 
 
 def write_dataset(dataset: Dataset, folder: Path) -> None:

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from calib.dataset import Orientations, Points, Poses
 from calib.errors import DatasetError
+from calib.point_doubts import copied_rows, unit_doubt
 from calib.robot import Robot
 from calib.table_file import TableFile
 
@@ -26,6 +27,13 @@ QUATERNION_COLUMNS = ("qw", "qx", "qy", "qz")
 TURN_COLUMNS = ("rxx_rad2", "rxy_rad2", "rxz_rad2", "ryy_rad2", "ryz_rad2", "rzz_rad2")
 CROSS_COLUMNS = tuple(f"{point}_r{turn}_mm_rad" for point in "xyz" for turn in "xyz")
 _UPPER = np.triu_indices(3)
+FARTHEST_MM = 1e9
+LEAST_SIGMA_MM, MOST_SIGMA_MM = 1e-6, 1e3  # as declared for an instrument; none is better or worse than that
+LEAST_SIGMA_DEG, MOST_SIGMA_DEG = 1e-6, 90.0
+_LEAST_OF_A_POINT = (
+    0.01  # times those: corners of scans without noise are known as well as rounding lets them
+)
+_LEAST_EIGENVALUE = 1e-12  # of a covariance scaled to a unit diagonal: below it lies rounding
 
 Array = NDArray[np.float64]
 
@@ -54,39 +62,81 @@ def load_points(path: Path, robot: Robot, poses: Poses) -> tuple[Points, list[st
     for row, name in enumerate(target):
         if name not in known_targets:
             raise file.error(row, "target", f"found {name!r}", f"robot.toml knows {', '.join(known_targets)}")
-    warnings = []
-    extent_mm = float(np.ptp(xyz_mm, axis=0).max())
-    if len(poses) > 1 and 0.0 < extent_mm < 5.0 and np.ptp(poses.q, axis=0).max() > 0.2:
-        warnings.append(
-            f"{path}: all points lie within {extent_mm:.3g} mm; columns are mm, these look like metres"
-        )
-    covariance = _load_covariance(file, COVARIANCE_COLUMNS, "mm") if _any(file, COVARIANCE_COLUMNS) else None
+    _check_size(file, xyz_mm)
+    covariance = None
+    if _any(file, COVARIANCE_COLUMNS):
+        limits = (_LEAST_OF_A_POINT * LEAST_SIGMA_MM, MOST_SIGMA_MM)
+        covariance = _load_covariance(file, COVARIANCE_COLUMNS, "mm", limits)
     orientations = None
     if _any(file, (*QUATERNION_COLUMNS, *TURN_COLUMNS, *CROSS_COLUMNS)):
         orientations = _load_orientations(file, target, covariance)
     pose = np.array([index[pose_id] for pose_id in ids], dtype=np.int64)
-    return Points(pose, xyz_mm, target, covariance, orientations), warnings
+    points = Points(pose, xyz_mm, target, covariance, orientations)
+    return points, _warnings(file, robot, poses, points)
+
+
+def _check_size(file: TableFile, xyz_mm: Array) -> None:
+    """Raise DatasetError where a coordinate is beyond any place that an arm's points have."""
+    beyond = np.argwhere(np.abs(xyz_mm) > FARTHEST_MM)
+    if len(beyond):
+        row, axis = map(int, beyond[0])
+        found = f"found {xyz_mm[row, axis]:g} mm, beyond {FARTHEST_MM / 1e6:g} km"
+        raise file.error(row, f"{'xyz'[axis]}_mm", found, "correct it or remove the row")
+
+
+def _warnings(file: TableFile, robot: Robot, poses: Poses, points: Points) -> list[str]:
+    """What is odd yet possible."""
+    warnings = []
+    doubt = unit_doubt(robot, poses, points)
+    extent_mm = float(np.ptp(points.xyz_mm, axis=0).max())
+    if not doubt and len(poses) > 1 and 0.0 < extent_mm < 5.0 and np.ptp(poses.q, axis=0).max() > 0.2:
+        doubt = f"all points lie within {extent_mm:.3g} mm; columns are mm, these look like metres"
+    if doubt:
+        warnings.append(f"{file.path}: {doubt}")
+    copies = copied_rows(poses, points)
+    if copies:
+        earlier, row = copies[0]
+        more = f" and {len(copies) - 1} more rows do alike" if len(copies) > 1 else ""
+        warnings.append(
+            f"{file.path}: line {file.line(row)} has the coordinates of line {file.line(earlier)} to the last digit"
+            f"{more}; a second measurement differs, so remove rows that were copied"
+        )
+    return warnings
 
 
 def _any(file: TableFile, columns: Sequence[str]) -> bool:
     return any(column in file for column in columns)
 
 
-def _load_covariance(file: TableFile, columns: tuple[str, ...], unit: str) -> Array:
-    """(M, 3, 3) of the six columns of its upper triangle."""
+def _load_covariance(
+    file: TableFile, columns: tuple[str, ...], unit: str, limits: tuple[float, float]
+) -> Array:
+    """(M, 3, 3) of the six columns of its upper triangle; its sigmas lie within the limits, in every direction."""
     file.require(columns)
     values = file.numbers(list(columns))
     covariance = np.zeros((len(values), 3, 3))
     covariance[:, _UPPER[0], _UPPER[1]] = values
     covariance[:, _UPPER[1], _UPPER[0]] = values
-    _check_positive(file, covariance, f"{columns[0]} ... {columns[-1]}", f"give a covariance in {unit}^2")
+    place = f"{columns[0]} ... {columns[-1]}"
+    _check_positive(file, covariance, place, f"give a covariance in {unit}^2")
+    sigma = np.sqrt(np.linalg.eigvalsh(covariance)[:, [0, -1]].clip(min=0.0))  # (M, 2) least and most
+    bad = np.argwhere((sigma < limits[0]) | (sigma > limits[1]))
+    if len(bad):
+        row, end = map(int, bad[0])
+        raise file.error(
+            row,
+            place,
+            f"found a sigma of {sigma[row, end]:.3g} {unit} in one direction",
+            f"a sigma lies between {limits[0]:.4g} and {limits[1]:.4g} {unit}; give a covariance in {unit}^2",
+        )
     return covariance
 
 
 def _check_positive(file: TableFile, covariance: Array, columns: str, remedy: str) -> None:
     scale = np.sqrt(np.abs(np.diagonal(covariance, axis1=1, axis2=2)))
     scale = np.where(scale > 0.0, scale, 1.0)  # mm and rad side by side
-    bad = np.flatnonzero(np.linalg.eigvalsh(covariance / scale[:, :, None] / scale[:, None, :])[:, 0] <= 0.0)
+    least = np.linalg.eigvalsh(covariance / scale[:, :, None] / scale[:, None, :])[:, 0]
+    bad = np.flatnonzero(least <= _LEAST_EIGENVALUE)
     if len(bad):
         raise file.error(int(bad[0]), columns, "the covariance is not positive definite", remedy)
 
@@ -117,7 +167,10 @@ def _load_orientations(
         )
     scanner_R_jig = Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]).as_matrix()
     scanner_R_jig[~known] = np.nan
-    turn = _load_covariance(file, TURN_COLUMNS, "rad") if _any(file, TURN_COLUMNS) else None
+    turn = None
+    if _any(file, TURN_COLUMNS):
+        limits = (_LEAST_OF_A_POINT * np.radians(LEAST_SIGMA_DEG), np.radians(MOST_SIGMA_DEG))
+        turn = _load_covariance(file, TURN_COLUMNS, "rad", limits)
     cross = None
     if _any(file, CROSS_COLUMNS):
         file.require((*CROSS_COLUMNS, *COVARIANCE_COLUMNS, *TURN_COLUMNS))

@@ -216,14 +216,60 @@ def test_a_good_dataset_has_no_warning(folder: Path) -> None:
 
 def test_a_missing_scan_and_one_outside_the_folder(folder: Path) -> None:
     edit("dataset.toml", 'points = "points.csv"', 'scans = "scans"')(folder)
+    with pytest.raises(DatasetError, match=r"dataset\.toml: scans: found 'scans', no such folder"):
+        load_dataset(folder)
     (folder / "scans").mkdir()
-    with pytest.raises(DatasetError, match=r"p0000\.ply: no such scan"):
+    with pytest.raises(DatasetError, match=r"line 2, column pose: no such scan as .*p0000\.ply"):
+        load_dataset(folder)
+    (folder / "scans" / "p0000.ply").mkdir()
+    with pytest.raises(DatasetError, match=r"line 2, column pose: .*p0000\.ply is a folder"):
         load_dataset(folder)
     frame = pd.read_csv(folder / "poses.csv", dtype=str)
     frame["scan"] = "../../secret.ply"
     frame.to_csv(folder / "poses.csv", index=False)
     with pytest.raises(DatasetError, match=r"line 2, column scan.*leaves the dataset's folder"):
         load_dataset(folder)
+
+
+def test_a_scan_is_told_by_the_line_that_an_editor_shows(folder: Path) -> None:
+    """Empty lines and the table's own name count as they stand in the file."""
+    edit("dataset.toml", 'points = "points.csv"', 'scans = "scans"')(folder)
+    edit("dataset.toml", 'poses = "poses.csv"', 'poses = "arm.csv"')(folder)
+    (folder / "scans").mkdir()
+    lines = (folder / "poses.csv").read_text().splitlines()
+    for name in (line.split(",")[0] for line in lines[1:3]):
+        (folder / "scans" / f"{name}.ply").write_text("a scan")
+    (folder / "arm.csv").write_text("\n\n" + "\n\n".join(lines) + "\n")
+    with pytest.raises(DatasetError, match=r"arm\.csv: line 9, column pose: no such scan.*p0002"):
+        load_dataset(folder)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        (
+            "point_sigma_mm",
+            "1e-12",
+            "found 1e-12 mm; a sigma lies between 1e-06 and 1000 mm; leave the line out",
+        ),
+        ("point_sigma_mm", "1001.0", "found 1001 mm; a sigma lies between"),
+        ("scan_sigma_mm", "9e-7", "found 9e-07 mm; a sigma lies between"),
+        ("scan_sigma_mm", "1e300", "found 1e+300 mm; a sigma lies between"),
+        ("orientation_sigma_deg", "1e-9", "found 1e-09 deg; a sigma lies between 1e-06 and 90 deg"),
+        ("orientation_sigma_deg", "91", "found 91 deg; a sigma lies between"),
+    ],
+)
+def test_a_sigma_that_no_instrument_has_is_refused(folder: Path, key: str, value: str, says: str) -> None:
+    edit("dataset.toml", "point_sigma_mm = 0.05", f"{key} = {value}")(folder)
+    with pytest.raises(DatasetError) as caught:
+        load_dataset(folder)
+    assert f"dataset.toml: [scanner].{key}: {says}" in str(caught.value)
+
+
+@pytest.mark.parametrize("sigma", ["1e-06", "1000.0"])
+def test_the_least_and_the_most_sigma_are_read(folder: Path, sigma: str) -> None:
+    edit("dataset.toml", "point_sigma_mm = 0.05", f"point_sigma_mm = {sigma}")(folder)
+    assert load_dataset(folder).scanner.point_sigma_mm == float(sigma)
 
 
 def test_datasets_are_found_here_or_one_folder_below(tmp_path: Path, folder: Path) -> None:
