@@ -19,6 +19,7 @@ from calib.errors import DatasetError
 from calib.kinds import BUILTIN_ROBOTS
 from calib.labelling import label_corners
 from calib.measurement import failed_searches, found_corners, require_corners, with_corners
+from calib.points_file import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from calib.robot_file import builtin_robot, load_robot
 from calib.toml_file import write_text_atomically
 from inspector import documents
@@ -90,6 +91,9 @@ def run_simulate(options: Any) -> int:
         raise DatasetError(f"{options.path}: exists and is not empty; name a new folder")
     if options.seed < 0:
         raise DatasetError(f"--seed {options.seed}: a seed is 0 or more")
+    least, most = LEAST_SIGMA_MM, MOST_SIGMA_MM
+    if options.noise_mm != 0.0 and not least <= options.noise_mm <= most:  # such a dataset could not be read
+        raise DatasetError(f"--noise-mm {options.noise_mm:g}: give 0, or {least:g} to {most:g} mm")
     if options.robot not in BUILTIN_ROBOTS and not Path(options.robot).is_file():
         known = ", ".join(BUILTIN_ROBOTS)
         raise DatasetError(f"--robot {options.robot}: no such file; give one of {known}, or a robot.toml")
