@@ -208,6 +208,8 @@ def test_a_users_own_effect_is_tested_named_and_fitted(tmp_path: Path) -> None:
         ('"sin_rad", unit', '"cos_rad", unit', "same name"),
         ("scale=1e-4, doc=\"cosine amplitude\"", "scale=-1.0, doc=\"\"", "scale above 0"),
         ("scale=1e-4, doc=\"cosine amplitude\"", "scale=\"1\", doc=\"\"", "scale above 0"),
+        ('doc="cosine amplitude"', "doc=5", "text for unit and doc"),
+        ('"cos_rad", unit', "5, unit", "identifier for a name"),
         ("class FifthHarmonic", "class TransmissionError", "in the catalogue"),
         ("    joint: int", "    joint: int\n    axle: int", "FifthHarmonic needs joint, axle"),
         ("    parameters =", "    def __post_init__(self):\n        raise ValueError('no')\n\n    parameters =",

@@ -31,8 +31,8 @@ class Ripple:
     joint: int
     name: ClassVar[str] = "ripple"
     parameters: ClassVar = (
-        Parameter("sin_rad", unit="rad", scale=1e-4, doc="sine"),
-        Parameter("cos_rad", unit="rad", scale=1e-4, doc="cosine"),
+        Parameter("sin_rad", unit="rad", scale=1e-4, doc="sine amplitude"),
+        Parameter("cos_rad", unit="rad", scale=1e-4, doc="cosine amplitude"),
     )
 
     def apply(self, state, sin_rad, cos_rad):
@@ -123,7 +123,7 @@ def test_own_effects_are_ranked_added_and_removed_like_any_other(served: tuple[A
         shows(page, "Effect ripple", "your effects file")
         before = session(app).history[-1].train_rmse_mm
         page.click("Add to the model")
-        shows(page, "link errors + ripple", "It is in the model. Fitted together")
+        shows(page, "link errors + ripple", "It is in the model. Fitted together", "cosine amplitude:")
         assert session(app).history[-1].train_rmse_mm < before
         page.set("Effect", "ripple")
         page.set("Model", REMOVE)

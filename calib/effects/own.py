@@ -148,12 +148,13 @@ def _check(effect: Any, state: RobotState, where: str) -> None:
     for p in parameters:
         if (
             not isinstance(p, Parameter)
+            or not all(isinstance(text, str) for text in (p.name, p.unit, p.doc))
             or not p.name.isidentifier()
             or not isinstance(p.scale, int | float)
             or not 0.0 < p.scale < math.inf
         ):
             raise CalibError(
-                f"{label}: {p!r} is no Parameter with an identifier for a name and a scale above 0"
+                f"{label}: {p!r} is no Parameter with an identifier for a name, text for unit and doc, a scale above 0"
             )
     if len({p.name for p in parameters}) < len(parameters):
         raise CalibError(f"{label}: two parameters have the same name")

@@ -11,6 +11,7 @@ from calib.advice import Advice
 from calib.calibration import Calibration
 from calib.decision import is_convincing
 from calib.diagnosis import Diagnosis
+from calib.effects.base import full_name
 from calib.effects.descriptions import DESCRIPTIONS
 from calib.explanation import MEASURE_NEXT, explain, left_in_short, verdict_words
 from calib.meaning import meaning
@@ -163,7 +164,11 @@ def chosen_html(
         return out
     if not candidate.values:
         return out + tables.note("Nothing of it shows in what is left over.")
-    rows = [parameter_row(v.name, v.value, v.sigma, v.unit, calibration) for v in candidate.values]
+    docs = {full_name(member, p): p.doc for member in candidate.members for p in member.parameters}
+    rows = [
+        parameter_row(v.name, v.value, v.sigma, v.unit, docs.get(v.name, ""), calibration)
+        for v in candidate.values
+    ]
     return (
         out
         + tables.table(("estimated", "value ± sigma", "that is"), rows, height="260px")
@@ -176,10 +181,11 @@ def chosen_html(
 
 def fitted_html(calibration: Calibration, name: str) -> str:
     """The parameters of an effect that is in the model, as they were fitted."""
+    docs = {p.name: p.doc for p in calibration.fit.parameters}
     rows = [
-        parameter_row(str(row["name"]), row["value"], row["sigma"], row["unit"], calibration)
+        parameter_row(n, row["value"], row["sigma"], row["unit"], docs.get(n, ""), calibration)
         for row in calibration.to_frame().to_dict("records")
-        if str(row["name"]).startswith(f"{name}.")
+        if (n := str(row["name"])).startswith(f"{name}.")
     ]
     return tables.note("It is in the model. Fitted together with everything else:") + tables.table(
         ("fitted", "value ± sigma", "that is"), rows, height="260px"
@@ -192,11 +198,11 @@ def value_row(value: Value) -> tuple[str, str, str, str]:
 
 
 def parameter_row(
-    name: str, value: float, sigma: float, unit: str, calibration: Calibration
+    name: str, value: float, sigma: float, unit: str, doc: str, calibration: Calibration
 ) -> tuple[str, str, tables.Html]:
-    """A parameter with its unit and what it means on the arm; the family's name is in the heading."""
+    """A parameter with its unit, what it is and means on the arm; the family's name is in the heading."""
     short = name.partition(".")[2] or name
-    means = meaning(name, value, unit, calibration) or "–"
+    means = ": ".join(filter(None, (doc, meaning(name, value, unit, calibration)))) or "–"
     return short, f"{value:.3g} ± {sigma:.1g} {'' if unit == '1' else unit}".strip(), tables.wrapping(means)
 
 
