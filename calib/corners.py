@@ -59,6 +59,7 @@ class CornerSearch:
     failure: str  # "" or the reason, with numbers and a way out
     seconds: float
     unreadable: bool = False  # the scan's file could not be read at all
+    looks: int = 1  # how often the scan was looked at, each time with other neighbours and more sample sets
 
     def filter_counts(self) -> dict[str, int]:
         """How many sets were drawn, rejected by each filter, and passed."""
@@ -111,18 +112,16 @@ def find_corner(
         )
         return _failed(scan.name, failure, elapsed())
     rng = rng or _generator(scan.points_mm)
-    told: CornerSearch | None = None
+    searches: list[CornerSearch] = []
     for neighbours, times in _LOOKS:
         around = estimate_normals(scan.points_mm[thinned], neighbours)
-        search = _look(
-            scan, around, jig, scan_sigma_mm, rng, replace(options, sample_sets=times * options.sample_sets)
-        )
-        if search.corner is not None or told is None or len(search.chosen) > len(told.chosen):
-            told = search  # of a failure the first look tells, unless another got as far as a choice
-        if search.corner is not None:
+        more = replace(options, sample_sets=times * options.sample_sets)
+        searches.append(_look(scan, around, jig, scan_sigma_mm, rng, more))
+        if searches[-1].corner is not None:
             break
-    assert told is not None
-    return replace(told, seconds=elapsed())
+    # Of a failure the first look tells, unless a later one got as far as a choice.
+    told = max(searches, key=lambda search: (search.corner is not None, len(search.chosen)))
+    return replace(told, looks=len(searches), seconds=elapsed())
 
 
 def _look(
