@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from calib import kinematics
 from calib.dataset import Poses
-from calib.errors import FitError
+from calib.errors import CalibError, FitError
 from calib.inverse_kinematics import ToolProblem, solve_inverse
 from calib.kinds import CORRECTION_KINDS
 from calib.model import Model, geometric_model
@@ -157,6 +157,40 @@ def corrected_joints(
         uncorrected_mm=problem.errors(q0)[0],
         reasons=tuple(reasons),
     )
+
+
+def needed_columns(model: Model, x: ArrayLike, poses: Poses) -> tuple[str, ...]:
+    """Columns of poses.csv beside the joints' that the tool's place or attitude depends on, by their names there.
+
+    Found by trial: a column is needed where the model at x puts the tool elsewhere without it, or fails.
+    """
+    n = poses.q.shape[1]
+    without: dict[tuple[str, ...], Poses] = {}
+    if poses.payload_kg is not None:
+        without[("payload_kg",)] = replace(poses, payload_kg=None)
+    if poses.temperature_c is not None:
+        without[("temperature_c",)] = replace(poses, temperature_c=None)
+    if poses.time_s is not None:
+        without[("time_s",)] = replace(poses, time_s=None)
+    if poses.approach is not None:
+        without[tuple(f"approach{k + 1}" for k in range(n))] = replace(poses, approach=None)
+    for name in poses.extra.columns:
+        without[(str(name),)] = replace(poses, extra=poses.extra.drop(columns=name))
+    there = _tool_frames(model, x, poses)
+    needed: list[str] = []
+    for columns, fewer in without.items():
+        try:
+            same = np.array_equal(_tool_frames(model, x, fewer), there)
+        except CalibError:  # of an effect that cannot do without
+            same = False
+        needed += [] if same else columns
+    return tuple(needed)
+
+
+def _tool_frames(model: Model, x: ArrayLike, poses: Poses) -> Array:
+    """(N, 3, 4) attitude and place of the tool."""
+    state = model.state(x, poses)
+    return np.concatenate([state.attitude, state.place(state.chain.target_mm)[..., None]], axis=2)
 
 
 def _model(calibrated: Robot | Model, x: ArrayLike | None) -> tuple[Model, Array]:

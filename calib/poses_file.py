@@ -48,42 +48,40 @@ def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
         )
     q_file = file.numbers(q_columns)
     warnings = [*_angle_warnings(file, q_file, robot)]
-    approach_columns = [f"approach{i + 1}" for i in range(robot.n_joints)]
-    approach = None
-    if any(column in file for column in approach_columns):
-        file.require(approach_columns)
-        approach = file.numbers(approach_columns)
-        wrong = np.argwhere(~np.isin(approach, (-1.0, 1.0)))
-        if len(wrong):
-            row, k = map(int, wrong[0])
-            raise file.error(row, approach_columns[k], f"found {approach[row, k]:g}", "expected -1 or 1")
-    conditions = {name: file.numbers([name])[:, 0] for name in CONDITIONS if name in file}
-    known = [
-        "pose",
-        "role",
-        *q_columns,
-        *CONDITIONS,
-        "setup",
-        "scan",
-        *(approach_columns if approach is not None else []),
-    ]
-    if "payload_kg" in conditions and np.any(conditions["payload_kg"] < 0.0):
-        row = int(np.flatnonzero(conditions["payload_kg"] < 0.0)[0])
-        found = f"found {conditions['payload_kg'][row]:g}"
-        raise file.error(row, "payload_kg", found, "a payload is 0 or more")
+    conditions = load_conditions(file, robot)
+    known = ["pose", "role", *q_columns, *CONDITIONS, "setup", "scan", *approach_columns(robot)]
     poses = Poses(
         ids=tuple(ids),
         role=np.array(role),
         q=np.where(robot.is_revolute, np.radians(q_file), q_file),
         setup=np.array(file.text("setup", allow_empty=True) if "setup" in file else [""] * len(ids)),
         scan_names=tuple(file.text("scan") if "scan" in file else [f"{pose_id}.ply" for pose_id in ids]),
-        payload_kg=conditions.get("payload_kg"),
-        temperature_c=conditions.get("temperature_c"),
-        time_s=conditions.get("time_s"),
-        approach=approach,
         extra=file.rest(known),
+        **conditions,
     )
     return poses, warnings
+
+
+def approach_columns(robot: Robot) -> list[str]:
+    """The columns of the direction that each joint came from."""
+    return [f"approach{i + 1}" for i in range(robot.n_joints)]
+
+
+def load_conditions(file: TableFile, robot: Robot) -> dict[str, NDArray[np.float64]]:
+    """What a table says of the conditions at its poses, by the names of `Poses`; what has no column is left out."""
+    found = {name: file.numbers([name])[:, 0] for name in CONDITIONS if name in file}
+    if "payload_kg" in found and np.any(found["payload_kg"] < 0.0):
+        row = int(np.flatnonzero(found["payload_kg"] < 0.0)[0])
+        raise file.error(row, "payload_kg", f"found {found['payload_kg'][row]:g}", "a payload is 0 or more")
+    columns = approach_columns(robot)
+    if any(column in file for column in columns):
+        file.require(columns)
+        found["approach"] = file.numbers(columns)
+        wrong = np.argwhere(~np.isin(found["approach"], (-1.0, 1.0)))
+        if len(wrong):
+            row, k = map(int, wrong[0])
+            raise file.error(row, columns[k], f"found {found['approach'][row, k]:g}", "expected -1 or 1")
+    return found
 
 
 def _angle_warnings(file: TableFile, q_file: NDArray[np.float64], robot: Robot) -> list[str]:
@@ -132,7 +130,7 @@ def poses_frame(poses: Poses, robot: Robot) -> pd.DataFrame:
         if values is not None:
             columns[name] = values
     if poses.approach is not None:
-        columns |= {f"approach{k + 1}": poses.approach[:, k].astype(int) for k in range(robot.n_joints)}
+        columns |= {name: poses.approach[:, k].astype(int) for k, name in enumerate(approach_columns(robot))}
     if poses.scan_names != tuple(f"{pose_id}.ply" for pose_id in poses.ids):
         columns["scan"] = poses.scan_names
     frame = pd.DataFrame(columns)

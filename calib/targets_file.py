@@ -1,7 +1,8 @@
 """Tables of joint targets: what a robot program wants to reach, read; and the corrected ones, written.
 
 The columns are those of poses.csv; only the joints' are needed. `pose` names a target, conditions (payload_kg,
-temperature_c, time_s, approach1 ...) are for effects that depend on them, anything else is kept.
+temperature_c, time_s, approach1 ...) are for effects that depend on them, as any other column may be for effects of the
+user's own; all columns are kept.
 """
 
 from __future__ import annotations
@@ -11,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.correction import Correction
+from calib.calibration import Calibration
+from calib.correction import Correction, needed_columns
 from calib.dataset import Poses
 from calib.errors import DatasetError
-from calib.poses_file import CONDITIONS, joint_columns
+from calib.poses_file import CONDITIONS, approach_columns, joint_columns, load_conditions
 from calib.robot import Robot
 from calib.robot_file import degrees
 from calib.table_file import TableFile
@@ -41,21 +43,28 @@ def load_targets(path: Path, robot: Robot) -> Targets:
         raise DatasetError(f"{path}: no row below the header; one row a target is needed")
     q = file.numbers(columns)
     ids = file.text("pose") if "pose" in file else [str(i + 1) for i in range(len(file))]
-    approach_columns = [f"approach{i + 1}" for i in range(robot.n_joints)]
-    has_approach = all(column in file for column in approach_columns)
-    conditions = {name: file.numbers([name])[:, 0] for name in CONDITIONS if name in file}
     poses = Poses(
         ids=tuple(ids),
         role=np.full(len(file), "train"),
         q=np.where(robot.is_revolute, np.radians(q), q),
         setup=np.full(len(file), ""),
         scan_names=("",) * len(file),
-        payload_kg=conditions.get("payload_kg"),
-        temperature_c=conditions.get("temperature_c"),
-        time_s=conditions.get("time_s"),
-        approach=file.numbers(approach_columns) if has_approach else None,
+        extra=file.rest(["pose", *columns, *CONDITIONS, *approach_columns(robot)]),
+        **load_conditions(file, robot),
     )
     return Targets(poses, file)
+
+
+def require_conditions(targets: Targets, calibration: Calibration) -> None:
+    """Raise DatasetError where the table lacks a column that the calibrated arm depends on."""
+    model = calibration.model
+    needed = needed_columns(model, calibration.fit.x, calibration.dataset.poses)
+    missing = [column for column in needed if column not in targets.file]
+    if missing:
+        raise DatasetError(
+            f"{targets.file.path}: line 1: missing column {', '.join(missing)}; the calibrated arm depends on it "
+            f"through its effects ({', '.join(model.family_names)}), so give it for each target, as poses.csv does"
+        )
 
 
 def corrected_table(targets: Targets, correction: Correction) -> str:

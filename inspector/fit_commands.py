@@ -19,7 +19,7 @@ from calib.fitting_together import does_not_belong
 from calib.knowledge import known_sums
 from calib.learning import learning_curve
 from calib.robot_file import robot_to_toml
-from calib.targets_file import corrected_table, load_targets
+from calib.targets_file import corrected_table, load_targets, require_conditions
 from calib.toml_file import write_bytes_atomically, write_text_atomically
 from calib.validation import cross_validate
 from inspector import documents
@@ -145,6 +145,7 @@ def run_correct(options: Any) -> int:
     dataset = measured(dataset, orientation=options.residual == "pose")
     result = _fitted(options, dataset)[-1].calibration
     _require_sense(result, options.force)
+    require_conditions(targets, result)
     correction = corrected_joints(
         dataset.robot,
         result.model,

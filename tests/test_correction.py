@@ -385,3 +385,81 @@ def test_the_command_refuses_in_one_line(
     arguments = ["correct", str(tmp_path / "worse"), "--joints", str(good), "--out", str(out), "--force"]
     assert main(arguments) == 0
     assert out.exists()
+
+
+DAMP = """
+from calib.effects.base import Parameter
+
+class Damp:
+    name = "damp"
+    parameters = (Parameter("x_mm", unit="mm", scale=1.0, doc="by humidity"),)
+
+    def apply(self, state, *, x_mm):
+        return state.displace((x_mm * (state.poses.extra["humidity"].to_numpy() - 0.5))[:, None] * [1.0, 0.0, 0.0])
+"""
+
+
+def test_a_column_that_the_arm_depends_on_has_to_be_there(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Of a cause of the user's own and of the catalogue: without it the targets are for other conditions."""
+    rng = np.random.default_rng(0)
+    robot = jang_arm()
+    dataset = dataset_of(robot, robot, rng, test=13)
+    n = len(dataset.poses)
+    humidity, temperature = rng.uniform(0, 1, n), rng.uniform(15, 40, n)
+    poses = replace(
+        dataset.poses,
+        temperature_c=temperature,
+        extra=pd.DataFrame({"humidity": humidity, "site": ["a"] * n}),
+    )
+    assert dataset.points is not None
+    xyz = elementary_points(robot, dataset.poses.q)
+    xyz = xyz * (1 + 2e-5 * (temperature - 20))[:, None] + (2.0 * (humidity - 0.5))[:, None] * [1.0, 0.0, 0.0]
+    xyz += 0.01 * rng.standard_normal(xyz.shape)
+    cell = tmp_path / "cell"
+    write_dataset(replace(dataset, poses=poses, points=replace(dataset.points, xyz_mm=xyz)), cell)
+    (tmp_path / "damp.py").write_text(DAMP)
+    q = np.array([[0.3, 0.4, 1.1, 0.2, 0.9, 0.1], [-1.0, 0.2, 1.4, 0.5, -1.1, 2.0]])
+    out = tmp_path / "out.csv"
+    more = ["--effects-file", str(tmp_path / "damp.py"), "--effect", "damp", "--effect", "thermal_growth"]
+
+    def run(expected: int, **columns: object) -> str:
+        joints = write_targets(tmp_path / "targets.csv", q, **columns)
+        arguments = ["correct", str(cell), "--joints", str(joints), "--out", str(out), *more]
+        assert main(arguments) == expected
+        captured = capsys.readouterr()
+        assert captured.err.count("\n") == (1 if expected == 2 else 0)
+        assert out.exists() == (expected == 0)
+        return captured.err
+
+    assert "targets.csv: line 1: missing column temperature_c, humidity; the calibrated arm" in run(2)
+    assert "(damp, thermal_growth)" in run(2, humidity=[0.1, 0.9])
+    assert "missing column humidity;" in run(2, temperature_c=[20.0, 30.0])
+    run(0, temperature_c=[20.0, 20.0], humidity=[0.5, 0.5])
+    plain = load_targets(out, robot).poses.q
+    out.unlink()
+    run(0, temperature_c=[20.0, 20.0], humidity=[0.5, 0.9])
+    damp = load_targets(out, robot).poses.q
+    np.testing.assert_allclose(damp[0], plain[0], atol=1e-9)
+    # The tool goes against the 2 mm * 0.4 by which the dampness moves it.
+    moved = elementary_points(robot, damp)[1] - elementary_points(robot, plain)[1]
+    np.testing.assert_allclose(moved, [-0.8, 0.0, 0.0], atol=0.05)
+
+
+def test_targets_have_the_conditions_that_poses_may_have(
+    capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out.csv"
+    for more, says in (
+        ({"payload_kg": [-1.0]}, "line 2, column payload_kg: found -1; a payload is 0 or more"),
+        ({"approach1": [1]}, "missing column approach2, approach3"),
+        (
+            {f"approach{k + 1}": [k - 1] for k in range(6)},
+            "line 2, column approach2: found 0; expected -1 or 1",
+        ),
+    ):
+        joints = write_targets(tmp_path / "targets.csv", np.zeros((1, 6)), **more)
+        assert main(["correct", str(cell), "--joints", str(joints), "--out", str(out)]) == 2
+        assert says in capsys.readouterr().err
+        assert not out.exists()
