@@ -26,6 +26,8 @@ from calib.robot import Robot  # noqa: E402
 from calib.solver import solve  # noqa: E402
 from test_solver import PANDA_CASES, RB5_CASES  # noqa: E402
 
+SEEDS = 100
+
 
 def rmse_mm(robot: Robot, eliminated: str, seed: int) -> list[float]:
     """3D RMSE after each iteration."""
@@ -37,18 +39,18 @@ def rmse_mm(robot: Robot, eliminated: str, seed: int) -> list[float]:
     return [0.05 * float(np.sqrt(3 * i.cost / fit.rows)) for i in fit.iterations]
 
 
-def table_7_or_8(arm: str, cases: tuple[str, ...], file: str, seeds: int = 100) -> None:
+def table_7_or_8(arm: str, cases: tuple[str, ...], file: str) -> None:
     """RMSE and iterations of each elimination case."""
     with (TESTS / "reference" / file).open() as stream:
         paper = list(csv.DictReader(stream))
     columns = [c for c in paper[0] if c != "iteration"]
     print(
-        f"\n{arm}: RMSE in mm, exact positions. Paper (its column for the case) against ours, {seeds} random arms"
+        f"\n{arm}: RMSE in mm, exact positions. Paper (its column for the case) against ours, {SEEDS} random arms"
     )
     head = ("paper, best", "at iteration", "ours, median", "ours, worst", "iterations")
     print(f"{'eliminated':42} {head[0]:>16} {head[1]:>12} {head[2]:>13} {head[3]:>12} {head[4]:>10}")
     for case, column in zip(cases, columns, strict=True):
-        runs = [rmse_mm(park_arm(arm), case, seed) for seed in range(seeds)]
+        runs = [rmse_mm(park_arm(arm), case, seed) for seed in range(SEEDS)]
         last = np.array([run[-1] for run in runs])
         lengths = [len(run) - 1 for run in runs]
         best = min(paper, key=lambda row: float(row[column]))

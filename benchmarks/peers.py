@@ -33,7 +33,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from simulated import NOISE_MM, Array, random_q  # isort: skip  (sets the paths)
+from simulated import NOISE_MM, Array, random_q, rms_3d, ur10  # isort: skip  (sets the paths)
 from peer_worker import along, mdh_of, spin
 
 from calib import frames
@@ -43,23 +43,12 @@ from calib.dataset_file import load_dataset
 from calib.model import geometric_model
 from calib.observations import Observations
 from calib.residuals import PositionResiduals
-from calib.robot import Joint, Robot, Tool
+from calib.robot import Robot, Tool
 from calib.solver import solve
 
 WORKER = Path(__file__).with_name("peer_worker.py")
-RIGHT = np.pi / 2
-
-UR10_TABLE = np.array(
-    [  # a, alpha, d, theta; the tool's point lies off the last axis, as robotkinecal's documentation asks
-        (0.0, RIGHT, 127.3, 0.0),
-        (-612.0, 0.0, 0.0, 0.0),
-        (-572.3, 0.0, 0.0, 0.0),
-        (0.0, RIGHT, 163.941, 0.0),
-        (0.0, -RIGHT, 115.7, 0.0),
-        (0.0, 0.0, 92.2, 0.0),
-        (60.0, 0.0, 100.0, 0.5),
-    ]
-)
+# The tool's point lies off the last axis, as robotkinecal's documentation asks.
+ARM = ur10(Tool(a_mm=60.0, d_mm=100.0, theta_rad=0.5))
 
 
 @dataclass(frozen=True)
@@ -123,21 +112,12 @@ def environment(cache: Path, package: str) -> Path:
     return python
 
 
-def rms_3d(error_mm: Array) -> float:
-    """RMS length of errors (N, 3)."""
-    return float(np.sqrt(np.mean(np.sum(error_mm**2, axis=1))))
-
-
 # ---------------------------------------------------------------- simulated UR10
 
 
-def robot_of(table: Array) -> Robot:
-    """DH rows as a robot."""
-    rows = [
-        dict(zip(("a_mm", "alpha_rad", "d_mm", "theta_rad"), map(float, row), strict=True)) for row in table
-    ]
-    joints = tuple(Joint(**row, name=f"J{i + 1}") for i, row in enumerate(rows[:-1]))  # type: ignore[arg-type]
-    return Robot("UR10", joints, Tool(**rows[-1]))
+def dh_rows(robot: Robot) -> Array:
+    """(n + 1, 4) a, alpha, d, theta, the peers' parameters of a link."""
+    return robot.table[:, :4]
 
 
 def mdh_points(mdh: Array, tilt: Array, tool: Array, q: Array) -> Array:
@@ -156,7 +136,7 @@ def ours(problem: Problem) -> dict[str, Answer]:
     count = len(problem.q)
     dataset = Dataset(
         "ur10",
-        robot_of(problem.table),
+        ARM,
         poses_of(problem.q, ["reference"] + ["train"] * (count - 1)),
         Points(np.arange(count), problem.points, np.full(count, "jig")),
         scanner=Scanner(NOISE_MM),
@@ -232,16 +212,15 @@ def simulated(arms: int, interpreters: dict[str, Path], *, slow: bool) -> None:
 
 def one_arm(rng: np.random.Generator, noise_mm: float, every_way: bool) -> tuple[Problem, Array, Array]:
     """What is measured of one arm, and 500 other poses by the nominal and by the true arm."""
-    mdh, tool = mdh_of(UR10_TABLE)
+    mdh, tool = mdh_of(dh_rows(ARM))
     tilt = np.radians(0.1) * rng.standard_normal(len(mdh))
     off = rng.standard_normal(mdh.shape) * np.array([np.radians(0.1), 0.3, np.radians(0.1), 0.3])
     true_tool = tool.copy()
     true_tool[:3, 3] += 0.3 * rng.standard_normal(3)
-    robot = robot_of(UR10_TABLE)
-    q, q_test = random_q(robot, 50, rng), random_q(robot, 500, rng)
+    q, q_test = random_q(ARM, 50, rng), random_q(ARM, 500, rng)
     tilt = tilt if every_way else np.zeros(len(mdh))
     points = mdh_points(mdh + off, tilt, true_tool, q) + noise_mm * rng.standard_normal((50, 3))
-    problem = Problem(UR10_TABLE, q, points, np.array([], dtype=str), q_test)
+    problem = Problem(dh_rows(ARM), q, points, np.array([], dtype=str), q_test)
     nominal = mdh_points(mdh, np.zeros(len(mdh)), tool, q_test)
     return problem, nominal, mdh_points(mdh + off, tilt, true_tool, q_test)
 
@@ -280,9 +259,7 @@ def real(path: Path, interpreters: dict[str, Path], *, slow: bool) -> None:
     robot, poses, points = dataset.robot, dataset.poses, dataset.points
     test = poses.is_test[points.pose]
     q, setup = poses.q[points.pose], poses.setup[points.pose]
-    train_of = Problem(
-        robot.table[:, [0, 1, 2, 3]], q[~test], points.xyz_mm[~test], setup[~test].astype(str), q[test]
-    )
+    train_of = Problem(dh_rows(robot), q[~test], points.xyz_mm[~test], setup[~test].astype(str), q[test])
     assert np.all(robot.table[:, 4] == 0.0), "the peers know no beta"
     assert result.after.train is not None
     assert result.after.test is not None

@@ -28,8 +28,8 @@ RIGHT = np.pi / 2
 NOISE_MM = 0.05
 
 
-def ur10(tool_a_mm: float = 0.0, tool_d_mm: float = 100.0) -> Robot:
-    """Universal Robots UR10: the maker's DH table, joints 2, 3 and 4 parallel, and a tool."""
+def ur10(tool: Tool) -> Robot:
+    """Universal Robots UR10: the maker's DH table, joints 2, 3 and 4 parallel."""
     rows = [
         (0.0, RIGHT, 127.3, 0.0),
         (-612.0, 0.0, 0.0, 0.0),
@@ -39,7 +39,7 @@ def ur10(tool_a_mm: float = 0.0, tool_d_mm: float = 100.0) -> Robot:
         (0.0, 0.0, 92.2, 0.0),
     ]
     joints = tuple(Joint(*row, name=f"J{i + 1}") for i, row in enumerate(rows))
-    return Robot("UR10", joints, Tool(a_mm=tool_a_mm, d_mm=tool_d_mm))
+    return Robot("UR10", joints, tool)
 
 
 def scara() -> Robot:
@@ -90,6 +90,11 @@ def anywhere(rng: np.random.Generator) -> Array:
 def unit(vector: Array) -> Array:
     """The vector's direction."""
     return np.asarray(vector / np.linalg.norm(vector))
+
+
+def rms_3d(error_mm: Array) -> float:
+    """RMS length of errors (..., 3)."""
+    return float(np.sqrt(np.mean(np.sum(error_mm**2, axis=-1))))
 
 
 def random_q(robot: Robot, count: int, rng: np.random.Generator) -> Array:

@@ -29,6 +29,7 @@ from simulated import (  # isort: skip  (sets the paths)
     mixed_arm,
     off_by,
     random_q,
+    rms_3d,
     scara,
     ur10,
 )
@@ -41,7 +42,7 @@ from calib.model import Model, geometric_model
 from calib.observations import Observations
 from calib.redundancy import analyse
 from calib.residuals import PositionResiduals, make_residuals
-from calib.robot import Robot
+from calib.robot import Robot, Tool
 from calib.solver import Fit, solve
 from calib.true_loads import JointCompliance
 from calib.truth import Truth
@@ -116,11 +117,6 @@ def exact(count: int) -> None:
         )
     print(f"{'rounding: two codes, truth':48}           {spread(np.array(floor))}")
     print(f"{'paper, best of five cases':48}             1.9e-13 .. 2.5e-13                  300 to 1000")
-
-
-def rms_3d(error_mm: Array) -> float:
-    """RMS length of errors (..., 3)."""
-    return float(np.sqrt(np.mean(np.sum(error_mm**2, axis=-1))))
 
 
 # ---------------------------------------------------------------- a strong effect missing
@@ -276,7 +272,7 @@ def pairs() -> None:
         f"{'':8} {'parameters':>10} {'pairs keep':>10} {'no influence':>12} {'rank':>5}   kept, yet redundant"
     )
     reports = []
-    for robot in (park_arm("rb5"), park_arm("panda"), ur10(), scara()):
+    for robot in (park_arm("rb5"), park_arm("panda"), ur10(Tool(d_mm=100.0)), scara()):
         rng = np.random.default_rng(5)
         by = kinematics.target_jacobian(robot, random_q(robot, 40, rng))
         found = analyse(by.reshape(-1, by.shape[-1]), robot.parameter_names, robot.parameter_units)
