@@ -184,7 +184,7 @@ def calibrate(
         prior: hold parameters within about their tolerance.
         tolerances: of single link parameters, by name, in mm or rad, where the default of 1 mm and 0.5 deg is wrong.
         sizes: of the effects' parameters, by full name, where their usual scale is not the prior to use.
-        robust: let points far from the model count less (`calib.robust`); positions only.
+        robust: let points or full poses far from the model count less (`calib.robust`); not for "distance".
         start: an earlier fit of the same arm to go on from, by its parameters' names. It saves iterations.
 
     Raises:
@@ -202,8 +202,8 @@ def calibrate(
     residuals = make_residuals(residual, model, observed)
     rows = len(residuals.residual(np.zeros(len(model.parameters))))
     _require_equations(dataset, observed, residual, rows - residuals.degrees_spent, rank=0)
-    if robust and residual in ("distance", "pose"):
-        raise FitError("robust weights need a residual of each point; take position or pairs")
+    if robust and residual == "distance":
+        raise FitError("robust weights need a residual of each point; take position, pairs or pose")
     way: tuple[Iteration, ...] = ()  # that led to where this fit begins
     links_alone = Model(dataset.robot, (links,), model.fixed)
     if start is not None:

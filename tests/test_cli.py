@@ -117,7 +117,7 @@ def test_tolerances_holds_and_robust_weights_by_command(
     assert "no parameter named 'b7'" in refused(capsys, "calibrate", points_folder, "--tolerance", "b7=1")
     assert "above 0" in refused(capsys, "calibrate", points_folder, "--tolerance", "a2=-1")
     assert "no parameter named 'b7'" in refused(capsys, "calibrate", points_folder, "--hold", "b7")
-    assert "position or pairs" in refused(
+    assert "position, pairs or pose" in refused(
         capsys, "calibrate", points_folder, "--robust", "--residual", "distance"
     )
 
@@ -491,7 +491,7 @@ def test_validate_and_correct_take_the_options_of_a_fit(
     capsys.readouterr()
     for command in (["validate", points_folder], ["correct", points_folder, *targets]):
         assert "no parameter named 'b7'" in refused(capsys, *command, "--hold", "b7")
-        assert "position or pairs" in refused(capsys, *command, "--robust", "--residual", "distance")
+        assert "position, pairs or pose" in refused(capsys, *command, "--robust", "--residual", "distance")
 
 
 def test_effects_lists_the_catalogue(capsys: pytest.CaptureFixture[str]) -> None:

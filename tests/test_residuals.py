@@ -147,6 +147,6 @@ def test_robust_weights_find_the_wrong_points_and_the_right_arm() -> None:
 
 
 def test_tukey_weights_do_not_depend_on_the_scale() -> None:
-    norm = np.abs(np.random.default_rng(0).normal(size=200)) + 0.1
-    np.testing.assert_allclose(tukey_weights(norm), tukey_weights(1e3 * norm))
-    assert np.all(tukey_weights(np.zeros(5)) == 1.0)
+    norm, rows = np.abs(np.random.default_rng(0).normal(size=200)) + 0.1, np.full(200, 3)
+    np.testing.assert_allclose(tukey_weights(norm, rows), tukey_weights(1e3 * norm, rows))
+    assert np.all(tukey_weights(np.zeros(5), rows[:5]) == 1.0)
