@@ -18,6 +18,8 @@ from calib.structure import inputs_at
 
 Array = NDArray[np.float64]
 
+_RANKS = 4  # to either side of a point, whose median is its smooth
+
 
 @dataclass(frozen=True)
 class Failure:
@@ -122,8 +124,8 @@ def _per_pose(values: Array, row: NDArray[np.int64], poses: int) -> Array:
     return out
 
 
-def running_median(x: ArrayLike, y: ArrayLike, width: int = 9) -> tuple[Array, Array]:
-    """A smooth of y (N,) over x (N,): at each value of x the median of the points within `width // 2` ranks of it.
+def running_median(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+    """A smooth of y (N,) over x (N,): at each value of x the median of the points within `_RANKS` ranks of it.
 
     Over a gap in x nothing is known: the smooth ends before it, a row of nan comes between, and no median takes points
     from both sides. Where fewer than three points lie between two gaps there is none. Equal x give one value. Towards
@@ -141,7 +143,7 @@ def running_median(x: ArrayLike, y: ArrayLike, width: int = 9) -> tuple[Array, A
             out.append((float("nan"), float("nan")))
         at, first, count = np.unique(across[part], return_index=True, return_counts=True)
         for place, start, ties in zip(at, first, count, strict=True):
-            half = min(width // 2, start, len(part) - start - ties)
+            half = min(_RANKS, start, len(part) - start - ties)
             out.append((place, float(np.median(values[part[start - half : start + ties + half]]))))
     smooth = np.array(out).reshape(-1, 2)
     return smooth[:, 0], smooth[:, 1]

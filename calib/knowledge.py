@@ -17,7 +17,6 @@ from calib import frames
 from calib.calibration import Calibration, redundancy
 from calib.errors import FitError
 from calib.observations import Observations, conditions_at, linearise_points
-from calib.redundancy import Redundancy
 
 Array = NDArray[np.float64]
 
@@ -82,14 +81,13 @@ def combination(calibration: Calibration, coefficients: Mapping[str, float]) -> 
     )
 
 
-def known_sums(calibration: Calibration, groups_of: Redundancy | None = None) -> tuple[Combination, ...]:
+def known_sums(calibration: Calibration) -> tuple[Combination, ...]:
     """For each group of parameters that act alike: the one sum that the data know (a6 + aTCP, theta4 - beta4).
 
-    A sum that these poses leave as vague as its tolerance is left out.
-    `groups_of` is the dataset's redundancy, found here where None. Groups without influence on distances or positions
-    from an unknown place (d1, theta1 - beta1) are left out.
+    Left out are sums that these poses leave as vague as their tolerance, and groups without influence on distances or
+    positions from an unknown place (d1, theta1 - beta1).
     """
-    found = groups_of or redundancy(calibration.dataset)
+    found = redundancy(calibration.dataset)
     blind = set(redundancy(calibration.dataset, residual="distance").no_influence)
     names = {p.name for p in calibration.fit.parameters}
     row = {name: i for i, name in enumerate(found.parameters)}
@@ -102,8 +100,8 @@ def known_sums(calibration: Calibration, groups_of: Redundancy | None = None) ->
     return tuple(found_sum for found_sum in out if found_sum.is_known)
 
 
-def correlated_pairs(calibration: Calibration, threshold: float = CORRELATED) -> tuple[CorrelatedPair, ...]:
-    """Pairs whose estimates' errors correlate beyond the threshold, the strongest first."""
+def correlated_pairs(calibration: Calibration) -> tuple[CorrelatedPair, ...]:
+    """Pairs whose estimates' errors correlate beyond `CORRELATED`, the strongest first."""
     fit = calibration.fit
     sigma = np.sqrt(np.diag(fit.covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -112,7 +110,7 @@ def correlated_pairs(calibration: Calibration, threshold: float = CORRELATED) ->
     pairs = [
         CorrelatedPair(fit.parameters[i].name, fit.parameters[j].name, float(r[i, j]))
         for i, j in zip(*np.triu_indices(len(sigma), 1), strict=True)
-        if usable[i] and usable[j] and abs(r[i, j]) > threshold
+        if usable[i] and usable[j] and abs(r[i, j]) > CORRELATED
     ]
     return tuple(sorted(pairs, key=lambda pair: -abs(pair.r)))
 

@@ -27,7 +27,7 @@ class NextPose:
     separation_mm: float
 
 
-def splitting_poses(diagnosis: Diagnosis, *, count: int = 5, tried: int = 400) -> tuple[NextPose, ...]:
+def splitting_poses(diagnosis: Diagnosis, *, count: int = 5) -> tuple[NextPose, ...]:
     """Poses that best split the ambiguous set of a diagnosis, far from each other; () where nothing is ambiguous.
 
     Each cause is fitted by itself; at random joint vectors within the range of the measured ones, the fitted models
@@ -35,7 +35,7 @@ def splitting_poses(diagnosis: Diagnosis, *, count: int = 5, tried: int = 400) -
     """
     ranking = diagnosis.steps[-1].screening.candidates
     doubted = [c for c in ranking if c.name in diagnosis.ambiguous_set]
-    return poses_between(diagnosis.calibration, doubted, count=count, tried=tried)
+    return poses_between(diagnosis.calibration, doubted, count=count)
 
 
 def poses_between(

@@ -42,11 +42,6 @@ class Redundancy:
         dict[str, float], ...
     ]  # coefficients of corrections that cancel: three or more parameters
 
-    def split_pearson(self, unit: str) -> tuple[tuple[str, ...], Array]:
-        """Park's tables: the parameters of one unit and their part of the matrix."""
-        rows = [i for i, u in enumerate(self.units) if u == unit]
-        return tuple(self.parameters[i] for i in rows), self.pearson[np.ix_(rows, rows)]
-
     @property
     def dropped(self) -> dict[str, str]:
         """Every parameter outside `independent`, with what makes it superfluous."""

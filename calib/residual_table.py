@@ -14,14 +14,14 @@ from calib.observations import Observations
 Array = NDArray[np.float64]
 
 
-def residual_table(calibration: Calibration, failure: Failure | None = None) -> pd.DataFrame:
+def residual_table(calibration: Calibration) -> pd.DataFrame:
     """One row for each measured pose, in the dataset's order; several points of a pose are averaged.
 
     Columns: pose, role, setup, points (how many were averaged); error_x_mm ... (predicted minus measured) and its
     length error_mm; predicted_x_mm ... and measured_x_mm ..., all in the scanner's frame; then every input that varies,
     angles in degrees, further columns of poses.csv as they are there. An input whose name is taken is called input_...
     """
-    failure = failure or failure_of(calibration)
+    failure = failure_of(calibration)
     dataset = calibration.dataset
     everything = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
     poses, row = everything.used_poses

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from calib.calibration import Calibration
 from calib.dataset import Dataset, Poses
 from calib.distributions import chi2_sf, f_sf
 from calib.effects.gravity import has_masses
 from calib.effects.state import RobotState
-from calib.leftover import Leftover, joint_directions, leftover_of
+from calib.leftover import Leftover, joint_directions
 from calib.local_faults import LocalFault, fault_of
 from calib.repeatability import find_repeats, pooled_sigma_mm
 from calib.robot import Robot
@@ -101,11 +100,6 @@ def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]
             else column.factorize()[0].astype(float)
         )
     return {name: v for name, v in inputs.items() if len(np.unique(v)) > 1}
-
-
-def judge(calibration: Calibration) -> Remains:
-    """What any calibration left over, however its model came about. Raises FitError where nothing is left."""
-    return examine(calibration.dataset, leftover_of(calibration))
 
 
 def examine(dataset: Dataset, leftover: Leftover, *, draws: int = DRAWS) -> Remains:

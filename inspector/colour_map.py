@@ -43,15 +43,13 @@ def bar(
     high: float,
     colours: tuple[str, ...],
     *,
-    unit: str = "mm",
     mark: tuple[float, str] | None = None,
 ) -> str:
-    """The scale of a map as HTML: ends and middle with their unit, and where a number of interest lies on it."""
+    """The scale of a map as HTML: ends and middle in mm, and where a number of interest lies on it."""
     gradient = ",".join(colours)
     sides = zip(("left", "center", "right"), (low, (low + high) / 2, high), strict=True)
     ends = "".join(
-        f'<span style="flex:1;text-align:{side}">{_signed(value, low < 0)} {escape(unit)}</span>'
-        for side, value in sides
+        f'<span style="flex:1;text-align:{side}">{_signed(value, low < 0)} mm</span>' for side, value in sides
     )
     needle = below = ""
     if mark is not None and low <= mark[0] <= high:

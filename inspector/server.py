@@ -92,16 +92,13 @@ def _is_loopback(host: str) -> bool:
         return host.lower() == "localhost"
 
 
-def origin_allowed(
-    origin: str | None, host_header: str | None, *, bound_host: str, extra: Sequence[str] = ()
-) -> bool:
+def origin_allowed(origin: str | None, host_header: str | None, *, bound_host: str) -> bool:
     """Whether a request from the web page at `origin` is this server's own page, or no web page at all.
 
     The page's host:port has to be the one that the request went to (so a forwarded port works), and that host has to
-    be this machine's own name: a foreign name that resolves to 127.0.0.1 (DNS rebinding) is refused. `extra` lists
-    further origins, such as `https://calib.example` of a reverse proxy.
+    be this machine's own name: a foreign name that resolves to 127.0.0.1 (DNS rebinding) is refused.
     """
-    if origin is None or origin in extra:
+    if origin is None:
         return True
     if host_header is None:
         return False
@@ -206,7 +203,7 @@ _starting = threading.Lock()
 
 
 @contextlib.contextmanager
-def _serving_on(listener: socket.socket, bound_host: str, extra: Sequence[str]) -> Iterator[None]:
+def _serving_on(listener: socket.socket, bound_host: str) -> Iterator[None]:
     """While inside, a viser server that starts listens on `listener` and refuses foreign origins.
 
     Viser opens its own port inside a function that cannot be reached from outside, so the module that it takes
@@ -220,7 +217,7 @@ def _serving_on(listener: socket.socket, bound_host: str, extra: Sequence[str]) 
             origins, hosts = headers.get_all("Origin"), headers.get_all("Host")
             origin = origins[0] if len(origins) == 1 else (None if not origins else "several")
             host = hosts[0] if len(hosts) == 1 else None
-            if not origin_allowed(origin, host, bound_host=bound_host, extra=extra):
+            if not origin_allowed(origin, host, bound_host=bound_host):
                 return connection.respond(
                     http.HTTPStatus.FORBIDDEN, "This page may not talk to the inspector (foreign origin).\n"
                 )
@@ -264,9 +261,7 @@ class InspectorServer(viser.ViserServer):
             super().stop()
 
 
-def start_server(
-    host: str = LOOPBACK, port: int = 8080, *, label: str | None = None, extra_origins: Sequence[str] = ()
-) -> InspectorServer:
+def start_server(host: str = LOOPBACK, port: int = 8080, *, label: str | None = None) -> InspectorServer:
     """Serve on exactly host:port, for this server's own pages.
 
     Raises:
@@ -275,7 +270,7 @@ def start_server(
     _remember()
     listener = bind(host, port)
     try:
-        with _serving_on(listener, host, tuple(extra_origins)), contextlib.redirect_stdout(io.StringIO()):
+        with _serving_on(listener, host), contextlib.redirect_stdout(io.StringIO()):
             server = InspectorServer(host=host, port=listener.getsockname()[1], label=label, verbose=False)
     except BaseException:
         listener.close()
@@ -292,7 +287,7 @@ def url_of(server: viser.ViserServer) -> str:
     return f"http://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
 
 
-def tell(server: viser.ViserServer, title: str, body: str, *, color: str = "red") -> None:
+def tell(server: viser.ViserServer, title: str, body: str) -> None:
     """A notification in every open page (plain text, viser shows it unformatted)."""
     for client in server.get_clients().values():
-        client.add_notification(title, body, color=color, auto_close_seconds=15.0)  # type: ignore[call-overload]
+        client.add_notification(title, body, color="red", auto_close_seconds=15.0)

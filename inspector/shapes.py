@@ -60,8 +60,9 @@ def jig_edges(xyz_mm: NDArray, normals: NDArray, centres_mm: NDArray, edge_mm: f
     return np.array(lines)
 
 
-def disc(sides: int = 32) -> tuple[NDArray, NDArray]:
+def disc() -> tuple[NDArray, NDArray]:
     """Vertices (V, 3) and faces (F, 3) of a unit disc across z."""
+    sides = 32
     angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
     vertices = np.c_[np.cos(angle), np.sin(angle), np.zeros(sides)]
     return vertices, np.array([[0, i, i + 1] for i in range(1, sides - 1)])
@@ -87,11 +88,12 @@ def spread(points_mm: NDArray, centre_mm: NDArray) -> float:
     return float(np.percentile(np.linalg.norm(points_mm - centre_mm, axis=1), 90)) if len(points_mm) else 0.0
 
 
-def unit_cylinder(sectors: int = 28) -> tuple[NDArray, NDArray]:
+def unit_cylinder() -> tuple[NDArray, NDArray]:
     """Vertices (V, 3) and faces (F, 3), outward, of a cylinder of radius 1 and length 1 along z, about the origin.
 
     Rims have their vertices twice, so that caps and side are shaded apart.
     """
+    sectors = 28
     angle = np.linspace(0, 2 * np.pi, sectors, endpoint=False)
     ring = np.c_[np.cos(angle), np.sin(angle)]
     low, high = np.c_[ring, np.full(sectors, -0.5)], np.c_[ring, np.full(sectors, 0.5)]

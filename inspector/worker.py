@@ -26,7 +26,7 @@ T = TypeVar("T")
 class Worker:
     """Runs jobs on one thread; `on_error(key, exception)` hears of every job that fails, on that same thread."""
 
-    def __init__(self, on_error: Callable[[Hashable, Exception], None], *, name: str = "inspector") -> None:
+    def __init__(self, on_error: Callable[[Hashable, Exception], None]) -> None:
         self._on_error = on_error
         self._changed = threading.Condition()
         self._waiting: OrderedDict[Hashable, Job] = OrderedDict()
@@ -34,7 +34,7 @@ class Worker:
         self._dropped: set[Hashable] = set()  # long work that is to end at its next yield
         self._busy = False
         self._stopping = False
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread = threading.Thread(target=self._run, name="inspector", daemon=True)
         self._thread.start()
 
     def submit(self, key: Hashable, job: Job) -> None:

@@ -13,24 +13,25 @@ from calib.diagnosis import diagnose
 from calib.effects.catalogue import effects_for
 from calib.explanation import input_in_words, left_in_short
 from calib.kinematics import target_jacobian
+from calib.leftover import leftover_of
 from calib.meaning import meaning
 from calib.next_poses import nearest_rival, poses_between
 from calib.robot_file import builtin_robot
 from calib.screening import Screening, screen
 from calib.simulation import simulate_dataset
-from calib.structure import Remains, judge
+from calib.structure import Remains, examine
 
 
-def fitted(*effects: str, seed: int = 4, sigmas: float = 4.0) -> tuple[Calibration, Screening, Remains]:
+def fitted(*effects: str, seed: int = 4) -> tuple[Calibration, Screening, Remains]:
     dataset = simulate_dataset(
         builtin_robot("rb5"),
         rng=np.random.default_rng(seed),
-        effects=[(name, sigmas) for name in effects],
+        effects=[(name, 4.0) for name in effects],
         conditions=True,
         poses=50,
     ).dataset
     result = calibrate(dataset)
-    return result, screen(result, effects_for(dataset)), judge(result)
+    return result, screen(result, effects_for(dataset)), examine(dataset, leftover_of(result))
 
 
 @pytest.fixture(scope="module")

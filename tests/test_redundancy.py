@@ -57,11 +57,7 @@ def test_parks_groups_zero_columns_and_counts(arm: str, seed: int) -> None:
 def test_the_papers_matrix_where_it_does_not_hang_on_the_poses(arm: str, kind: str) -> None:
     """Entries that the paper prints as +-1, and its NaN, are ours too; only its own sign slips differ."""
     names, theirs = printed(f"{arm}_{kind}")
-    split_names, ours = analysed(park_arm(arm), poses=400).split_pearson(
-        "mm" if kind == "prismatic" else "rad"
-    )
-    order = [split_names.index(name) for name in names]
-    ours = ours[np.ix_(order, order)]
+    ours = analysed(park_arm(arm), poses=400).to_frame().loc[list(names), list(names)].to_numpy()
     np.testing.assert_array_equal(np.isnan(ours), np.isnan(theirs))
     slips = np.argwhere(~np.isclose(theirs, theirs.T, atol=2e-3, equal_nan=True))
     exact = np.isclose(np.abs(theirs), 1.0)

@@ -116,11 +116,6 @@ def test_origin_rule(origin: str | None, host: str | None, bound: str, allowed: 
     assert origin_allowed(origin, host, bound_host=bound) is allowed
 
 
-def test_a_proxys_origin_can_be_named() -> None:
-    proxy = "https://calib.example"
-    assert origin_allowed(proxy, "localhost:8080", bound_host="127.0.0.1", extra=(proxy,))
-
-
 def test_no_path_leaves_the_page_folder(server: server_module.InspectorServer) -> None:
     for path in (
         "/../../../etc/passwd",

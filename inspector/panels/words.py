@@ -35,9 +35,9 @@ def role(name: str) -> str:
     return ROLE_WORDS.get(name, name)
 
 
-def count(number: int, one: str, many: str | None = None) -> str:
+def count(number: int, one: str) -> str:
     """ "1 scan", "2 scans"."""
-    return f"{number:,} {one if number == 1 else many or one + 's'}"
+    return f"{number:,} {one if number == 1 else one + 's'}"
 
 
 def listing(names: tuple[str, ...] | list[str]) -> str:
