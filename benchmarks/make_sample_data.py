@@ -16,7 +16,7 @@ import pandas as pd
 from calib.dataset import Poses
 from calib.frames import apply
 from calib.kinematics import forward
-from calib.pose_design import JANG_FIELD, place_scanner, reach_apexes, scan_poses, spread_poses
+from calib.pose_design import place_scanner, reach_apexes, scan_poses, spread_poses
 from calib.robot import Robot
 from calib.robot_file import builtin_robot
 from calib.scan_simulation import ScanModel
@@ -54,7 +54,7 @@ SCANS = ScanModel(points=11_000, scan_sigma_mm=0.02)
 def rb5_jang(robot: Robot) -> Simulation:
     """Jang's experiment: training in two configurations of the arm, testing in all that it has."""
     rng = np.random.default_rng(JANG_SEED)
-    base_T_scanner = place_scanner(robot, rng=rng, field=JANG_FIELD)
+    base_T_scanner = place_scanner(robot, rng=rng)
     configurations = scan_poses(robot, base_T_scanner, 2, rng=rng)
     candidates = scan_poses(robot, base_T_scanner, 102, rng=rng, start_q=configurations)
     training = candidates[spread_poses(candidates, 51)]

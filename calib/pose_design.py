@@ -47,7 +47,7 @@ def target_T_jig(robot: Robot) -> Array:
     return make_transform(np.diag([1.0, -jig_outward(robot), -jig_outward(robot)]), np.zeros(3))
 
 
-def place_scanner(robot: Robot, *, rng: np.random.Generator, field: ScanField = JANG_FIELD) -> Array:
+def place_scanner(robot: Robot, *, rng: np.random.Generator) -> Array:
     """base_T_scanner (4, 4): in front of the arm, looking back at the middle of its reach, a few degrees off square."""
     q = random_poses(robot, 2000, rng=np.random.default_rng(0))
     reach_mm = float(np.linalg.norm(forward(robot.table, q, robot.is_revolute).target_mm, axis=1).max())
@@ -57,7 +57,7 @@ def place_scanner(robot: Robot, *, rng: np.random.Generator, field: ScanField = 
     )  # columns: scanner x, y, z in base
     tilt_rad = np.radians(rng.uniform(-4.0, 4.0, 3))
     turn = rotation_from_rotvec(tilt_rad) @ looking_back
-    return make_transform(turn, middle_mm - field.distance_mm * turn[:, 2])
+    return make_transform(turn, middle_mm - JANG_FIELD.distance_mm * turn[:, 2])
 
 
 def more_places(base_T_scanner: Array, count: int, *, rng: np.random.Generator) -> dict[str, Array]:
@@ -70,9 +70,9 @@ def more_places(base_T_scanner: Array, count: int, *, rng: np.random.Generator) 
     return places
 
 
-def random_poses(robot: Robot, count: int, *, rng: np.random.Generator, range_deg: float = 180.0) -> Array:
-    """(count, n) joints uniform within +- range_deg and within their limits (Park 2022: 40 poses, all joints +-180)."""
-    low, high = _limits(robot, np.radians(range_deg))
+def random_poses(robot: Robot, count: int, *, rng: np.random.Generator) -> Array:
+    """(count, n) joints uniform within +-180 deg (Park 2022) and within their limits."""
+    low, high = _limits(robot)
     return rng.uniform(low, high, (count, robot.n_joints))
 
 
@@ -115,14 +115,12 @@ def scan_poses(
     *,
     rng: np.random.Generator,
     jig: Jig = CUBE_CORNER,
-    field: ScanField = JANG_FIELD,
     start_q: ArrayLike | None = None,
-    start_spread_rad: float = 0.4,
 ) -> Array:
     """(count, n) poses that hold the jig in the scanner's field with all three faces turned at it.
 
     Apex and jig axis are drawn, the turn about the axis is left to chance, and the joints follow by damped least
-    squares from random starts: the whole range, or around one of `start_q` (S, n), which keeps to its
+    squares from random starts: the whole range, or some 0.4 rad around one of `start_q` (S, n), which keeps to its
     configuration.
 
     Raises:
@@ -138,15 +136,13 @@ def scan_poses(
             )
         batch = 512
         tried += batch
-        apex_mm = _apexes(batch, rng, field)
-        axis = _tilted(apex_mm / np.linalg.norm(apex_mm, axis=1, keepdims=True), rng, field)
+        apex_mm = _apexes(batch, rng)
+        axis = _tilted(apex_mm / np.linalg.norm(apex_mm, axis=1, keepdims=True), rng)
         q = random_poses(robot, batch, rng=rng)
         if start_q is not None:
             starts = np.atleast_2d(np.asarray(start_q, dtype=float))
-            q = starts[rng.integers(len(starts), size=batch)] + start_spread_rad * rng.standard_normal(
-                q.shape
-            )
-        found.append(_usable(robot, np.asarray(base_T_scanner, float), apex_mm, axis, q, jig, field))
+            q = starts[rng.integers(len(starts), size=batch)] + 0.4 * rng.standard_normal(q.shape)
+        found.append(_usable(robot, np.asarray(base_T_scanner, float), apex_mm, axis, q, jig))
         total += len(found[-1])
     return np.concatenate(found)[:count]
 
@@ -157,21 +153,19 @@ def reach_apexes(
     apex_mm: ArrayLike,
     *,
     rng: np.random.Generator,
-    jig: Jig = CUBE_CORNER,
 ) -> Array:
     """(K, n) one pose for each wanted apex (K, 3) in the scanner's frame, under the same conditions as `scan_poses`.
 
     Raises:
         CalibError: an apex is out of reach.
     """
-    field = JANG_FIELD
     out = []
     for wanted_mm in np.asarray(apex_mm, dtype=float):
         for _ in range(12):
             apexes = np.tile(wanted_mm, (256, 1))
-            axis = _tilted(apexes / np.linalg.norm(apexes, axis=1, keepdims=True), rng, field)
+            axis = _tilted(apexes / np.linalg.norm(apexes, axis=1, keepdims=True), rng)
             start = random_poses(robot, 256, rng=rng)
-            q = _usable(robot, np.asarray(base_T_scanner, float), apexes, axis, start, jig, field)
+            q = _usable(robot, np.asarray(base_T_scanner, float), apexes, axis, start, CUBE_CORNER)
             if len(q):
                 out.append(q[0])
                 break
@@ -183,17 +177,17 @@ def reach_apexes(
     return np.array(out)
 
 
-def _apexes(count: int, rng: np.random.Generator, field: ScanField) -> Array:
+def _apexes(count: int, rng: np.random.Generator) -> Array:
     """(count, 3) apexes in the field's frustum, scanner frame."""
-    depth_mm = field.distance_mm + field.depth_mm * rng.uniform(-0.5, 0.5, count)
-    half = 0.5 * np.array([field.width_mm, field.height_mm]) - field.margin_mm
-    across = rng.uniform(-half, half, (count, 2)) * (depth_mm / field.distance_mm)[:, None]
+    depth_mm = JANG_FIELD.distance_mm + JANG_FIELD.depth_mm * rng.uniform(-0.5, 0.5, count)
+    half = 0.5 * np.array([JANG_FIELD.width_mm, JANG_FIELD.height_mm]) - JANG_FIELD.margin_mm
+    across = rng.uniform(-half, half, (count, 2)) * (depth_mm / JANG_FIELD.distance_mm)[:, None]
     return np.column_stack([across, depth_mm])
 
 
-def _tilted(sight: Array, rng: np.random.Generator, field: ScanField) -> Array:
+def _tilted(sight: Array, rng: np.random.Generator) -> Array:
     """Unit axes (N, 3) within the field's tilt of the lines of sight (N, 3), spread evenly over the cap."""
-    cosine = rng.uniform(np.cos(np.radians(field.max_tilt_deg)), 1.0, len(sight))
+    cosine = rng.uniform(np.cos(np.radians(JANG_FIELD.max_tilt_deg)), 1.0, len(sight))
     azimuth = rng.uniform(-np.pi, np.pi, len(sight))
     across = np.cross(sight, [1.0, 0.0, 0.0])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
@@ -202,13 +196,11 @@ def _tilted(sight: Array, rng: np.random.Generator, field: ScanField) -> Array:
     return np.asarray(cosine[:, None] * sight + np.sqrt(1.0 - cosine**2)[:, None] * sideways)
 
 
-def _usable(
-    robot: Robot, base_T_scanner: Array, apex_mm: Array, axis: Array, q: Array, jig: Jig, field: ScanField
-) -> Array:
+def _usable(robot: Robot, base_T_scanner: Array, apex_mm: Array, axis: Array, q: Array, jig: Jig) -> Array:
     """Solve for the joints and keep the rows that reach, stay in limits and clear of things, and show all faces."""
     outward = -axis @ base_T_scanner[:3, :3].T
     q, reached = _inverse_kinematics(robot, apply(base_T_scanner, apex_mm), outward, q)
-    low, high = _limits(robot, np.pi)
+    low, high = _limits(robot)
     q = np.where(robot.is_revolute, _wrapped(q, low), q)
     reached &= np.all((q >= low) & (q <= high), axis=1)
     chain = forward(robot.table, q, robot.is_revolute)
@@ -216,7 +208,7 @@ def _usable(
     _, normals = jig_geometry(jig)
     sight = scanner_T_jig[:, :3, 3] / np.linalg.norm(scanner_T_jig[:, :3, 3], axis=1, keepdims=True)
     cos_incidence = -np.einsum("nij,kj,ni->nk", scanner_T_jig[:, :3, :3], normals, sight)
-    seen = np.all(cos_incidence > np.cos(np.radians(field.max_incidence_deg)), axis=1)
+    seen = np.all(cos_incidence > np.cos(np.radians(JANG_FIELD.max_incidence_deg)), axis=1)
     return q[reached & seen & _is_clear(robot, chain, base_T_scanner)]
 
 
@@ -263,16 +255,16 @@ def _inverse_kinematics(
     return q, (off_mm < 1.0) & (off_rad < 0.02)
 
 
-def _limits(robot: Robot, widest_rad: float) -> tuple[Array, Array]:
-    """Lower and upper bound (n,): the joints' own limits, and +-widest for those that turn."""
+def _limits(robot: Robot) -> tuple[Array, Array]:
+    """Lower and upper bound (n,): the joints' own limits, and half a turn either way for those that turn."""
     low = np.array([-np.inf if joint.min is None else joint.min for joint in robot.joints])
     high = np.array([np.inf if joint.max is None else joint.max for joint in robot.joints])
-    low = np.where(robot.is_revolute, np.maximum(low, -widest_rad), np.where(np.isfinite(low), low, 0.0))
-    high = np.where(robot.is_revolute, np.minimum(high, widest_rad), np.where(np.isfinite(high), high, 500.0))
+    low = np.where(robot.is_revolute, np.maximum(low, -np.pi), np.where(np.isfinite(low), low, 0.0))
+    high = np.where(robot.is_revolute, np.minimum(high, np.pi), np.where(np.isfinite(high), high, 500.0))
     if np.any(low >= high):
         j = int(np.argmax(low >= high))
         raise CalibError(
-            f"robot {robot.name}: joint {robot.joints[j].name} has no room within +-{np.degrees(widest_rad):.0f} deg "
+            f"robot {robot.name}: joint {robot.joints[j].name} has no room within +-180 deg "
             f"of zero (limits {robot.joints[j].min}, {robot.joints[j].max} rad)"
         )
     return low, high

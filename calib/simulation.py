@@ -22,8 +22,6 @@ from calib.dataset_file import write_dataset
 from calib.errors import CalibError
 from calib.jig import Jig
 from calib.pose_design import (
-    JANG_FIELD,
-    ScanField,
     facing_poses,
     more_places,
     place_scanner,
@@ -127,7 +125,6 @@ def simulate_dataset(
     description: str = "",
     jig: Jig = CUBE_CORNER,
     tolerances: Tolerances = TYPICAL,
-    field: ScanField = JANG_FIELD,
     scan_model: ScanModel = PLAIN_MODEL,
     payloads_kg: Sequence[float] = (),
     repeats: int = 1,
@@ -165,9 +162,9 @@ def simulate_dataset(
         )
     if scans:
         robot = with_jig(robot, jig)
-    base_T_scanner = place_scanner(robot, rng=rng, field=field)
+    base_T_scanner = place_scanner(robot, rng=rng)
     if scans:
-        candidates = scan_poses(robot, base_T_scanner, 4 * poses, rng=rng, jig=jig, field=field)
+        candidates = scan_poses(robot, base_T_scanner, 4 * poses, rng=rng, jig=jig)
         q = candidates[spread_poses(np.where(robot.is_revolute, candidates, candidates / 300.0), poses)]
     else:
         faced = any(effect_name(effect) in NEED_FACING for effect in effects)

@@ -295,10 +295,12 @@ def test_bad_wishes_are_one_clear_line() -> None:
         simulate_dataset(robot, rng=rng, poses=3).scan(0)
 
 
-def test_joint_limits_leave_no_room_for_poses_at_zero_range() -> None:
-    robot = builtin_robot("panda")  # joint 4 turns from -176 to -4 degrees
+def test_joint_limits_beyond_half_a_turn_leave_no_room_for_poses() -> None:
+    robot = builtin_robot("panda")
+    joints = list(robot.joints)
+    joints[3] = replace(joints[3], min=3.5, max=6.0)  # rad
     with pytest.raises(CalibError, match="joint J4 has no room"):
-        random_poses(robot, 3, rng=np.random.default_rng(0), range_deg=2.0)
+        random_poses(replace(robot, joints=tuple(joints)), 3, rng=np.random.default_rng(0))
 
 
 def test_draw_truth_follows_the_tolerances() -> None:
