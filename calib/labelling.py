@@ -7,7 +7,8 @@ Three equal faces look alike under turns by 120 degrees. What tells them apart, 
   it the same are the right ones. What is left is one turn of all poses together, which is a mere convention: face 1 is
   the one whose normal lies nearest the tool's x axis, unless the jig's angles tell its faces apart;
 * `angles`: a jig whose measured `face_angles_deg` differ by more than the scans' noise is marked by them;
-* `continuity`: with neither, each pose is named as the one before it, which holds for small turns between poses.
+* `continuity`: with neither, each pose is named as the one before it, which holds for small turns between poses of one
+  setup; where the joint angles tell of another turn than the faces do, the pose is refused.
 
 No jig is square to a scan's microradians. Where its faces, taken over all poses, do not meet at the angles told, and
 those are not certified, the angles found take their place: else each orientation would lean as its own noise weighs.
@@ -29,7 +30,7 @@ from calib.intersection import Corner
 from calib.jig import Jig
 from calib.model import geometric_model
 from calib.observations import Observations, place_scanner, predict_points
-from calib.orientation import Orientation, candidates
+from calib.orientation import Orientation, candidates, oriented
 
 Array = NDArray[np.float64]
 _Three = tuple[Orientation, Orientation, Orientation]  # one for each way to name the faces
@@ -38,6 +39,13 @@ LEAST_MARGIN_DEG = 60.0
 """How much nearer the best of three names has to be than the next; they lie 120 degrees apart."""
 CLEARLY = 12.0
 """How much better, in squared misfit, the angles of one way of naming have to fit than those of the others."""
+_BY = {
+    "robot": "the nominal robot",
+    "angles": "the jig's unequal angles",
+    "continuity": "small turns from pose to pose",
+}
+_MEASURE_MORE = "measure three poses or more there that lie apart, and not on one line"
+_MARK_IT = "or mark the jig: unequal face_angles_deg in dataset.toml"
 _LOOSE_RAD = 0.2  # a scanner placed less firmly than this predicts no attitude
 _HYPOTHESES = 40
 _LEAST_POSES = 5  # that together say at what angles the faces meet
@@ -58,12 +66,19 @@ class Labelling:
 
     def summary(self) -> str:
         """One line: what named the faces, the least margin, and how many were refused."""
-        least = f", margin {min(self.margin.values()):.4g} {self.unit} or more" if self.margin else ""
+        needed = LEAST_MARGIN_DEG if self.unit == "deg" else CLEARLY
+        least = (
+            f", margin {min(self.margin.values()):.4g} {self.unit} or more (needed: {needed:g})"
+            if self.margin
+            else ""
+        )
         first = next(iter(self.refused.items()), None)
         refused = f"; {len(self.refused)} refused, {first[0]}: {first[1]}" if first else ""
         meet = ", ".join(f"{angle:.4f}" for angle in self.found_angles_deg or ())
         angles = f"; they meet at {meet} deg, which differs from what dataset.toml tells" if meet else ""
-        return f"faces named by {self.by} at {len(self.orientations)} poses{least}{angles}{refused}"
+        count = len(self.orientations)
+        poses = f"{count} pose{'' if count == 1 else 's'}"
+        return f"faces named by {_BY[self.by]} at {poses}{least}{angles}{refused}"
 
     def document(self) -> dict[str, Any]:
         """As a JSON object; quaternions are w, x, y, z of scanner_R_jig."""
@@ -95,12 +110,12 @@ def label_corners(dataset: Dataset, corners: Mapping[str, Corner]) -> Labelling:
     """
     ids = [pose_id for pose_id in dataset.poses.ids if pose_id in corners]
     three = {pose_id: candidates(corners[pose_id], dataset.jig) for pose_id in ids}
-    predicted = _predicted_attitudes(dataset, corners) if ids else {}
+    predicted, why = _predicted_attitudes(dataset, corners) if ids else ({}, {})
     marked = len(set(dataset.jig.face_angles_deg)) > 1
     if predicted:
-        named = _by_robot(three, predicted, marked)
+        named = _by_robot(three, predicted, why, marked)
     else:
-        named = (_by_angles(three) if marked else None) or _by_continuity(three)
+        named = (_by_angles(three) if marked else None) or _by_continuity(three, why, dataset)
     return _with_found_angles(named, corners, dataset.jig)
 
 
@@ -118,10 +133,7 @@ def _with_found_angles(named: Labelling, corners: Mapping[str, Corner], jig: Jig
         float(np.degrees(np.arccos(-in_jig[i] @ in_jig[j]))) for i, j in ((0, 1), (1, 2), (2, 0))
     )
     truer = replace(jig, face_angles_deg=(one, two, three))
-    after = {
-        pose_id: next(o for o in candidates(corners[pose_id], truer) if o.order == found.order)
-        for pose_id, found in before.items()
-    }
+    after = {pose_id: oriented(corners[pose_id], truer, found.order) for pose_id, found in before.items()}
     return replace(named, orientations=after, found_angles_deg=truer.face_angles_deg)
 
 
@@ -131,8 +143,10 @@ def _turn_deg(rotation: Array) -> Array:
     return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
-def _predicted_attitudes(dataset: Dataset, corners: Mapping[str, Corner]) -> dict[str, Array]:
-    """scanner_R_tool (3, 3) by pose id as the nominal arm and the corners' positions have it.
+def _predicted_attitudes(
+    dataset: Dataset, corners: Mapping[str, Corner]
+) -> tuple[dict[str, Array], dict[str, str]]:
+    """scanner_R_tool (3, 3) by pose id as the nominal arm and the corners' positions have it; of the others, why not.
 
     Only of setups whose corners are spread enough to place the scanner.
     """
@@ -143,28 +157,48 @@ def _predicted_attitudes(dataset: Dataset, corners: Mapping[str, Corner]) -> dic
     )
     try:
         observed = Observations.of(dataset.with_points(points), np.ones(len(dataset.poses), dtype=bool))
-    except FitError:
-        return {}
+    except FitError as error:
+        return {}, dict.fromkeys(corners, str(error))
     model = geometric_model(dataset.robot)
     x = np.zeros(len(model.parameters))
     observed = place_scanner(observed, model, x)
     assert observed.scanner_T_base is not None
     base_mm = predict_points(model, x, observed)
-    base_R_tool = kinematics.forward(dataset.robot.table, dataset.poses.q, dataset.robot.is_revolute)
-    attitude = base_R_tool.base_T_frame[:, -1, :3, :3]
-    out = {}
+    attitude = _nominal_attitudes(dataset)
+    out: dict[str, Array] = {}
+    why: dict[str, str] = {}
     for setup, scanner_T_base in observed.scanner_T_base.items():
         rows = np.flatnonzero(observed.setup == setup)
+        ids = [dataset.poses.ids[pose] for pose in points.pose[rows]]
         spread = np.linalg.svd(base_mm[rows] - base_mm[rows].mean(axis=0), compute_uv=False)
-        off_mm = frames.apply(scanner_T_base, base_mm[rows]) - points.xyz_mm[rows]
-        if len(rows) < 3 or np.linalg.norm(off_mm) > _LOOSE_RAD * spread[1]:
-            continue
-        for pose in points.pose[rows]:
-            out[dataset.poses.ids[pose]] = scanner_T_base[:3, :3] @ attitude[pose]
-    return out
+        off_mm = np.linalg.norm(frames.apply(scanner_T_base, base_mm[rows]) - points.xyz_mm[rows])
+        rms_mm = [
+            float(value) / np.sqrt(len(rows)) for value in (off_mm, spread[1] if len(rows) > 1 else 0.0)
+        ]
+        if len(rows) < 3 or rms_mm[1] < 1.0:
+            few = f"{len(rows)} corner{'' if len(rows) == 1 else 's'}"
+            why |= dict.fromkeys(ids, f"{few} of its setup do not place the scanner: {_MEASURE_MORE}")
+        elif rms_mm[0] > _LOOSE_RAD * rms_mm[1]:
+            words = (
+                f"the nominal robot has the corners of its setup {rms_mm[0]:.3g} mm (rms) from where they are, too far "
+                "to place the scanner: check robot.toml, the joint angles with their signs, and the order of the poses"
+            )
+            why |= dict.fromkeys(ids, words)
+        else:
+            placed = scanner_T_base[:3, :3]
+            out |= {i: placed @ attitude[pose] for i, pose in zip(ids, points.pose[rows], strict=True)}
+    return out, why
 
 
-def _by_robot(three: Mapping[str, _Three], predicted: Mapping[str, Array], marked: bool) -> Labelling:
+def _nominal_attitudes(dataset: Dataset) -> Array:
+    """base_R_tool (N, 3, 3) of all poses."""
+    chain = kinematics.forward(dataset.robot.table, dataset.poses.q, dataset.robot.is_revolute)
+    return np.asarray(chain.base_T_frame[:, -1, :3, :3])
+
+
+def _by_robot(
+    three: Mapping[str, _Three], predicted: Mapping[str, Array], why: Mapping[str, str], marked: bool
+) -> Labelling:
     ids = [pose_id for pose_id in three if pose_id in predicted]
     # (K, 3, 3, 3): of each pose and each way of naming, how the jig would sit on the tool.
     seats = np.array([[predicted[i].T @ o.scanner_R_jig for o in three[i]] for i in ids])
@@ -173,8 +207,7 @@ def _by_robot(three: Mapping[str, _Three], predicted: Mapping[str, Array], marke
     name = np.argmin(turn_deg, axis=1)
     shift = _convention(three, ids, seats, name, marked)
     off, margin = _best_and_margin(turn_deg)
-    refused = {i: "its setup's corners do not place the scanner, so nothing predicts the tool's attitude; "
-               "measure three poses or more apart from each other" for i in three if i not in predicted}  # fmt: skip
+    refused = {i: why[i] for i in three if i not in predicted}
     refused |= {
         pose_id: f"the jig stands {off[row]:.3g} deg from where the nominal robot has it, the next name "
         f"{off[row] + margin[row]:.3g} deg; check that pose's joint angles, or leave its orientation out"
@@ -239,26 +272,38 @@ def _by_angles(three: Mapping[str, _Three]) -> Labelling | None:
     )
 
 
-def _by_continuity(three: Mapping[str, _Three]) -> Labelling:
+def _by_continuity(three: Mapping[str, _Three], why: Mapping[str, str], dataset: Dataset) -> Labelling:
     """Each pose as the one before it, where it turned little; the first with face 1 most along the scanner's x."""
     named: dict[str, Orientation] = {}
     off: dict[str, float] = {}
     margin: dict[str, float] = {}
     refused: dict[str, str] = {}
-    before: Array | None = None
+    attitude, setup = _nominal_attitudes(dataset), dataset.poses.setup
+    before = -1  # the pose named last
     for pose_id, ways in three.items():
-        if before is None:
+        row = dataset.poses.index(pose_id)
+        if before < 0:
             named[pose_id] = max(ways, key=lambda o: o.scanner_R_jig[0, 0])
+            before = row
+            continue
+        last = dataset.poses.ids[before]
+        turn_deg = _turn_deg(named[last].scanner_R_jig.T @ np.array([o.scanner_R_jig for o in ways]))
+        (least,), (more,) = _best_and_margin(turn_deg[None])
+        by_joints_deg = float(_turn_deg(attitude[before].T @ attitude[row]))
+        if setup[row] != setup[before]:
+            refused[pose_id] = f"the scanner stands elsewhere than at {last}, and {why[pose_id]}; {_MARK_IT}"
+        elif more < LEAST_MARGIN_DEG:
+            refused[pose_id] = (
+                f"it turned {least:.3g} deg since {last} by one name of the faces, {least + more:.3g} deg by another, "
+                f"and {why[pose_id]}; {_MARK_IT}"
+            )
+        elif abs(by_joints_deg - least) > 0.5 * LEAST_MARGIN_DEG:
+            refused[pose_id] = (
+                f"it turned {least:.3g} deg since {last} by its faces, {by_joints_deg:.3g} deg by the joint angles, "
+                f"and {why[pose_id]}; {_MARK_IT}"
+            )
         else:
-            turn_deg = _turn_deg(before.T @ np.array([o.scanner_R_jig for o in ways]))
-            (least,), (more,) = _best_and_margin(turn_deg[None])
-            if more < LEAST_MARGIN_DEG:
-                refused[pose_id] = (
-                    f"it turned {least:.3g} deg since the pose before by one name of the faces, {least + more:.3g} "
-                    "deg by another, and no robot's prediction tells; measure poses in between"
-                )
-                continue
             named[pose_id] = ways[int(np.argmin(turn_deg))]
             off[pose_id], margin[pose_id] = float(least), float(more)
-        before = named[pose_id].scanner_R_jig
+            before = row
     return Labelling("continuity", named, off, margin, "deg", refused)

@@ -89,6 +89,14 @@ def candidates(corner: Corner, jig: Jig) -> tuple[Orientation, Orientation, Orie
     )
 
 
+def oriented(corner: Corner, jig: Jig, order: tuple[int, int, int]) -> Orientation:
+    """The orientation with the corner's faces named in this order, one of those that `candidates` gives.
+
+    Raises CornerError for angles that no jig can have.
+    """
+    return _orient(corner, jig_normals(jig.face_angles_deg), order)
+
+
 def _orient(corner: Corner, known: Array, order: tuple[int, int, int]) -> Orientation:
     """Least squares on the rotations (a weighted Wahba problem), Gauss-Newton from the unweighted answer.
 

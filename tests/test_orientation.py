@@ -256,7 +256,7 @@ def test_a_pose_that_the_robot_contradicts_is_refused(simulation):
     assert "deg from where the nominal robot has it" in result.refused["p05"]
 
 
-def test_without_a_placed_scanner_unequal_angles_or_continuity_name_the_faces(simulation):
+def test_without_a_placed_scanner_unequal_angles_name_the_faces(simulation):
     dataset, corners, true = labelled(simulation, np.random.default_rng(9), UNEVEN)
     two = {pose_id: corners[pose_id] for pose_id in ("p01", "p02")}
     marked = label_corners(dataset, two)
@@ -264,14 +264,51 @@ def test_without_a_placed_scanner_unequal_angles_or_continuity_name_the_faces(si
     for i, found in enumerate(marked.orientations.values()):
         assert np.linalg.norm(error_rad(true[i], found.scanner_R_jig)) < 3e-3
 
+
+def two_poses(simulation: Simulation, turn_deg: float, second: np.ndarray, *, joints_deg: float = np.nan):
+    """Two poses of a square jig, the second one turned so, and joint 1 with it; the joint angles may say otherwise."""
+    dataset = replace(simulation.dataset, jig=Jig())
+    q = dataset.poses.q.copy()
+    q[1] = q[0]
+    q[1, 0] += np.radians(turn_deg if np.isnan(joints_deg) else joints_deg)  # about an axis that stands still
     rng = np.random.default_rng(10)
-    small = Rotation.from_rotvec([0.2, -0.1, 0.3]).as_matrix()
-    wild = Rotation.from_rotvec([np.pi / 3, 0.0, 0.0]).as_matrix()
-    plain = replace(dataset, jig=Jig())
-    near = {"p01": corner_of(np.eye(3), rng), "p02": corner_of(small.T[[2, 0, 1]], rng)}
-    followed = label_corners(plain, near)
+    corners = {"p01": corner_of(np.eye(3), rng), "p02": corner_of(second.T[[2, 0, 1]], rng)}
+    return replace(dataset, poses=replace(dataset.poses, q=q)), corners
+
+
+def test_without_a_placed_scanner_each_pose_is_named_as_the_one_before(simulation):
+    small = Rotation.from_rotvec(np.radians([12.0, -6.0, 17.0])).as_matrix()
+    dataset, corners = two_poses(simulation, 21.66, small)
+    followed = label_corners(dataset, corners)
     assert followed.by == "continuity"
     first, second = (o.scanner_R_jig for o in followed.orientations.values())
     np.testing.assert_allclose(second @ first.T, small, atol=2e-3)
-    far = {"p01": near["p01"], "p02": corner_of(wild.T, rng)}
-    assert set(label_corners(plain, far).refused) == {"p02"}
+    assert "small turns from pose to pose" in followed.summary()
+
+
+def test_continuity_refuses_what_it_cannot_know_and_says_what_would_help(simulation):
+    wild = Rotation.from_rotvec([np.pi / 3, 0.0, 0.0]).as_matrix()
+    refused = label_corners(*two_poses(simulation, 60.0, wild)).refused
+    assert set(refused) == {"p02"}
+    assert "2 corners of its setup do not place the scanner" in refused["p02"]
+    assert "unequal face_angles_deg" in refused["p02"]
+    # By a turn of 120 degrees about its diagonal the jig looks as if it had not moved; the joint angles know.
+    third = Rotation.from_rotvec(np.full(3, 2.0 * np.pi / 3.0 / np.sqrt(3.0))).as_matrix()
+    looks_still = label_corners(*two_poses(simulation, 120.0, third))
+    assert set(looks_still.refused) == {"p02"}
+    assert "120 deg by the joint angles" in looks_still.refused["p02"]
+    dataset, corners = two_poses(simulation, 0.0, np.eye(3))
+    moved = np.array(["a", "b", *dataset.poses.setup[2:]])
+    elsewhere = label_corners(replace(dataset, poses=replace(dataset.poses, setup=moved)), corners)
+    assert "the scanner stands elsewhere than at p01" in elsewhere.refused["p02"]
+    assert "1 corner of its setup" in elsewhere.refused["p02"]
+
+
+def test_a_robot_that_does_not_fit_the_corners_is_told(simulation):
+    """One joint's sign is wrong: what it predicts names nothing, and the reason says where to look."""
+    dataset, corners, _ = labelled(simulation, np.random.default_rng(7))
+    q = dataset.poses.q.copy()
+    q[:, 2] *= -1.0
+    result = label_corners(replace(dataset, poses=replace(dataset.poses, q=q)), corners)
+    assert len(result.orientations) < 10
+    assert all("the joint angles with their signs" in reason for reason in result.refused.values())

@@ -34,7 +34,7 @@ def test_corners_writes_full_poses_that_calibrate_reads(
     assert len(told["poses"]) == 12
     assert all(pose["margin"] > 60.0 for pose in told["poses"])
     assert main(["corners", str(folder), "--out", str(full), "--orientation"]) == 0
-    assert "faces named by robot at 12 poses" in capsys.readouterr().out
+    assert "faces named by the nominal robot at 12 poses" in capsys.readouterr().out
     header, wider = (path.read_text().splitlines()[0].split(",") for path in (plain, full))
     assert "qw" not in header
     assert wider[: len(header)] == header
