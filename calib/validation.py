@@ -19,11 +19,12 @@ from calib.dataset import Dataset
 from calib.errors import FitError
 from calib.evaluation import Evaluation, Figures
 from calib.sigma_check import SigmaCheck, check_sigma
+from calib.solver import Fit
 from calib.splits import deal_folds, split_dataset, training_places
 
 Progress = Callable[[int, int, str], None]
 
-_SUSPICIOUS = 1.5  # a held-out error this many times above what noise explains points at the model
+SUSPICIOUS = 1.5  # a held-out error this many times above what noise explains points at the model
 
 
 @dataclass(frozen=True)
@@ -67,10 +68,8 @@ class CrossValidation:
 
     @property
     def expected_ratio(self) -> float:
-        """What that ratio is where only noise is left: R rows with P parameters fitted, sqrt((R + P) / (R - P))."""
-        fit = self.whole.fit
-        spent = fit.rows - fit.degrees_of_freedom
-        return float(np.sqrt((fit.rows + spent) / (fit.rows - spent)))
+        """What that ratio is where only noise is left."""
+        return noise_ratio(self.whole.fit)
 
     @property
     def sigma(self) -> SigmaCheck:
@@ -84,7 +83,7 @@ class CrossValidation:
             return "the calibration does not help: poses it did not see are no better than with the nominal robot"
         if not all(fold.converged for fold in self.folds):
             return "not every fold's fit converged: do not trust these figures"
-        if self.ratio > _SUSPICIOUS * self.expected_ratio:
+        if self.ratio > SUSPICIOUS * self.expected_ratio:
             return (
                 "the fit does better on its own poses than parameters and noise explain: too few poses, or physics "
                 "that is not in the model; expect the held-out error, not the training error, elsewhere"
@@ -134,6 +133,15 @@ class CrossValidation:
             for pose, of_pose in points.groupby("pose", sort=False)
         ]
         return pd.DataFrame(rows)
+
+
+def noise_ratio(fit: Fit) -> float:
+    """Error at other poses over that at the fit's own, where only noise is left: sqrt((R + P) / (R - P)).
+
+    R rows with P parameters fitted; inf where no degree of freedom is left.
+    """
+    spent = fit.rows - fit.degrees_of_freedom
+    return float(np.sqrt((fit.rows + spent) / (fit.rows - spent))) if spent < fit.rows else float("inf")
 
 
 def cross_validate(

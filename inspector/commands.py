@@ -21,6 +21,7 @@ from calib.labelling import label_corners
 from calib.measurement import failed_searches, found_corners, require_corners, with_corners
 from calib.points_file import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from calib.robot_file import builtin_robot, load_robot
+from calib.scan_counts import PointCount, count_points
 from calib.toml_file import write_text_atomically
 from inspector import documents
 from inspector.exports import corners_csv, redundancy_csv
@@ -44,18 +45,25 @@ def run_serve(options: Any) -> int:
 def run_corners(options: Any) -> int:
     """Scans to corners."""
     dataset = load(options.path)
-    searches = _search(dataset, options.processes)
+    searches, counts = _search(dataset, options.processes, count=True)
     require_corners(dataset, searches)
     if options.out is not None:
         found = with_corners(dataset, searches, orientation=options.orientation)
         write_text_atomically(options.out, corners_csv(found))
     failed = failed_searches(searches)
-    words = [search.summary() for search in searches.values()]
+    words = [f"{search.summary()}{_left_out(counts.get(pose_id))}" for pose_id, search in searches.items()]
     words.append(f"{len(searches) - len(failed)} of {len(searches)} corners found")
     labelling = label_corners(dataset, found_corners(searches))
     words.append(labelling.summary())
-    show(options, documents.corners_document(searches, labelling), "\n".join(words))
+    show(options, documents.corners_document(searches, labelling, counts), "\n".join(words))
     return 0
+
+
+def _left_out(count: PointCount | None) -> str:
+    """What a scan's line says of rows that have no value; nothing where all have one."""
+    if count is None or not count.dropped:
+        return ""
+    return f"; {count.dropped} of its {count.points + count.dropped} points have no value and are left out"
 
 
 def run_redundancy(options: Any) -> int:
@@ -128,15 +136,16 @@ def run_check(options: Any) -> int:
     results = []
     for folder in find_datasets(options.path):
         dataset = load_dataset(folder)
-        searches = None
+        searches, counts = None, None
         if dataset.points is None:
-            searches = _search(dataset)
+            searches, counts = _search(dataset, count=True)
             require_corners(dataset, searches)
         with stages() as on_step:
             results.append(
                 check(
                     dataset,
                     searches,
+                    counts=counts,
                     residual=options.residual,
                     max_test_rmse_mm=options.max_test_rmse_mm,
                     on_step=on_step,
@@ -168,16 +177,20 @@ def measured(dataset: Dataset, *, orientation: bool = False) -> Dataset:
 
 def searched(dataset: Dataset) -> dict[str, CornerSearch]:
     """The corners in a dataset's scans, by pose; those without one are told on stderr."""
-    searches = _search(dataset)
+    searches, _ = _search(dataset)
     require_corners(dataset, searches)
     for pose_id, reason in failed_searches(searches).items():
         print(f"inspector: warning: {pose_id} has no corner and is left out: {reason}", file=sys.stderr)
     return searches
 
 
-def _search(dataset: Dataset, wanted: int | None = None) -> dict[str, CornerSearch]:
+def _search(
+    dataset: Dataset, wanted: int | None = None, *, count: bool = False
+) -> tuple[dict[str, CornerSearch], dict[str, PointCount]]:
+    """The corners by as many processes as wanted; with `count`, what each scan's file holds."""
     with progress("corners") as on_progress, processes(len(dataset.poses), wanted) as executor:
-        return find_corners(dataset, on_progress=on_progress, executor=executor, intermediate=False)
+        searches = find_corners(dataset, on_progress=on_progress, executor=executor, intermediate=False)
+        return searches, count_points(dataset, executor) if count else {}
 
 
 def show(options: Any, document: dict[str, Any], words: str) -> None:

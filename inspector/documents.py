@@ -27,6 +27,7 @@ from calib.measurement import failed_searches
 from calib.next_poses import splitting_poses
 from calib.redundancy import Redundancy
 from calib.repeatability import repeats_frame
+from calib.scan_counts import PointCount
 from calib.screening import Candidate
 from calib.validation import CrossValidation
 
@@ -50,8 +51,17 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def corners_document(searches: Mapping[str, CornerSearch], labelling: Labelling) -> dict[str, Any]:
+def corners_document(
+    searches: Mapping[str, CornerSearch], labelling: Labelling, counts: Mapping[str, PointCount]
+) -> dict[str, Any]:
     """What `corners --json` prints: the corners with their planes, the jig's orientations, and what failed and why."""
+
+    def scan(pose_id: str) -> dict[str, int | None]:
+        count = counts.get(pose_id)
+        if count is None:
+            return {"points": None, "dropped_points": None}
+        return {"points": count.points, "dropped_points": count.dropped}
+
     found = []
     for pose_id, search in searches.items():
         corner = search.corner
@@ -68,12 +78,16 @@ def corners_document(searches: Mapping[str, CornerSearch], labelling: Labelling)
                 "covariance_mm2": corner.covariance_mm2,
                 "planes": planes,
                 "seconds": search.seconds,
+                **scan(pose_id),
                 "sample_sets": search.filter_counts(),
                 "plane_groups": len(search.groups),
                 "quality": corner.quality.document(),
             }
         )
-    failed = [{"pose": pose_id, "reason": reason} for pose_id, reason in failed_searches(searches).items()]
+    failed = [
+        {"pose": pose_id, "reason": reason, **scan(pose_id)}
+        for pose_id, reason in failed_searches(searches).items()
+    ]
     return {"corners": found, "failed": failed, "orientations": labelling.document()}
 
 
@@ -162,6 +176,7 @@ def check_document(check: Check) -> dict[str, Any]:
         "dataset": check.dataset.name,
         "passed": check.passed,
         "reasons": check.reasons,
+        "warnings": check.warnings,
         "findings": [asdict(finding) for finding in check.findings],
         "repeats": repeats_frame(check.repeats).to_dict(orient="records"),
         "calibration": None if check.calibration is None else calibration_document(check.calibration),
