@@ -32,9 +32,9 @@ def _at(incidence_deg: float) -> Make:
     return lambda rng, rays: make_scene(rng, rays, rotation=grazing(rng, incidence_deg))
 
 
-def _sized(edge_mm: float, distance_mm: float, sigma_mm: float = 0.02) -> Make:
+def _sized(edge_mm: float, distance_mm: float) -> Make:
     return lambda rng, rays: make_scene(
-        rng, rays, edge_mm=edge_mm, distance_mm=distance_mm, field_mm=2.67 * edge_mm, sigma_mm=sigma_mm
+        rng, rays, edge_mm=edge_mm, distance_mm=distance_mm, field_mm=2.67 * edge_mm
     )
 
 

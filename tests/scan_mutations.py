@@ -146,8 +146,8 @@ def _at(rng: np.random.Generator, content: bytes, most: int = 10**9) -> int:
     return int(rng.integers(0, max(1, min(len(content), most))))
 
 
-def _replace(content: bytes, at: int, new: bytes, length: int | None = None) -> bytes:
-    return content[:at] + new + content[at + (len(new) if length is None else length) :]
+def _replace(content: bytes, at: int, new: bytes) -> bytes:
+    return content[:at] + new + content[at + len(new) :]
 
 
 def _other_number(rng: np.random.Generator, content: bytes) -> bytes:

@@ -6,7 +6,7 @@ and looks along +z. The jig is the corner of a cube of edge `edge_mm`, cut off a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from calib.scan import Scan
 
 FACE_LABELS = (0, 1, 2)
+FLYING = 0.35  # share of the pixels at a jump in depth that lie between both sides
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,6 @@ class SceneScan:
     apex_mm: NDArray  # (3,)
     normals: NDArray  # (3, 3) rows: the faces' outward normals
     bound_mm: float  # Cramer-Rao bound of the apex's RMS error (3D), three free planes
-    bound_covariance_mm2: NDArray = field(repr=False)  # (3, 3)
 
 
 def jig_rotation(tilt_deg: float, azimuth_deg: float, spin_deg: float) -> NDArray:
@@ -155,7 +155,6 @@ def make_scene(
     background: bool = True,
     outliers: float = 0.0,
     cut_face: float = 1.0,
-    flying: float = 0.35,
     fillet_mm: float = 0.0,
     waves_mm: float = 0.0,
     wave_length_mm: float = 15.0,
@@ -228,7 +227,7 @@ def make_scene(
         rolled = np.roll(image, shift, axis=axis)
         neighbour = np.where(np.abs(rolled - image) > np.abs(neighbour - image), rolled, neighbour)
     jump = np.abs(neighbour - image).ravel()
-    fly = (jump > 12) & (jump < 2000) & (rng.random(n * n) < flying)
+    fly = (jump > 12) & (jump < 2000) & (rng.random(n * n) < FLYING)
     share = rng.random(n * n)
     t_flying = image.ravel() * (1 - share) + neighbour.ravel() * share
 
@@ -263,7 +262,7 @@ def make_scene(
         label = np.r_[label, np.full(count, -1)]
     order = rng.permutation(len(points))
     scan = Scan("scene", points[order].astype(np.float32).astype(np.float64))
-    return SceneScan(scan, label[order], apex, normals, float(np.sqrt(np.trace(covariance))), covariance)
+    return SceneScan(scan, label[order], apex, normals, float(np.sqrt(np.trace(covariance))))
 
 
 def _rounded(

@@ -50,8 +50,8 @@ def tool_axes(robot: Robot, q: np.ndarray) -> np.ndarray:
 FIELDS = ("a_mm", "alpha_rad", "d_mm", "theta_rad", "beta_rad")
 
 
-def targets(robot: Robot, rng: np.random.Generator, n: int, span: float = 2.5) -> np.ndarray:
-    q = rng.uniform(-span, span, (n, robot.n_joints))
+def targets(robot: Robot, rng: np.random.Generator, n: int) -> np.ndarray:
+    q = rng.uniform(-2.5, 2.5, (n, robot.n_joints))
     q[:, ~robot.is_revolute] *= 100.0
     return q
 

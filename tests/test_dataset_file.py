@@ -89,11 +89,11 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "cell"
 
 
-def edit(name: str, old: str, new: str, count: int = 1) -> Callable[[Path], None]:
+def edit(name: str, old: str, new: str) -> Callable[[Path], None]:
     def change(folder: Path) -> None:
         text = (folder / name).read_text()
         assert old in text
-        (folder / name).write_text(text.replace(old, new, count))
+        (folder / name).write_text(text.replace(old, new, 1))
 
     return change
 

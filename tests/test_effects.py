@@ -30,10 +30,10 @@ from calib.observations import Observations, place_scanner
 from calib.robot_file import builtin_robot
 
 
-def rich_dataset(seed: int = 0, robot_name: str = "rb5", poses: int = 40) -> Dataset:
+def rich_dataset(poses: int = 40) -> Dataset:
     """Every condition there is, so that every family has something to look at."""
-    rng = np.random.default_rng(seed)
-    robot = builtin_robot(robot_name)
+    rng = np.random.default_rng(0)
+    robot = builtin_robot("rb5")
     base_T_scanner = np.eye(4)
     base_T_scanner[:3, 3] = [1500.0, -200.0, 300.0]
     dataset = dataset_of(

@@ -13,10 +13,10 @@ from calib import frames
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def random_transform(rng: np.random.Generator, scale_mm: float = 500.0) -> np.ndarray:
+def random_transform(rng: np.random.Generator) -> np.ndarray:
     out = np.eye(4)
     out[:3, :3] = Rotation.random(rng=rng).as_matrix()
-    out[:3, 3] = rng.normal(size=3) * scale_mm
+    out[:3, 3] = rng.normal(size=3) * 500.0
     return out
 
 

@@ -66,8 +66,8 @@ def filled(width: float, height: float, count: int = 3000) -> np.ndarray:
 NOTHING = np.zeros((0, 2))
 
 
-def worth(on: np.ndarray, edge_mm: float = 60.0, behind: np.ndarray = NOTHING) -> float:
-    filled, spilt, seen_through = outline_shares(on, np.ones(len(on), dtype=bool), behind, edge_mm)
+def worth(on: np.ndarray, behind: np.ndarray = NOTHING) -> float:
+    filled, spilt, seen_through = outline_shares(on, np.ones(len(on), dtype=bool), behind, 60.0)
     return filled - spilt - seen_through
 
 

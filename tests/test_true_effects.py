@@ -53,8 +53,8 @@ def cell_of(arm: str, seed: int = 0, poses: int = 40, setups: int = 1) -> Cell:
     return Cell(robot, truth, q, around)
 
 
-def drawn(name: str, cell: Cell, seed: int = 1) -> TrueEffect:
-    return (CATALOGUE | OUTSIDE)[name](cell, np.random.default_rng(seed))
+def drawn(name: str, cell: Cell) -> TrueEffect:
+    return (CATALOGUE | OUTSIDE)[name](cell, np.random.default_rng(1))
 
 
 @pytest.fixture(scope="module")

@@ -32,9 +32,9 @@ def simulated(seed: int = 0, **more: object) -> Dataset:
     return dataset_of(robot, perturbed(robot, rng), rng, base_T_scanner=random_transform(rng), **options)
 
 
-def in_setups(dataset: Dataset, setup: np.ndarray, seed: int = 0) -> Dataset:
+def in_setups(dataset: Dataset, setup: np.ndarray) -> Dataset:
     """The same measurements, each setup in a scanner frame of its own."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     assert dataset.points is not None
     xyz = dataset.points.xyz_mm.copy()
     for name in np.unique(setup):
@@ -43,11 +43,11 @@ def in_setups(dataset: Dataset, setup: np.ndarray, seed: int = 0) -> Dataset:
     return moved.with_points(Points(dataset.points.pose, xyz, dataset.points.target))
 
 
-def bent(dataset: Dataset, size_mm: float = 0.5) -> Dataset:
+def bent(dataset: Dataset) -> Dataset:
     """Physics that no five-parameter model has: waves along the joints' angles."""
     assert dataset.points is not None
     q = dataset.poses.q
-    waves = size_mm * np.stack([np.sin(3 * q[:, 1]), np.cos(4 * q[:, 2]), np.sin(3 * q[:, 3])], axis=-1)
+    waves = 0.5 * np.stack([np.sin(3 * q[:, 1]), np.cos(4 * q[:, 2]), np.sin(3 * q[:, 3])], axis=-1)
     points = dataset.points
     return dataset.with_points(Points(points.pose, points.xyz_mm + waves[points.pose], points.target))
 
