@@ -37,6 +37,23 @@ def scans_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture
+def own_points(points_folder: Path, tmp_path: Path) -> Path:
+    """A copy of the dataset of points that a test may spoil."""
+    return Path(shutil.copytree(points_folder, tmp_path / "cell"))
+
+
+@pytest.fixture
+def own_scans(scans_folder: Path, tmp_path: Path) -> Path:
+    """A copy of the dataset of scans that a test may spoil."""
+    return Path(shutil.copytree(scans_folder, tmp_path / "cell"))
+
+
+def change(path: Path, **columns: object) -> None:
+    """Write other values into columns of a table; they may be functions of it."""
+    pd.read_csv(path).assign(**columns).to_csv(path, index=False)
+
+
 def run_json(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 0) -> dict:
     assert main([*map(str, arguments), "--json"]) == code
     out = capsys.readouterr().out
@@ -123,20 +140,16 @@ def test_tolerances_holds_and_robust_weights_by_command(
 
 
 def test_one_point_for_all_poses_is_no_calibration_and_is_not_written(
-    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
+    capsys: pytest.CaptureFixture[str], own_points: Path, tmp_path: Path
 ) -> None:
     """A tracker that lost its target: links of no length fit it without any residual."""
-    stuck = tmp_path / "stuck"
-    shutil.copytree(points_folder, stuck)
-    points = pd.read_csv(stuck / "points.csv")
-    points[["x_mm", "y_mm", "z_mm"]] = [100.0, 200.0, 300.0]
-    points.to_csv(stuck / "points.csv", index=False)
+    change(own_points / "points.csv", x_mm=100.0, y_mm=200.0, z_mm=300.0)
     out = tmp_path / "robot.toml"
-    assert "times its tolerance" in refused(capsys, "calibrate", stuck, "--out", out)
+    assert "times its tolerance" in refused(capsys, "calibrate", own_points, "--out", out)
     assert not out.exists()
-    assert main(["calibrate", str(stuck), "--out", str(out), "--force"]) == 0
+    assert main(["calibrate", str(own_points), "--out", str(out), "--force"]) == 0
     assert out.exists()
-    assert not run_json(capsys_after(capsys), "check", stuck, code=1)["passed"]
+    assert not run_json(capsys_after(capsys), "check", own_points, code=1)["passed"]
 
 
 def capsys_after(capsys: pytest.CaptureFixture[str]) -> pytest.CaptureFixture[str]:
@@ -189,7 +202,7 @@ def test_redundancy_has_the_promised_keys(capsys: pytest.CaptureFixture[str], po
 
 
 def test_corners_has_the_promised_keys_and_finds_the_truth(
-    capsys: pytest.CaptureFixture[str], scans_folder: Path, tmp_path: Path
+    capsys: pytest.CaptureFixture[str], scans_folder: Path, own_scans: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "points.csv"
     document = run_json(capsys, "corners", scans_folder, "--out", out)
@@ -207,37 +220,33 @@ def test_corners_has_the_promised_keys_and_finds_the_truth(
             assert np.dot(plane["normal"], corner["xyz_mm"]) == pytest.approx(plane["offset_mm"], abs=1e-6)
         assert corner["seconds"] > 0
     # What was written is a points.csv that a dataset reads.
-    folder = tmp_path / "with points"
-    shutil.copytree(scans_folder, folder)
-    shutil.copy(out, folder / "points.csv")
-    text = (folder / "dataset.toml").read_text()
-    (folder / "dataset.toml").write_text(
+    shutil.copy(out, own_scans / "points.csv")
+    text = (own_scans / "dataset.toml").read_text()
+    (own_scans / "dataset.toml").write_text(
         text.replace('scans = "scans"', 'scans = "scans"\npoints = "points.csv"')
     )
-    points = load_dataset(folder).points
+    points = load_dataset(own_scans).points
     assert points is not None
     np.testing.assert_allclose(points.xyz_mm, [c["xyz_mm"] for c in document["corners"]])
     assert points.covariance_mm2 is not None
 
 
 def test_a_scan_without_three_planes_is_told_and_the_others_are_used(
-    capsys: pytest.CaptureFixture[str], scans_folder: Path, tmp_path: Path
+    capsys: pytest.CaptureFixture[str], own_scans: Path
 ) -> None:
-    folder = tmp_path / "cell"
-    shutil.copytree(scans_folder, folder)
-    scans = sorted((folder / "scans").iterdir())
+    scans = sorted((own_scans / "scans").iterdir())
     flat = np.c_[np.random.default_rng(0).uniform(-50, 50, (4000, 2)), np.full(4000, 700.0)]
     columns = "".join(f"property float {axis}\n" for axis in "xyz")
     header = f"ply\nformat ascii 1.0\nelement vertex 4000\n{columns}end_header\n"
     body = "\n".join(" ".join(f"{v:.4f}" for v in row) for row in flat)
     scans[1].write_text(header + body + "\n")
-    document = run_json(capsys, "corners", folder)
+    document = run_json(capsys, "corners", own_scans)
     assert [f["pose"] for f in document["failed"]] == [scans[1].stem]
     assert "3" in document["failed"][0]["reason"]
     assert len(document["corners"]) == 3
     for scan in scans:
         scan.write_text(header + body + "\n")
-    assert "no corner in any of 4 scans" in refused(capsys, "corners", folder)
+    assert "no corner in any of 4 scans" in refused(capsys, "corners", own_scans)
 
 
 @pytest.mark.parametrize(
@@ -245,14 +254,12 @@ def test_a_scan_without_three_planes_is_told_and_the_others_are_used(
     [(b"", "empty"), (b"\x00\xff junk that is no scan at all", "PLY"), (None, "promises")],
 )
 def test_a_scan_file_that_cannot_be_read_is_bad_input(
-    capsys: pytest.CaptureFixture[str], scans_folder: Path, tmp_path: Path, content: bytes | None, says: str
+    capsys: pytest.CaptureFixture[str], own_scans: Path, tmp_path: Path, content: bytes | None, says: str
 ) -> None:
-    folder = tmp_path / "cell"
-    shutil.copytree(scans_folder, folder)
-    scan = sorted((folder / "scans").iterdir())[2]
+    scan = sorted((own_scans / "scans").iterdir())[2]
     scan.write_bytes(scan.read_bytes()[:5000] if content is None else content)
     out = tmp_path / "points.csv"
-    line = refused(capsys, "corners", folder, "--out", out)
+    line = refused(capsys, "corners", own_scans, "--out", out)
     assert scan.name in line
     assert says.lower() in line.lower()
     assert not out.exists()
@@ -305,46 +312,36 @@ def test_a_folder_that_is_none_is_one_line(
 
 
 def test_too_few_poses_and_an_unwritable_place(
-    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
+    capsys: pytest.CaptureFixture[str], points_folder: Path, own_points: Path, tmp_path: Path
 ) -> None:
-    folder = tmp_path / "cell"
-    shutil.copytree(points_folder, folder)
     for name in ("poses.csv", "points.csv"):
-        pd.read_csv(folder / name, dtype=str).head(6).to_csv(folder / name, index=False)
-    assert "measure at least" in refused(capsys, "calibrate", folder)
+        pd.read_csv(own_points / name, dtype=str).head(6).to_csv(own_points / name, index=False)
+    assert "measure at least" in refused(capsys, "calibrate", own_points)
     (tmp_path / "file").write_text("x")
     line = refused(capsys, "calibrate", points_folder, "--out", tmp_path / "file" / "robot.toml")
     assert str(tmp_path / "file") in line
 
 
 def test_warnings_go_to_stderr_and_leave_json_alone(
-    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
+    capsys: pytest.CaptureFixture[str], own_points: Path
 ) -> None:
-    folder = tmp_path / "cell"
-    shutil.copytree(points_folder, folder)
-    frame = pd.read_csv(folder / "poses.csv")
-    for k in range(6):
-        frame[f"q{k + 1}_deg"] = np.radians(frame[f"q{k + 1}_deg"])
-    frame.to_csv(folder / "poses.csv", index=False)
-    main(["redundancy", str(folder), "--json"])
+    for name in (f"q{k + 1}_deg" for k in range(6)):
+        change(own_points / "poses.csv", **{name: lambda frame, name=name: np.radians(frame[name])})
+    main(["redundancy", str(own_points), "--json"])
     captured = capsys.readouterr()
     json.loads(captured.out)
     assert "look like radians" in captured.err
 
 
 def test_a_reversed_joint_does_not_crash(
-    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
+    capsys: pytest.CaptureFixture[str], own_points: Path, tmp_path: Path
 ) -> None:
     """A wrong sign in the table is a common mistake: the answer is a bad error or a refusal, never a traceback."""
-    folder = tmp_path / "cell"
-    shutil.copytree(points_folder, folder)
-    frame = pd.read_csv(folder / "poses.csv")
-    frame["q2_deg"] = -frame["q2_deg"]
-    frame.to_csv(folder / "poses.csv", index=False)
+    change(own_points / "poses.csv", q2_deg=lambda frame: -frame["q2_deg"])
     out = tmp_path / "robot.toml"
-    assert main(["check", str(folder), "--max-test-rmse-mm", "1.0"]) == 1
+    assert main(["check", str(own_points), "--max-test-rmse-mm", "1.0"]) == 1
     capsys.readouterr()
-    code = main(["calibrate", str(folder), "--out", str(out)])
+    code = main(["calibrate", str(own_points), "--out", str(out)])
     assert code in (0, 2)
     assert out.exists() == (code == 0)
 
