@@ -9,8 +9,8 @@ Simulated: UR10s whose 24 modified DH parameters and tool point are off by 0.3 m
 in the base frame, so that every tool's model can meet them exactly; and, in a third table, with joint frames that lean
 about y too, as real ones do. The error is that of 500 other poses against the truth. Ours runs with its defaults and is
 not told where the base is: 35 parameters and 6 of the scanner's place against the others' 27; "without beta" knows what
-modified DH takes for granted. Seconds are of the fit in a process that runs already, one thread; "calibrate" adds the
-evaluation of every iteration.
+modified DH takes for granted. Seconds are the processor's, which other work on the machine does not lengthen, for the
+fit in a process that runs already, one thread; "calibrate" adds the evaluation of every iteration.
 
 Real, with --panda: a dataset with several setups; its test poses lie in a place of their own, whose frame is fitted to
 them for everyone. The peers know a single base frame; what is wrapped around them is told in `peer_worker.py`.
@@ -165,10 +165,10 @@ def ours(problem: Problem) -> dict[str, Answer]:
 
 
 def seconds_of(run: Callable[[], object]) -> float:
-    """Wall time of one call."""
-    began = time.perf_counter()
+    """Processor time of one call."""
+    began = time.process_time()
     run()
-    return time.perf_counter() - began
+    return time.process_time() - began
 
 
 def about_y(angle: float) -> Array:
