@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import re
 import shutil
@@ -12,6 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+
+from inspector.cli import _parser
 
 ROOT = Path(__file__).parents[1]
 # All that `run` may need of a system. Not there: python3.12, apt-get, sudo and chromium of the machine that tests it.
@@ -166,6 +169,15 @@ def test_a_test_install_serves_too_but_not_the_other_way_round(sandbox: Sandbox)
 def test_serve_without_a_path_shows_the_sample_data(sandbox: Sandbox, args: tuple[str, ...], expected: str):
     _, calls = sandbox.run("serve", *args)
     assert inspector_call(calls) == expected.format(project=sandbox.project)
+
+
+def test_no_value_of_an_option_of_serve_is_taken_for_a_path(sandbox: Sandbox):
+    subcommands = next(a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
+    valued = [a for a in subcommands.choices["serve"]._actions if a.option_strings and a.nargs is None]
+    assert len(valued) >= 4
+    arguments = [word for action in valued for word in (action.option_strings[-1], "9")]
+    _, calls = sandbox.run("serve", *arguments)
+    assert inspector_call(calls) == f"serve {sandbox.project}/sample_data {' '.join(arguments)}"
 
 
 def test_tests_run_in_order_and_stop_at_the_first_failure(sandbox: Sandbox):
