@@ -31,10 +31,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from simulated import random_q
 
-from calib.calibration import calibrate, structural_rank
+from calib.calibration import calibrate
 from calib.dataset import Dataset
 from calib.errors import FitError
 from calib.frames import apply, make_transform, skew
+from calib.knowable import structural_rank
 from calib.model import geometric_model
 from calib.observations import Observations, conditions_at
 from calib.pose_residuals import PoseResiduals

@@ -18,7 +18,7 @@ import numpy as np
 TESTS = Path(__file__).resolve().parents[1] / "tests"
 sys.path.insert(0, str(TESTS))
 from arms import dataset_of, park_arm, perturbed  # noqa: E402
-from calib.calibration import redundancy  # noqa: E402
+from calib.knowable import redundancy  # noqa: E402
 from calib.model import geometric_model  # noqa: E402
 from calib.observations import Observations  # noqa: E402
 from calib.residuals import PositionResiduals  # noqa: E402

@@ -1,4 +1,4 @@
-"""How far a model's attitudes are from measured orientations, and what full poses can tell of an arm at all."""
+"""How far a model's attitudes are from measured orientations."""
 
 from __future__ import annotations
 
@@ -7,18 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import frames, kinematics
 from calib.dataset import Dataset
 from calib.model import Model, geometric_model
 from calib.observations import Observations, place_scanner, predict_poses
-from calib.placement import orthonormal
 from calib.pose_residuals import PoseResiduals
-from calib.robot import Robot
 
 Array = NDArray[np.float64]
-
-MM_A_RADIAN = 500.0
-"""How turns count beside lengths where no measurement says so: 0.05 mm against 0.1 mrad."""
 
 
 @dataclass(frozen=True)
@@ -73,29 +67,3 @@ def attitude_lines(before: Attitudes, after: Attitudes) -> list[str]:
                 f"max {1e3 * was.max_rad:.4g} -> {1e3 * now.max_rad:.4g} mrad"
             )
     return lines
-
-
-def pose_columns(robot: Robot, q: Array, setup: NDArray[np.str_] | None) -> Array:
-    """(6 N, P) how the table's entries move the nominal tool's place and attitude, without what the jig's seat absorbs.
-
-    In mm and, times `MM_A_RADIAN`, rad. With `setup` (N,) also without what the scanner's unknown frames absorb; None
-    for a scanner whose place in the base frame is known.
-    """
-    chain = kinematics.forward(robot.table, q, robot.is_revolute)
-    count = len(q)
-    place = kinematics.jacobian(chain, chain.target_mm).reshape(count, 3, -1)
-    turn = kinematics.turn_jacobian(chain).reshape(count, 3, -1)
-    columns = np.concatenate([place, MM_A_RADIAN * turn], axis=1).reshape(6 * count, -1)
-    seat = np.zeros((count, 6, 3))
-    seat[:, 3:] = MM_A_RADIAN * chain.base_T_frame[:, -1, :3, :3]
-    absorbed = [seat.reshape(-1, 3)]
-    for name in () if setup is None else np.unique(setup):
-        rows = setup == name
-        motion = np.zeros((count, 6, 6))
-        arm = chain.target_mm[rows] - chain.target_mm[rows].mean(axis=0)
-        motion[rows, :3, :3] = np.eye(3)
-        motion[rows, :3, 3:] = -frames.skew(arm)
-        motion[rows, 3:, 3:] = MM_A_RADIAN * np.eye(3)
-        absorbed.append(motion.reshape(-1, 6))
-    basis = orthonormal(np.concatenate(absorbed, axis=1))
-    return np.asarray(columns - basis @ (basis.T @ columns))

@@ -10,17 +10,16 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from calib import kinematics
-from calib.attitude import Attitudes, attitude_lines, evaluate_attitudes, pose_columns
+from calib.attitude import Attitudes, attitude_lines, evaluate_attitudes
 from calib.dataset import Dataset
 from calib.effects.base import Effect
 from calib.effects.links import LinkErrors
 from calib.errors import FitError
 from calib.evaluation import Evaluation, Figures, evaluate_all
-from calib.kinds import RESIDUAL_KINDS
+from calib.knowable import structural_rank
 from calib.model import Model, geometric_model
 from calib.observations import Observations, place_scanner
-from calib.redundancy import Redundancy, analyse
+from calib.pose_residuals import require_orientations
 from calib.residuals import make_residuals
 from calib.robot import Robot
 from calib.robust import solve_robustly
@@ -71,6 +70,13 @@ class Calibration:
             evaluate_attitudes(self.model, x, self.dataset) for x in (0.0 * self.fit.x, self.fit.x)
         )
         return before, after
+
+    @property
+    def faces_named(self) -> str:
+        """What told the jig's faces apart, where full poses from scans were fitted; else nothing."""
+        points = self.dataset.points
+        orientations = None if points is None else points.orientations
+        return orientations.named if self.residual == "pose" and orientations is not None else ""
 
     @property
     def sigma_mm(self) -> float:
@@ -133,6 +139,8 @@ class Calibration:
                 lines.append(f"{label} {figures_line(before, after)}")
         if self.attitudes is not None:
             lines += attitude_lines(*self.attitudes)
+        if self.faces_named:
+            lines.append(self.faces_named)
         return "\n".join([*lines, *self.warnings])
 
 
@@ -199,6 +207,8 @@ def calibrate(
         )
     nominal = geometric_model(dataset.robot)
     observed = place_scanner(observed, nominal, np.zeros(len(nominal.parameters)))
+    if residual == "pose":
+        require_orientations(dataset, observed)
     residuals = make_residuals(residual, model, observed)
     rows = len(residuals.residual(np.zeros(len(model.parameters))))
     _require_equations(dataset, observed, residual, rows - residuals.degrees_spent, rank=0)
@@ -290,60 +300,3 @@ def _step(evaluation: Evaluation) -> Step:
         rms(evaluation.distance_error_mm[~of_test]),
         rms(evaluation.distance_error_mm[of_test]),
     )
-
-
-def structural_rank(robot: Robot, poses: int = 200, *, residual: str = "position") -> int:
-    """How many parameters distances, or positions or poses from an unknown place, can tell of this arm at best."""
-    rng = np.random.default_rng(0)  # any generic poses give the same rank
-    span = np.where(robot.is_revolute, np.pi, 500.0)
-    q = rng.uniform(-1.0, 1.0, (poses, robot.n_joints)) * span
-    if residual == "pose":
-        columns = pose_columns(robot, q, np.full(poses, ""))
-        return analyse(columns, robot.parameter_names, robot.parameter_units).rank
-    points, by = kinematics.target_points(robot, q), kinematics.target_jacobian(robot, q)
-    return analyse(_distance_columns(points, by), robot.parameter_names, robot.parameter_units).rank
-
-
-def _distance_columns(points_mm: Array, by_parameter: Array) -> Array:
-    """Phi of Jang eq (14): 2 (P_k - P_1)^T (J_k - J_1), (N - 1, P), divided by twice the length."""
-    along = points_mm[1:] - points_mm[0]
-    length = np.linalg.norm(along, axis=1)
-    keep = length > 1e-6
-    columns = np.einsum(
-        "ki,kip->kp", along[keep] / length[keep, None], (by_parameter[1:] - by_parameter[0])[keep]
-    )
-    return np.asarray(columns)
-
-
-def redundancy(dataset: Dataset, *, residual: str = "position") -> Redundancy:
-    """Which parameters say the same at the dataset's training poses, for the nominal robot (Park 2022 section 3).
-
-    "position" looks at the tool point in the base frame, as Park does; "pose" at its attitude too, however the jig may
-    sit on the tool; "distance" at the rows of Jang eq (14), to which d1, theta1 and beta1 are invisible; "pairs" can
-    tell no more than those.
-    """
-    if residual not in RESIDUAL_KINDS:
-        raise FitError(f"no residual named {residual!r}; there are {', '.join(RESIDUAL_KINDS)}")
-    robot = dataset.robot
-    poses = dataset.poses
-    rows = [poses.reference, *(int(i) for i in np.flatnonzero(poses.role == "train"))]
-    q = poses.q[rows]
-    by = kinematics.target_jacobian(robot, q)
-    names, units = robot.parameter_names, robot.parameter_units
-    if residual == "position":
-        return analyse(by.reshape(-1, len(names)), names, units)
-    if residual == "pose":
-        return analyse(pose_columns(robot, q, None), names, units)
-    setup = poses.setup[rows]
-    blocks = []
-    for name in np.unique(setup):
-        of_setup = np.flatnonzero(setup == name)
-        points = kinematics.target_points(robot, q[of_setup])
-        blocks.append(_distance_columns(points, by[of_setup]))
-    columns = np.concatenate(blocks)
-    if len(columns) < 2:
-        raise FitError(
-            f"dataset {dataset.name}: its training poses give {len(columns)} distances between different places of one "
-            "setup; two or more are needed"
-        )
-    return analyse(columns, names, units)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.calibration import Calibration, calibrate, declared_sigma_mm, structural_rank
+from calib.calibration import Calibration, calibrate, declared_sigma_mm
 from calib.corners import CornerSearch
 from calib.dataset import Dataset
 from calib.diagnosis import Diagnosis, diagnose
@@ -15,6 +15,7 @@ from calib.errors import FitError
 from calib.evaluation import Figures
 from calib.explanation import verdict_words
 from calib.fitting_together import does_not_belong
+from calib.knowable import structural_rank
 from calib.measurement import failed_searches, with_corners
 from calib.repeatability import Repeats, find_repeats, pooled_sigma_mm
 from calib.scan_counts import PointCount

@@ -99,6 +99,9 @@ class Orientations:
     scanner_R_jig: Array  # (M, 3, 3)
     covariance_rad2: Array | None = None  # (M, 3, 3)
     cross_mm_rad: Array | None = None  # (M, 3, 3) of the point's error (rows) with the turn (columns)
+    named: str = (
+        ""  # what named the jig's faces, and where nothing did, in words; "" where points.csv has them
+    )
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -113,6 +116,7 @@ class Orientations:
             self.scanner_R_jig[keep],
             None if covariance is None else covariance[keep],
             None if cross is None else cross[keep],
+            self.named,
         )
 
 

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calib import frames
-from calib.calibration import Calibration, redundancy
+from calib.calibration import Calibration
 from calib.errors import FitError
+from calib.knowable import redundancy
 from calib.observations import Observations, conditions_at, linearise_points
 
 Array = NDArray[np.float64]

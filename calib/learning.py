@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calib.calibration import Calibration, calibrate, structural_rank
+from calib.calibration import Calibration, calibrate
 from calib.dataset import Dataset
 from calib.errors import FitError
+from calib.knowable import structural_rank
 from calib.sigma_check import SigmaCheck, check_sigma
 from calib.splits import (
     MIN_FRAME_POSES,

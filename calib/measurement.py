@@ -15,11 +15,12 @@ from calib.labelling import Labelling, label_corners
 
 
 def with_corners(
-    dataset: Dataset, searches: Mapping[str, CornerSearch], *, orientation: bool = False
+    dataset: Dataset, searches: Mapping[str, CornerSearch], *, orientation: bool | Labelling = False
 ) -> Dataset:
     """The dataset with the corners that were found, by pose id, as its points; poses without a corner have none.
 
-    With `orientation` the points are full poses, save where the jig's faces cannot be named.
+    With `orientation` the points are full poses, save where the jig's faces cannot be named. Naming them takes a while:
+    who has named them already (`name_faces`) gives that.
     """
     found = found_corners(searches)
     points = points_from_corners(
@@ -28,9 +29,18 @@ def with_corners(
         {pose_id: corner.covariance_mm2 for pose_id, corner in found.items()},
     )
     if orientation:
+        labelling = label_corners(dataset, found) if orientation is True else orientation
         ids = [dataset.poses.ids[i] for i in points.pose]
-        points = replace(points, orientations=_orientations(label_corners(dataset, found), ids))
+        points = replace(points, orientations=_orientations(labelling, ids))
     return dataset.with_points(points)
+
+
+def name_faces(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> Labelling:
+    """Which face of the jig is which in the corners that were found, and so how the jig stands.
+
+    Raises CornerError for face angles that no jig can have.
+    """
+    return label_corners(dataset, found_corners(searches))
 
 
 def _orientations(labelling: Labelling, ids: Sequence[str]) -> Orientations:
@@ -41,6 +51,7 @@ def _orientations(labelling: Labelling, ids: Sequence[str]) -> Orientations:
         np.array([unknown if o is None else o.scanner_R_jig for o in known]).reshape(-1, 3, 3),
         np.array([np.eye(3) if o is None else o.covariance_rad2 for o in known]).reshape(-1, 3, 3),
         np.array([np.zeros((3, 3)) if o is None else o.cross_mm_rad for o in known]).reshape(-1, 3, 3),
+        labelling.summary(),
     )
 
 

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import frames
+from calib.dataset import Dataset
 from calib.effects.base import Array, Parameter
 from calib.errors import FitError
 from calib.linearised import Linearised
@@ -31,6 +32,28 @@ from calib.observations import Observations, linearise_poses, predict_poses
 from calib.placement import fit_scanner_frame, orthonormal
 
 _STEPS = 50
+_NO_ORIENTATION = (
+    "found no orientation at a training pose; give qw, qx, qy, qz in points.csv, or find the corners with their "
+    "orientation, or fit positions"
+)
+_NAMED = 0.5  # of the training poses have to have named faces: where fewer do, something is wrong with robot or poses
+
+
+def require_orientations(dataset: Dataset, observed: Observations) -> None:
+    """Raise FitError where full poses cannot be fitted, with what would help.
+
+    That is where no observed point has an orientation, or where scans told one at less than half of them: names that
+    the robot contradicts so often are no names.
+    """
+    orientations, count = observed.points.orientations, len(observed.points)
+    known = 0 if orientations is None else int(orientations.known.sum())
+    if orientations is not None and orientations.named and known < max(2, _NAMED * count):
+        raise FitError(
+            f"dataset {dataset.name}: at {known} of {count} training poses the jig's faces can be told apart, full "
+            f"poses need half of them or more: {orientations.named}; or fit positions"
+        )
+    if known == 0:
+        raise FitError(f"dataset {dataset.name}: {_NO_ORIENTATION}")
 
 
 @dataclass(frozen=True)
@@ -69,10 +92,7 @@ class PoseResiduals:
         """(M, 3, 3) scanner_R_jig; the identity where it is not known."""
         orientations = self.observed.points.orientations
         if orientations is None or not self.turned.any():
-            raise FitError(
-                "found no orientation at a training pose; give qw, qx, qy, qz in points.csv, or find the corners with "
-                "their orientation, or take --residual position"
-            )
+            raise FitError(_NO_ORIENTATION)
         return np.where(self.turned[:, None, None], orientations.scanner_R_jig, np.eye(3))
 
     @cached_property

@@ -41,6 +41,8 @@ class Redundancy:
     combinations: tuple[
         dict[str, float], ...
     ]  # coefficients of corrections that cancel: three or more parameters
+    seen: str = ""  # by what measurements, in words
+    silent: str = "the measured point"  # what parameters without influence do not move
 
     @property
     def dropped(self) -> dict[str, str]:
@@ -62,14 +64,15 @@ class Redundancy:
 
     def summary(self) -> str:
         """In words: what acts together, what does nothing, what pairs cannot show."""
+        seen = f", seen by {self.seen}" if self.seen else ""
         lines = [
-            f"{len(self.parameters)} parameters; Park's pairwise method keeps {len(self.kept)}, "
+            f"{len(self.parameters)} parameters{seen}; Park's pairwise method keeps {len(self.kept)}, "
             f"the rank says that {self.rank} can be known."
         ]
         lines += [self._group_words(group) for group in self.groups]
         lines += [self._group_words(group) for group in self.mixed_groups]
         if self.no_influence:
-            lines.append(f"No influence on the measured point: {', '.join(self.no_influence)}.")
+            lines.append(f"No influence on {self.silent}: {', '.join(self.no_influence)}.")
         for relation in self.combinations:
             terms = " ".join(f"{value:+.6g} {name}" for name, value in relation.items())
             lines.append(f"Cancel each other, although no two are alike: corrections in the ratio {terms}.")
@@ -99,8 +102,21 @@ def pearson_matrix(jacobian: ArrayLike, is_zero: ArrayLike | None = None) -> Arr
     return np.clip(r, -1.0, 1.0)
 
 
-def analyse(jacobian: ArrayLike, parameters: tuple[str, ...], units: tuple[str, ...]) -> Redundancy:
+def analyse(
+    jacobian: ArrayLike,
+    parameters: tuple[str, ...],
+    units: tuple[str, ...],
+    *,
+    moved: ArrayLike | None = None,
+    seen: str = "",
+    silent: str = "the measured point",
+) -> Redundancy:
     """Everything `Redundancy` holds, from a Jacobian (R, P) in the parameters' own units.
+
+    Args:
+        moved: (P,) lengths that the columns had before something was taken out of them, against which a rest counts
+            as nothing; their own lengths where None.
+        seen, silent: as of `Redundancy`.
 
     Raises FitError where the Jacobian has fewer than two rows or is not finite.
     """
@@ -110,8 +126,9 @@ def analyse(jacobian: ArrayLike, parameters: tuple[str, ...], units: tuple[str, 
     if not np.all(np.isfinite(columns)):
         raise FitError("the Jacobian is not finite; check the robot's table and the joint angles")
     norm = np.linalg.norm(columns, axis=0)
+    whole = norm if moved is None else np.asarray(moved, dtype=float)
     largest = np.array(
-        [max((n for n, v in zip(norm, units, strict=True) if v == u), default=0.0) for u in units]
+        [max((n for n, v in zip(whole, units, strict=True) if v == u), default=0.0) for u in units]
     )
     is_zero = norm <= _ZERO * np.maximum(largest, 1e-300)
     pearson = pearson_matrix(columns, is_zero)
@@ -132,6 +149,8 @@ def analyse(jacobian: ArrayLike, parameters: tuple[str, ...], units: tuple[str, 
         rank=len(independent),
         independent=independent,
         combinations=tuple(r for name, r in relations.items() if name not in paired),
+        seen=seen,
+        silent=silent,
     )
 
 

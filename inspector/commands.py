@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from calib.calibration import redundancy, structural_rank
 from calib.checking import check
 from calib.corners import CornerSearch, find_corners
 from calib.dataset import Dataset
@@ -17,6 +16,7 @@ from calib.dataset_file import find_datasets, load_dataset
 from calib.effects.descriptions import DESCRIPTIONS
 from calib.errors import DatasetError
 from calib.kinds import BUILTIN_ROBOTS
+from calib.knowable import redundancy, with_place_unknown
 from calib.labelling import label_corners
 from calib.measurement import failed_searches, found_corners, require_corners, with_corners
 from calib.points_file import LEAST_SIGMA_MM, MOST_SIGMA_MM
@@ -72,10 +72,9 @@ def run_redundancy(options: Any) -> int:
     result = redundancy(dataset, residual=options.residual)
     if options.out is not None:
         write_text_atomically(options.out, redundancy_csv(result))
-    knowable = structural_rank(dataset.robot, residual=options.residual)
-    what = "Poses" if options.residual == "pose" else "Distances, or positions"
-    words = f"{result.summary()}\n{what} from an unknown place can tell {knowable} at best (this arm at generic poses)."
-    show(options, documents.redundancy_document(result, options.residual, knowable), words)
+    unknown = with_place_unknown(dataset, residual=options.residual)
+    document = documents.redundancy_document(result, unknown)
+    show(options, document, f"{result.summary()}\n{unknown.summary()}")
     return 0
 
 

@@ -19,6 +19,7 @@ from calib.diagnosis import Diagnosis, Step
 from calib.effects.descriptions import DESCRIPTIONS
 from calib.evaluation import Evaluation, Figures
 from calib.explanation import explain
+from calib.knowable import PlaceUnknown
 from calib.knowledge import correlated_pairs, known_sums
 from calib.labelling import Labelling
 from calib.learning import LearningCurve
@@ -91,10 +92,11 @@ def corners_document(
     return {"corners": found, "failed": failed, "orientations": labelling.document()}
 
 
-def redundancy_document(redundancy: Redundancy, residual: str, rank_unknown_frame: int) -> dict[str, Any]:
-    """What `redundancy --json` prints; `rank_unknown_frame` is what is left where the scanner's place is unknown."""
+def redundancy_document(redundancy: Redundancy, unknown: PlaceUnknown) -> dict[str, Any]:
+    """What `redundancy --json` prints; `unknown` is what is left where the scanner's place is unknown."""
     return {
-        "residual": residual,
+        "residual": unknown.residual,
+        "seen_by": redundancy.seen,
         "parameters": redundancy.parameters,
         "pearson": redundancy.pearson,
         "no_influence": redundancy.no_influence,
@@ -102,7 +104,8 @@ def redundancy_document(redundancy: Redundancy, residual: str, rank_unknown_fram
         "mixed_groups": redundancy.mixed_groups,
         "combinations": [{"parameters": relation} for relation in redundancy.combinations],
         "rank": redundancy.rank,
-        "rank_unknown_frame": rank_unknown_frame,
+        "rank_unknown_frame": unknown.best[unknown.residual],
+        "rank_unknown_frame_here": unknown.here,
         "kept": redundancy.kept,
         "independent": redundancy.independent,
         "dropped": redundancy.dropped,

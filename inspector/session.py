@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from calib.adding import Added, calibrate_with, proposed, recalled
-from calib.calibration import Calibration, redundancy
+from calib.calibration import Calibration
 from calib.corners import CornerSearch, search_file
 from calib.dataset import Dataset
 from calib.dataset_file import load_dataset
@@ -15,6 +15,7 @@ from calib.diagnosis import Diagnosis, Step, diagnose, without_poses
 from calib.effects.catalogue import Family, effects_for
 from calib.errors import CalibError, DatasetError
 from calib.failure import Failure, failure_of
+from calib.knowable import redundancy
 from calib.measurement import with_corners
 from calib.redundancy import Redundancy
 from calib.screening import Screening, screen

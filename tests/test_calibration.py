@@ -11,12 +11,13 @@ import pytest
 
 from arms import REFERENCE, dataset_of, elementary_points, jang_arm, park_arm, perturbed
 from calib import frames
-from calib.calibration import calibrate, redundancy
+from calib.calibration import calibrate
 from calib.checking import check
 from calib.dataset import Dataset, Points
 from calib.dataset_file import load_dataset
 from calib.effects.catalogue import family_of
 from calib.errors import FitError
+from calib.knowable import redundancy
 from calib.model import geometric_model
 from calib.observations import Observations
 from calib.placement import fit_scanner_frame

@@ -10,12 +10,13 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from calib import frames
-from calib.calibration import calibrate, redundancy, structural_rank
+from calib.calibration import calibrate
 from calib.dataset import Dataset, Orientations
 from calib.effects.base import full_name
 from calib.effects.catalogue import effects_for, family_of
 from calib.effects.links import LinkErrors
 from calib.errors import FitError
+from calib.knowable import redundancy, structural_rank
 from calib.model import Model, geometric_model
 from calib.observations import Observations, place_scanner, predict_poses
 from calib.pose_residuals import PoseResiduals

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from arms import REFERENCE, jang_arm, park_arm
 from calib import kinematics
-from calib.calibration import structural_rank
 from calib.errors import FitError
+from calib.knowable import structural_rank
 from calib.redundancy import Redundancy, analyse, pearson_matrix
 from calib.robot import Robot
 

@@ -98,6 +98,7 @@ def redundancy_html(analysis: Redundancy) -> str:
     silent = ", ".join(parameter_label(name) for name in analysis.no_influence) or "none"
     useful = len(set(analysis.kept) - set(analysis.no_influence))
     parts = [
+        tables.note(f"Seen by {analysis.seen}."),
         tables.facts(
             [
                 ("parameters", len(analysis.parameters)),
