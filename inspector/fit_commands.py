@@ -162,7 +162,8 @@ def run_correct(options: Any) -> int:
 
 def run_report(options: Any) -> int:
     """One page to send to someone."""
-    from inspector.report import is_report, report_html, report_of  # with plotly, which takes a while to load
+    from inspector.report import is_report, report_html  # with plotly, which takes a while to load
+    from inspector.report_content import report_of
 
     if options.out.exists() and not (options.force or is_report(options.out)):
         raise CalibError(

@@ -1,9 +1,11 @@
-"""A calibration as a report: what was measured, what was found, how sure it is, and by which method and versions."""
+"""A calibration as a report: what was measured, what was found, how sure it is, and by which method and versions.
+
+`report_content.report_of` gathers what it tells, `report_sections` has a function a section, `report_page` the HTML.
+"""
 
 from __future__ import annotations
 
 import platform
-from dataclasses import dataclass
 from datetime import datetime
 from importlib import metadata
 from pathlib import Path
@@ -11,21 +13,15 @@ from pathlib import Path
 import plotly.graph_objects as go
 
 from calib.calibration import Calibration
-from calib.dataset import Dataset
-from calib.diagnosis import Diagnosis
 from calib.explanation import explain
-from calib.failure import Failure, failure_of
-from calib.redundancy import Redundancy
-from calib.screening import Screening
 from calib.sigma_check import check_sigma, noise_floor_mm
-from calib.structure import Remains, examine
 from inspector import report_page as page
 from inspector import report_sections as sections
 from inspector.panels import words
 from inspector.panels.fit import FIGURES
 from inspector.panels.learn_html import NEUTRAL, VERDICTS, last_change
 from inspector.plots import error_history
-from inspector.session import Session, with_redundancy
+from inspector.report_content import Report, model_words
 
 METHOD = (
     "Frame i of the arm is Rz(theta_i + q_i) Trans(a_i, 0, d_i) Rx(alpha_i) Ry(beta_i); a tool row of the same form "
@@ -45,61 +41,6 @@ REFERENCES = (
     "Parameters, JKSPE 39(7) 517-528, doi 10.7736/JKSPE.022.023 (redundancy).",
 )
 PACKAGES = ("robot-calibration-inspector", "numpy", "scipy", "pandas", "open3d-cpu", "open3d", "plotly")
-
-
-@dataclass(frozen=True)
-class Look:
-    """One fit, and what it leaves over against the inputs that it has most order in."""
-
-    title: str
-    failure: Failure
-    remains: Remains
-
-
-@dataclass(frozen=True)
-class Report:
-    """All that the page tells; `report_of` gathers it."""
-
-    session: Session
-    calibration: Calibration
-    ranking: Screening
-    ranking_of: str  # the model that the ranking is about
-    looks: tuple[Look, ...]  # the link errors' first where an effect was found, then the last fit
-    redundancy: Redundancy
-
-    @property
-    def dataset(self) -> Dataset:
-        return self.calibration.dataset
-
-    @property
-    def diagnosis(self) -> Diagnosis | None:
-        return self.session.diagnosis
-
-
-def report_of(session: Session) -> Report:
-    """What there is to tell of a session that is calibrated and ranked."""
-    calibration, ranking = session.calibration, session.screening
-    assert calibration is not None
-    assert ranking is not None
-    analysis = session.redundancy or with_redundancy(session, calibration.residual).redundancy
-    assert analysis is not None
-    model = model_words(calibration)
-    found = session.diagnosis
-    remains = session.remains or examine(calibration.dataset, ranking.leftover)
-    looks = [Look(model, session.failure or failure_of(calibration), remains)]
-    ranking_of = model
-    if found is not None:
-        first = found.steps[0]
-        ranking, ranking_of = first.screening, model_words(first.calibration)
-        if len(found.steps) > 1:
-            before = examine(first.calibration.dataset, first.screening.leftover)
-            looks.insert(0, Look(ranking_of, failure_of(first.calibration), before))
-    return Report(session, calibration, ranking, ranking_of, tuple(looks), analysis)
-
-
-def model_words(calibration: Calibration) -> str:
-    """ "link errors + backlash": what is in the model."""
-    return " + ".join(["link errors", *calibration.model.family_names])
 
 
 def is_report(path: Path) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 import plotly.graph_objects as go
@@ -23,10 +22,8 @@ from inspector.panels.failure import AXES, band_note, input_title, joint_title, 
 from inspector.panels.fit import PARAMETER_COLUMNS, parameter_rows
 from inspector.panels.learn_html import probability, value_row
 from inspector.plots import correlation_heatmap, pose_residuals
+from inspector.report_content import Look, Report
 from inspector.residual_plots import SELECTED, residual_against
-
-if TYPE_CHECKING:
-    from inspector.report import Look, Report
 
 Parts = list[str | page.Figure]
 SHOWN_INPUTS = 2

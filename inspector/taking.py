@@ -89,7 +89,8 @@ class Taking:
 
 
 def _report(asked: Asked) -> tuple[str, bytes]:
-    from inspector.report import report_html, report_of
+    from inspector.report import report_html
+    from inspector.report_content import report_of
 
     session = asked.session
     assert asked.calibration is not None

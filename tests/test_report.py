@@ -19,7 +19,8 @@ from hidden_dataset import HIDDEN, write_hidden
 from inspector import session as sessions
 from inspector.cli import main
 from inspector.panels.words import millimetres
-from inspector.report import report_html, report_of, versions
+from inspector.report import report_html, versions
+from inspector.report_content import report_of
 from tiny_dataset import HOSTILE
 
 BROKEN_OUT = "</script><script>window.pwned=1</script>"
