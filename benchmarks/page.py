@@ -83,10 +83,10 @@ def says(*parts: str) -> Callable[[WireClient], bool]:
     return lambda page: all(part in page.text() for part in parts)
 
 
-def quiet(page: WireClient, still_s: float = 0.3) -> float:
-    """When the last message came: waits until none has come for a while."""
+def quiet(page: WireClient) -> float:
+    """When the last message came: waits until none has come for 0.3 s."""
     last, count = time.perf_counter(), page.bytes_received
-    while time.perf_counter() - last < still_s:
+    while time.perf_counter() - last < 0.3:
         time.sleep(0.01)
         if page.bytes_received != count:
             last, count = time.perf_counter(), page.bytes_received

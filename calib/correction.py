@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 
 POSITION_TOLERANCE_MM = 1e-9
 ORIENTATION_TOLERANCE_RAD = 1e-12
+MAX_CHANGE_RAD, MAX_CHANGE_MM = np.radians(15.0), 100.0  # of a joint, from its nominal value
 _SINGULAR = (
     0.02  # a posture is called so below this ratio of the Jacobian's smallest singular value to its largest
 )
@@ -101,8 +102,6 @@ def corrected_joints(
     x: ArrayLike | None = None,
     conditions: Poses | None = None,
     what: str | None = None,
-    max_change_rad: float = np.radians(15.0),
-    max_change_mm: float = 100.0,
 ) -> Correction:
     """Joint vectors with which the calibrated arm's tool stands where the nominal arm's would with `q_nominal`.
 
@@ -114,7 +113,6 @@ def corrected_joints(
         conditions: payload, temperature ... of each target, for effects that depend on them; its own q is not used.
         what: "pose" (place and orientation of the tool frame) or "position" (its place alone); where None, a pose
             for six joints and more.
-        max_change_rad, max_change_mm: how far a joint may go from its nominal value.
 
     Raises:
         FitError: joint vectors of the wrong shape or not finite, arms that differ in their joints, or a model
@@ -130,7 +128,7 @@ def corrected_joints(
     conditions = _plain_poses(q0) if conditions is None else replace(conditions, q=q0)
     goal = kinematics.forward(nominal.table, q0, nominal.is_revolute).base_T_frame[:, -1]
     problem = ToolProblem(model, x, conditions, goal, what == "pose")
-    change = np.where(nominal.is_revolute, max_change_rad, max_change_mm)
+    change = np.where(nominal.is_revolute, MAX_CHANGE_RAD, MAX_CHANGE_MM)
     limits = _limits(nominal)
     low, high = np.clip(q0 - change, *limits), np.clip(q0 + change, *limits)
     q = solve_inverse(problem, q0, low, high)

@@ -89,9 +89,9 @@ def with_place_unknown(dataset: Dataset, *, residual: str = "position") -> Place
     return PlaceUnknown(residual, here, best)
 
 
-def structural_rank(robot: Robot, poses: int = 200, *, residual: str = "position") -> int:
+def structural_rank(robot: Robot, *, residual: str = "position") -> int:
     """How many parameters distances, or positions or poses from an unknown place, can tell of this arm at best."""
-    rng = np.random.default_rng(0)  # any generic poses give the same rank
+    rng, poses = np.random.default_rng(0), 200  # any generic poses give the same rank
     span = np.where(robot.is_revolute, np.pi, 500.0)
     q = rng.uniform(-1.0, 1.0, (poses, robot.n_joints)) * span
     columns, moved = _columns(robot, q, np.full(poses, ""), residual, place_known=False)

@@ -265,12 +265,12 @@ def test_without_a_placed_scanner_unequal_angles_name_the_faces(simulation):
         assert np.linalg.norm(error_rad(true[i], found.scanner_R_jig)) < 3e-3
 
 
-def two_poses(simulation: Simulation, turn_deg: float, second: np.ndarray, *, joints_deg: float = np.nan):
-    """Two poses of a square jig, the second one turned so, and joint 1 with it; the joint angles may say otherwise."""
+def two_poses(simulation: Simulation, turn_deg: float, second: np.ndarray):
+    """Two poses of a square jig, the second one turned so, and joint 1 by that angle."""
     dataset = replace(simulation.dataset, jig=Jig())
     q = dataset.poses.q.copy()
     q[1] = q[0]
-    q[1, 0] += np.radians(turn_deg if np.isnan(joints_deg) else joints_deg)  # about an axis that stands still
+    q[1, 0] += np.radians(turn_deg)  # about an axis that stands still
     rng = np.random.default_rng(10)
     corners = {"p01": corner_of(np.eye(3), rng), "p02": corner_of(second.T[[2, 0, 1]], rng)}
     return replace(dataset, poses=replace(dataset.poses, q=q)), corners
