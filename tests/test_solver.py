@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -66,24 +68,43 @@ def test_parks_set_up_is_met_to_rounding_in_eight_iterations(arm: str, eliminate
     np.testing.assert_allclose(elementary_points(found, q), elementary_points(true, q), atol=1e-8)
 
 
-@pytest.mark.parametrize("cases", [("rb5", RB5_CASES), ("panda", PANDA_CASES)])
-def test_the_sums_of_tables_9_and_10_do_not_hang_on_what_is_kept(cases: tuple[str, tuple[str, ...]]) -> None:
-    """With only d2 (or theta1) wrong, each elimination finds the same d2 + d3 + d4 and theta1 + beta1."""
-    arm, eliminations = cases
+def printed_sums(file: str) -> list[dict[str, str]]:
+    """The rows of Table 9 or 10, the paper's EE being our TCP, its "none" our nothing."""
+    with (Path(__file__).parent / "reference" / file).open() as stream:
+        rows = list(csv.DictReader(stream))
+    for row in rows:
+        row["eliminated"] = row["eliminated"].replace("EE", "TCP").replace("none", "")
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("arm", "cases", "file"),
+    [
+        ("rb5", RB5_CASES, "park_table9_rb5_d2d3d4.csv"),
+        ("panda", PANDA_CASES, "park_table10_panda_theta1beta1.csv"),
+    ],
+)
+def test_tables_9_and_10_to_the_last_digit(arm: str, cases: tuple[str, ...], file: str) -> None:
+    """d2 and theta1 are wrong by what the paper says: the one that is kept takes it; of several the sum is known."""
     robot = park_arm(arm)
     table = robot.table
     if arm == "rb5":
-        table[1, 2] += 0.51  # Table 9: the sum becomes 111.21 mm
-    table[0, 3] += 0.00075  # Table 10
-    true = robot.with_table(table)
-    for eliminated in eliminations:
-        rng = np.random.default_rng(4)
-        model = geometric_model(robot).hold(eliminated.split())
-        residuals = PositionResiduals(model, Observations.of(dataset_of(robot, true, rng)), frame_known=True)
+        table[1, 2] += 0.51
+    table[0, 3] += 0.00075
+    dataset = dataset_of(robot, robot.with_table(table), np.random.default_rng(4))
+    rows = printed_sums(file)
+    assert {row["eliminated"] for row in rows} == set(cases)
+    of = {"d2_mm": (1, 2), "d3_mm": (2, 2), "d4_mm": (3, 2), "theta1_rad": (0, 3), "beta1_rad": (0, 4)}
+    for row in rows:
+        model = geometric_model(robot).hold(row["eliminated"].split())
+        residuals = PositionResiduals(model, Observations.of(dataset), frame_known=True)
         found = model.calibrated_robot(solve(residuals, prior=False).x).table
+        printed = {name: float(row[name]) for name in of if name in row}
+        total = float(row["sum_mm" if arm == "rb5" else "sum_rad"])
+        assert sum(found[of[name]] for name in printed) == pytest.approx(total, abs=1e-8)
         assert found[0, 3] + found[0, 4] == pytest.approx(0.00075, abs=1e-9)
-        if arm == "rb5":
-            assert found[1:4, 2].sum() == pytest.approx(111.21, abs=1e-6)
+        for name, value in printed.items() if row["eliminated"] else ():
+            assert found[of[name]] == pytest.approx(value, abs=1e-8), (row["eliminated"], name)
 
 
 @pytest.mark.parametrize("kind", ["position", "distance"])
