@@ -16,7 +16,7 @@ from calib.effects.base import Effect
 from calib.effects.links import LinkErrors
 from calib.errors import FitError
 from calib.evaluation import Evaluation, Figures, evaluate_all
-from calib.knowable import structural_rank
+from calib.knowable import fewest_poses, structural_rank
 from calib.model import Model, geometric_model
 from calib.observations import Observations, place_scanner
 from calib.pose_residuals import require_orientations
@@ -266,9 +266,7 @@ def _require_equations(
     if equations > rank:
         return
     knowable = structural_rank(dataset.robot, residual=kind)
-    setups = len(np.unique(observed.setup))
-    spent = {"distance": 0, "pose": 6 * setups + 3}.get(kind, 6 * setups)
-    needed = int(np.ceil((knowable + spent) / {"distance": 1, "pose": 6}.get(kind, 3))) + 2
+    needed = fewest_poses(dataset.robot, residual=kind, setups=len(np.unique(observed.setup)))
     raise FitError(
         f"dataset {dataset.name}: {len(np.unique(observed.points.pose))} training poses give {max(equations, 0)} "
         f"equations, the arm has {knowable} knowable parameters; measure at least {needed} different poses, better "

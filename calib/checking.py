@@ -15,11 +15,12 @@ from calib.errors import FitError
 from calib.evaluation import Figures
 from calib.explanation import verdict_words
 from calib.fitting_together import does_not_belong
-from calib.knowable import structural_rank
+from calib.knowable import fewest_poses
 from calib.measurement import failed_searches, with_corners
 from calib.repeatability import Repeats, find_repeats, pooled_sigma_mm
 from calib.scan_counts import PointCount
 from calib.sigma_check import is_declared, noise_floor_mm
+from calib.splits import training_places
 from calib.validation import SUSPICIOUS, noise_ratio
 
 HOPELESS = 100.0
@@ -103,16 +104,13 @@ def check(
     if repeats:
         findings.append(_repeats(dataset, repeats))
     calibration = diagnosis = None
-    different = len(np.unique(np.round(dataset.poses.q[~dataset.poses.is_test], 9), axis=0))
-    knowable = structural_rank(dataset.robot)
-    if 3 * different - 6 <= knowable:
-        findings.append(
-            Finding(
-                "fit",
-                None if repeats else False,
-                f"not tried: {different} different training poses cannot settle {knowable} knowable parameters",
-            )
+    places = training_places(dataset)
+    needed = fewest_poses(dataset.robot, residual=residual, setups=len(np.unique(places.setup)))
+    if len(places) < needed:
+        words = (
+            f"not tried: {len(places)} different training poses are measured, a fit takes at least {needed}"
         )
+        findings.append(Finding("fit", None if repeats else False, words))
     else:
         calibration = calibrate(dataset, residual=residual)
         findings += _fit(calibration, max_test_rmse_mm)

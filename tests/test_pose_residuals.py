@@ -231,7 +231,7 @@ def test_the_rank_of_poses_is_that_of_the_residual() -> None:
 
 
 def test_too_few_poses_are_told_with_the_number_that_would_do() -> None:
-    with pytest.raises(FitError, match="measure at least 7 different poses"):
+    with pytest.raises(FitError, match="measure at least 6 different poses"):
         calibrate(full_poses(11, poses=5), residual="pose")
 
 
