@@ -20,12 +20,13 @@ from calib.points_file import (
     load_points,
     points_frame,
 )
-from calib.poses_file import load_poses, poses_frame
+from calib.poses_file import is_one_line, load_poses, poses_frame
 from calib.robot_file import load_robot, robot_to_toml
 from calib.table_file import TableFile
 from calib.toml_file import TomlTable, write_text_atomically
 
 FORMAT = 1
+_LONGEST_EDGE_MM = 1e4
 
 
 def find_datasets(folder: Path) -> list[Path]:
@@ -48,8 +49,11 @@ def load_dataset(folder: Path) -> Dataset:
     top = TomlTable.load(folder / "dataset.toml")
     version = top.number("format")
     if version != FORMAT:
-        raise top.error("format", f"found {version}", f"this program reads format = {FORMAT}")
-    name = top.text("name") or folder.name
+        found = "the key is missing" if version is None else f"found {version:g}"
+        raise top.error("format", found, f"this program reads format = {FORMAT}")
+    name = top.text("name") or folder.resolve().name
+    if not is_one_line(name):
+        raise top.error("name", f"found {name!r}", "a name is one line without control characters")
     description = top.text("description", "") or ""
     robot = load_robot(_inside(folder, top.text("robot", "robot.toml") or "", top, "robot"))
     poses_path = _inside(folder, top.text("poses", "poses.csv") or "", top, "poses")
@@ -65,8 +69,13 @@ def load_dataset(folder: Path) -> Dataset:
         warnings += point_warnings
     if scan_folder is not None:
         scans = _inside(folder, scan_folder, top, "scans")
-        if points is None and not scans.is_dir():
-            raise top.error("scans", f"found {scan_folder!r}, no such folder", "name the folder of the scans")
+        if not scans.is_dir():
+            missing = top.error(
+                "scans", f"found {scan_folder!r}, no such folder", "name the folder of the scans"
+            )
+            if points is None:
+                raise missing
+            warnings.append(str(missing))
         _check_scans(folder, scans, poses, poses_path, needed=points is None)
     jig, jig_extra = _jig(top.table("jig"))
     scanner = _scanner(top.table("scanner"))
@@ -87,12 +96,19 @@ def load_dataset(folder: Path) -> Dataset:
 
 def _inside(folder: Path, name: str, top: TomlTable, key: str) -> Path:
     """A path below the folder; one that leaves it is refused."""
-    path = folder / name
-    if not name or not path.resolve().is_relative_to(folder.resolve()):
+    if not name or not _is_below(folder, folder / name):
         raise top.error(
             key, f"found {name!r}, which is not below the dataset's folder", "use a relative path below it"
         )
-    return path
+    return folder / name
+
+
+def _is_below(folder: Path, path: Path) -> bool:
+    """Whether a path leads to a place in the folder; one that leads nowhere, such as a link to itself, does not."""
+    try:
+        return path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError, ValueError):  # a circle of links, a zero character
+        return False
 
 
 def _scanner(table: TomlTable) -> Scanner:
@@ -120,6 +136,8 @@ def _sigma(table: TomlTable, key: str, least: float, most: float, unit: str) -> 
 def _jig(table: TomlTable) -> tuple[Jig, dict[str, Any]]:
     default = Jig()
     edge_mm = table.number("edge_mm", default.edge_mm, positive=True) or default.edge_mm
+    if edge_mm > _LONGEST_EDGE_MM:
+        raise table.error("edge_mm", f"found {edge_mm:g} mm", f"an edge has {_LONGEST_EDGE_MM:g} mm at most")
     if edge_mm < 1.0:
         raise table.error("edge_mm", f"found {edge_mm:g} mm, which looks like metres", "multiply it by 1000")
     angles = table.vector("face_angles_deg") or default.face_angles_deg
@@ -141,7 +159,7 @@ def _check_scans(folder: Path, scan_folder: Path, poses: Poses, poses_path: Path
     """Each pose's scan lies below the folder and, where `needed`, is there. Raises DatasetError with its line."""
     for row, name in enumerate(poses.scan_names):
         path = scan_folder / name
-        outside = not path.resolve().is_relative_to(folder.resolve())
+        outside = not _is_below(folder, path)
         if not outside and (not needed or path.is_file()):
             continue
         file = TableFile.load(poses_path)  # once more, for the line

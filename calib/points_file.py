@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from calib.dataset import Orientations, Points, Poses
 from calib.errors import DatasetError
 from calib.point_doubts import copied_rows, unit_doubt
+from calib.poses_file import short
 from calib.robot import Robot
 from calib.table_file import TableFile
 
@@ -47,7 +48,7 @@ def load_points(path: Path, robot: Robot, poses: Poses) -> tuple[Points, list[st
     for row, pose_id in enumerate(ids):
         if pose_id not in index:
             raise file.error(
-                row, "pose", f"{pose_id!r} is not in poses.csv", "remove the row or add the pose"
+                row, "pose", f"{short(pose_id)} is not in poses.csv", "remove the row or add the pose"
             )
     measured = set(ids)
     missing = [pose_id for pose_id in poses.ids if pose_id not in measured]
@@ -61,7 +62,9 @@ def load_points(path: Path, robot: Robot, poses: Poses) -> tuple[Points, list[st
     known_targets = ("jig", *(t.name for t in robot.targets))
     for row, name in enumerate(target):
         if name not in known_targets:
-            raise file.error(row, "target", f"found {name!r}", f"robot.toml knows {', '.join(known_targets)}")
+            raise file.error(
+                row, "target", f"found {short(name)}", f"robot.toml knows {', '.join(known_targets)}"
+            )
     _check_size(file, xyz_mm)
     covariance = None
     if _any(file, COVARIANCE_COLUMNS):

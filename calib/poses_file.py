@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 from typing import Any
+from unicodedata import category
 
 import numpy as np
 import pandas as pd
@@ -17,11 +18,36 @@ from calib.robot_file import degrees
 from calib.table_file import TableFile
 
 CONDITIONS = ("payload_kg", "temperature_c", "time_s")
+_LIMITS = {  # beyond lies no arm's, but another unit's: milliseconds since 1970, grams
+    "payload_kg": (0.0, 1e5),
+    "temperature_c": (-273.15, 5e3),
+    "time_s": (-1e11, 1e11),
+    "deg": (-1e5, 1e5),
+    "mm": (-1e6, 1e6),
+}
 
 
 def joint_columns(robot: Robot) -> list[str]:
     """The columns of a joint vector: q1_deg ..., q3_mm for a prismatic joint."""
     return [f"q{i + 1}_{'deg' if joint.is_revolute else 'mm'}" for i, joint in enumerate(robot.joints)]
+
+
+def load_joints(file: TableFile, robot: Robot) -> NDArray[np.float64]:
+    """(N, n) the joints' columns as they stand in the file, degrees or mm. Raises DatasetError."""
+    columns = joint_columns(robot)
+    file.require(columns)
+    return np.column_stack([_within(file, column, _LIMITS[column.rpartition("_")[2]]) for column in columns])
+
+
+def _within(file: TableFile, column: str, limits: tuple[float, float]) -> NDArray[np.float64]:
+    """(N,) a column of numbers; DatasetError where one is beyond what there is."""
+    values = file.numbers([column])[:, 0]
+    beyond = np.flatnonzero((values < limits[0]) | (values > limits[1]))
+    if len(beyond):
+        row = int(beyond[0])
+        found = f"found {values[row]:g}, beyond {limits[0]:g} to {limits[1]:g}"
+        raise file.error(row, column, found, "correct it; the unit stands in the column's name")
+    return values
 
 
 def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
@@ -34,6 +60,9 @@ def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
     ids = file.text("pose")
     first: dict[str, int] = {}
     for row, pose_id in enumerate(ids):
+        if not is_one_line(pose_id):
+            found = f"found {short(pose_id)}"
+            raise file.error(row, "pose", found, "an id is one line without control characters")
         if first.setdefault(pose_id, row) != row:
             line = file.line(first[pose_id])
             raise file.error(
@@ -46,7 +75,7 @@ def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
         raise DatasetError(
             f"{path}: column role: found {len(references)} reference poses ({where}); set exactly one"
         )
-    q_file = file.numbers(q_columns)
+    q_file = load_joints(file, robot)
     warnings = [*_angle_warnings(file, q_file, robot)]
     conditions = load_conditions(file, robot)
     known = ["pose", "role", *q_columns, *CONDITIONS, "setup", "scan", *approach_columns(robot)]
@@ -62,6 +91,16 @@ def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
     return poses, warnings
 
 
+def is_one_line(name: str) -> bool:
+    """Whether a name can stand in a line of output: without line ends and control characters."""
+    return not any(category(c) in ("Cc", "Zl", "Zp") for c in name)
+
+
+def short(text: str, most: int = 60) -> str:
+    """A text in quotes as an error shows it; of a whole file that an open quote has swallowed, the beginning."""
+    return repr(text) if len(text) <= most else f"{text[:most]!r} ..."
+
+
 def approach_columns(robot: Robot) -> list[str]:
     """The columns of the direction that each joint came from."""
     return [f"approach{i + 1}" for i in range(robot.n_joints)]
@@ -69,10 +108,7 @@ def approach_columns(robot: Robot) -> list[str]:
 
 def load_conditions(file: TableFile, robot: Robot) -> dict[str, NDArray[np.float64]]:
     """What a table says of the conditions at its poses, by the names of `Poses`; what has no column is left out."""
-    found = {name: file.numbers([name])[:, 0] for name in CONDITIONS if name in file}
-    if "payload_kg" in found and np.any(found["payload_kg"] < 0.0):
-        row = int(np.flatnonzero(found["payload_kg"] < 0.0)[0])
-        raise file.error(row, "payload_kg", f"found {found['payload_kg'][row]:g}", "a payload is 0 or more")
+    found = {name: _within(file, name, _LIMITS[name]) for name in CONDITIONS if name in file}
     columns = approach_columns(robot)
     if any(column in file for column in columns):
         file.require(columns)

@@ -452,7 +452,8 @@ def test_targets_have_the_conditions_that_poses_may_have(
 ) -> None:
     out = tmp_path / "out.csv"
     for more, says in (
-        ({"payload_kg": [-1.0]}, "line 2, column payload_kg: found -1; a payload is 0 or more"),
+        ({"payload_kg": [-1.0]}, "line 2, column payload_kg: found -1, beyond 0 to 100000; correct"),
+        ({"pose": ["a\nb"]}, r"line 3, column pose: found 'a\nb'; a name is one line"),
         ({"approach1": [1]}, "missing column approach2, approach3"),
         (
             {f"approach{k + 1}": [k - 1] for k in range(6)},
@@ -461,5 +462,6 @@ def test_targets_have_the_conditions_that_poses_may_have(
     ):
         joints = write_targets(tmp_path / "targets.csv", np.zeros((1, 6)), **more)
         assert main(["correct", str(cell), "--joints", str(joints), "--out", str(out)]) == 2
-        assert says in capsys.readouterr().err
+        assert says in (said := capsys.readouterr().err)
+        assert said.count("\n") == 1
         assert not out.exists()

@@ -168,6 +168,77 @@ def test_each_mistake_is_one_line_that_names_its_place(
     assert str(folder) in message
 
 
+@pytest.mark.parametrize(
+    ("break_it", "says"),
+    [
+        (
+            edit("dataset.toml", 'robot = "robot.toml"', 'robot = "a\\u0000b"'),
+            "robot: found 'a\\x00b', which is not",
+        ),
+        (
+            edit("dataset.toml", 'name = "test"', 'name = "two\\nlines"'),
+            r"name: found 'two\nlines'; a name is one",
+        ),
+        (
+            edit("dataset.toml", "format = 1\n", ""),
+            "format: the key is missing; this program reads format = 1",
+        ),
+        (
+            edit("dataset.toml", "edge_mm = 60.0", "edge_mm = 1e300"),
+            "found 1e+300 mm; an edge has 10000 mm at most",
+        ),
+        (
+            cell("poses.csv", 2, "pose", "two\nlines"),
+            r"line 5, column pose: found 'two\nlines'; an id is one line",
+        ),
+        (
+            cell("points.csv", 2, "pose", "x" * 500),
+            f"line 4, column pose: '{'x' * 60}' ... is not in poses.csv",
+        ),
+        (
+            cell("poses.csv", 2, "q3_deg", "-1e6"),
+            "line 4, column q3_deg: found -1e+06, beyond -100000 to 100000",
+        ),
+    ],
+)
+def test_what_would_be_no_single_line_or_no_place_is_refused(
+    folder: Path, break_it: Callable[[Path], None], says: str
+) -> None:
+    break_it(folder)
+    with pytest.raises(DatasetError) as caught:
+        load_dataset(folder)
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("column", "value"), [("time_s", "1.7e12"), ("temperature_c", "-300"), ("payload_kg", "1e9")]
+)
+def test_a_condition_of_another_unit_is_refused(folder: Path, column: str, value: str) -> None:
+    """Milliseconds since 1970; below absolute zero; and what no arm lifts made the diagnosis fail."""
+    frame = pd.read_csv(folder / "poses.csv", dtype=str)
+    frame[column] = "20"
+    frame.loc[3, column] = value
+    frame.to_csv(folder / "poses.csv", index=False)
+    with pytest.raises(
+        DatasetError, match=rf"line 5, column {column}: found .*, beyond .*; correct it; the unit"
+    ):
+        load_dataset(folder)
+
+
+def test_a_link_in_a_circle_is_told(folder: Path) -> None:
+    (folder / "poses.csv").unlink()
+    (folder / "poses.csv").symlink_to("poses.csv")
+    with pytest.raises(DatasetError, match=r"poses: found 'poses\.csv', which is not below"):
+        load_dataset(folder)
+
+
+def test_a_folder_of_scans_that_is_missing_is_warned_of_where_there_are_points(folder: Path) -> None:
+    edit("dataset.toml", 'points = "points.csv"', 'points = "points.csv"\nscans = "nowhere"')(folder)
+    (warning,) = load_dataset(folder).warnings
+    assert "dataset.toml: scans: found 'nowhere', no such folder" in warning
+
+
 def test_a_covariance_that_is_none_is_refused(tmp_path: Path) -> None:
     write_dataset(full_dataset(), tmp_path)
     cell("points.csv", 4, "szz_mm2", "-1.0")(tmp_path)
@@ -185,7 +256,9 @@ def test_an_approach_is_minus_one_or_one(tmp_path: Path) -> None:
 def test_a_payload_is_not_negative(tmp_path: Path) -> None:
     write_dataset(full_dataset(), tmp_path)
     cell("poses.csv", 4, "payload_kg", "-0.5")(tmp_path)
-    with pytest.raises(DatasetError, match=r"line 6, column payload_kg: found -0\.5; a payload is 0 or more"):
+    with pytest.raises(
+        DatasetError, match=r"line 6, column payload_kg: found -0\.5, beyond 0 to 100000; correct"
+    ):
         load_dataset(tmp_path)
 
 
