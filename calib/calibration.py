@@ -265,11 +265,12 @@ def _require_equations(
     """Raise FitError where poses give no more equations than directions to settle, with the number that would do."""
     if equations > rank:
         return
-    knowable = structural_rank(dataset.robot, residual=kind)
-    needed = fewest_poses(dataset.robot, residual=kind, setups=len(np.unique(observed.setup)))
+    arm = structural_rank(dataset.robot, residual=kind)
+    knowable, what = (rank, "arm and effects have") if rank > arm else (arm, "the arm has")
+    needed = fewest_poses(dataset.robot, residual=kind, setups=len(np.unique(observed.setup)), rank=rank)
     raise FitError(
         f"dataset {dataset.name}: {len(np.unique(observed.points.pose))} training poses give {max(equations, 0)} "
-        f"equations, the arm has {knowable} knowable parameters; measure at least {needed} different poses, better "
+        f"equations, {what} {knowable} knowable parameters; measure at least {needed} different poses, better "
         "three times as many"
     )
 

@@ -98,14 +98,16 @@ def structural_rank(robot: Robot, *, residual: str = "position") -> int:
     return analyse(columns, robot.parameter_names, robot.parameter_units, moved=moved).rank
 
 
-def fewest_poses(robot: Robot, *, residual: str = "position", setups: int = 1) -> int:
+def fewest_poses(robot: Robot, *, residual: str = "position", setups: int = 1, rank: int = 0) -> int:
     """How many different poses a fit takes at the least: one equation more than it has to settle.
+
+    `rank`: of the fit, where effects make it more than the arm's.
 
     Each setup's frame takes six equations of positions or poses and its first pose of distances, the jig's seat on the
     tool three of poses. So few leave the residual hardly a degree of freedom; three times as many are a measurement.
     """
     each, unknowns = {"distance": (1, setups), "pose": (6, 6 * setups + 3)}.get(residual, (3, 6 * setups))
-    return (structural_rank(robot, residual=residual) + unknowns) // each + 1
+    return (max(structural_rank(robot, residual=residual), rank) + unknowns) // each + 1
 
 
 def _at_training_poses(dataset: Dataset, residual: str, *, place_known: bool) -> tuple[Array, Array]:

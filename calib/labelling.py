@@ -46,6 +46,7 @@ _BY = {
 }
 _MEASURE_MORE = "measure three poses or more there that lie apart, and not on one line"
 _MARK_IT = "or mark the jig: unequal face_angles_deg in dataset.toml"
+_MOST_CONTRADICTED = 0.25  # of the poses: a robot that is wrong so often is right by chance at the others
 _LOOSE_RAD = 0.2  # a scanner placed less firmly than this predicts no attitude
 _HYPOTHESES = 40
 _LEAST_POSES = 5  # that together say at what angles the faces meet
@@ -112,9 +113,15 @@ def label_corners(dataset: Dataset, corners: Mapping[str, Corner]) -> Labelling:
     three = {pose_id: candidates(corners[pose_id], dataset.jig) for pose_id in ids}
     predicted, why = _predicted_attitudes(dataset, corners) if ids else ({}, {})
     marked = len(set(dataset.jig.face_angles_deg)) > 1
-    if predicted:
-        named = _by_robot(three, predicted, why, marked)
-    else:
+    named = _by_robot(three, predicted, why, marked) if predicted else None
+    contradicted = 0 if named is None else sum(pose_id in predicted for pose_id in named.refused)
+    if contradicted > max(1.0, _MOST_CONTRADICTED * len(predicted)):
+        words = (
+            f"the nominal robot has the jig stand otherwise at {contradicted} of {len(predicted)} poses: check the "
+            "joint angles and their signs, of the last joint above all"
+        )
+        named, why = None, dict.fromkeys(ids, words)
+    if named is None:
         named = (_by_angles(three) if marked else None) or _by_continuity(three, why, dataset)
     return _with_found_angles(named, corners, dataset.jig)
 

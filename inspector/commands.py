@@ -17,8 +17,7 @@ from calib.effects.descriptions import DESCRIPTIONS
 from calib.errors import DatasetError
 from calib.kinds import BUILTIN_ROBOTS
 from calib.knowable import redundancy, with_place_unknown
-from calib.labelling import label_corners
-from calib.measurement import failed_searches, found_corners, require_corners, with_corners
+from calib.measurement import failed_searches, name_faces, require_corners, with_corners
 from calib.points_file import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from calib.robot_file import builtin_robot, load_robot
 from calib.scan_counts import PointCount, count_points
@@ -47,13 +46,13 @@ def run_corners(options: Any) -> int:
     dataset = load(options.path)
     searches, counts = _search(dataset, options.processes, count=True)
     require_corners(dataset, searches)
+    labelling = name_faces(dataset, searches)
     if options.out is not None:
-        found = with_corners(dataset, searches, orientation=options.orientation)
+        found = with_corners(dataset, searches, orientation=labelling if options.orientation else False)
         write_text_atomically(options.out, corners_csv(found))
     failed = failed_searches(searches)
     words = [f"{search.summary()}{_left_out(counts.get(pose_id))}" for pose_id, search in searches.items()]
     words.append(f"{len(searches) - len(failed)} of {len(searches)} corners found")
-    labelling = label_corners(dataset, found_corners(searches))
     words.append(labelling.summary())
     show(options, documents.corners_document(searches, labelling, counts), "\n".join(words))
     return 0

@@ -136,6 +136,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "before": _roles(calibration.before),
         "attitudes": calibration.attitudes
         and dict(zip(("before", "after"), map(asdict, calibration.attitudes), strict=True)),
+        "faces_named": calibration.faces_named or None,
         "sigma_mm": calibration.sigma_mm,
         "degrees_of_freedom": fit.degrees_of_freedom,
         "parameters": frame.to_dict(orient="records"),

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, TypeVar
 
 from calib.errors import CalibError
+from calib.labelling import Labelling
 from calib.next_poses import nearest_rival, poses_between
 from inspector import session as sessions
 from inspector.own_effects import OwnEffects
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from inspector.stage import Stage
 
 T = TypeVar("T")
+POSITION = "position"  # what any measured points can be fitted by
 POSES = 3  # at which two causes are compared
 TURN_S = 0.02  # how long a look at work done aside takes; nothing else is done meanwhile
 
@@ -50,10 +52,16 @@ class Modelling:
         self.saved: dict[str, Saved] = {}  # sessions to open again once their dataset is there, by its name
         self.own = OwnEffects()  # none, until the app has a file of them
         self._aside = ThreadPoolExecutor(1, thread_name_prefix="inspector-aside")
+        # Who asks for full poses does not wait until a ranking or a diagnosis is through.
+        self._naming = ThreadPoolExecutor(1, thread_name_prefix="inspector-naming")
+        self._names: tuple[Session, Future[Labelling]] | None = (
+            None  # the last that were asked for, and of what
+        )
 
     def close(self) -> None:
-        """Let go of the thread."""
-        self._aside.shutdown(wait=False, cancel_futures=True)
+        """Let go of the threads."""
+        for pool in (self._aside, self._naming):
+            pool.shutdown(wait=False, cancel_futures=True)
 
     @property
     def _session(self) -> Session:
@@ -80,35 +88,58 @@ class Modelling:
     # ---- the first fit ---------------------------------------------------------------------------------------------
 
     def start(self, residual: str) -> LongWork:
-        """The first fits of a dataset: those of a saved session where one waits for it, else the link errors."""
+        """The first fits of a dataset: those of a saved session where one waits for it, else the link errors.
+
+        What can wait, names of the jig's faces that no fit has asked for yet, comes last.
+        """
         saved = self.saved.pop(self._stage.name, None)
-        if saved is None:
+        try:
+            yield from self._first_fit(residual) if saved is None else self._reopen(saved, residual)
+        except CalibError:  # full poses may tell what positions did not
+            yield from self.name_faces()
+            raise
+        yield from self.name_faces()
+
+    def _first_fit(self, residual: str) -> LongWork:
+        """The link errors; by positions where these data cannot be fitted as was chosen with another dataset."""
+        try:
             yield from self.calibrate(residual)
-            return
+        except CalibError:
+            if residual == POSITION or self._session.calibration is not None:
+                raise
+            yield from self.calibrate(POSITION)
+            raise
+
+    def _reopen(self, saved: Saved, residual: str) -> LongWork:
         session = self._session
         self._learn.say("Opening the saved session …")
         yield
         try:
             again = yield from self._beside(lambda: reopened(self._with_own(session), saved), session)
         except CalibError:
-            yield from self.calibrate(residual)
+            yield from self._first_fit(residual)
             raise
         if again is not None and again[0].calibration is not None:
-            now = self._session
-            self._change(replace(again[0], searches=now.searches, redundancy=now.redundancy))
+            named = again[0].labelling or self._session.labelling
+            self._change(replace(sessions.seen_since(again[0], self._session), labelling=named))
             self._stage.show_saved(saved.shown)
         if again is not None:
             self._stage.review.show_problem(" ".join(again[1]))
         if self._session.calibration is None:
-            yield from self.calibrate(residual)
+            yield from self._first_fit(residual)
         yield from self.rank()
 
     # ---- the link errors --------------------------------------------------------------------------------------------
 
     def calibrate(self, residual: str) -> LongWork:
         """Fit the parameters to this kind of residual, then rank what could be missing."""
+        dataset = self._session.dataset
         self._stage.fit.busy(True)
         try:
+            if residual == "pose":
+                yield from self._named()
+                if self._session.dataset is not dataset:  # another one is on show now
+                    return
             session = sessions.with_calibration(self._session, residual)
         except CalibError as error:
             self._stage.fit.update(self._stage.now, waiting=str(error))
@@ -119,6 +150,31 @@ class Modelling:
             self._undo.pop(self._stage.name, None)
         self._change(session)
         yield from self.rank()
+
+    def name_faces(self) -> LongWork:
+        """Name the jig's faces where nothing has yet, so that full poses can be fitted at once, or why not is said."""
+        try:
+            yield from self._named()
+        except CalibError as error:  # nothing that the user asked for: the tab says it
+            self._stage.fit.update_faces(self._stage.now, str(error))
+        else:
+            self._stage.fit.update_faces(self._stage.now)
+
+    def _named(self) -> LongWork:
+        """The session with its names, worked out aside; the same work for all who ask for the same corners."""
+        session = self._session
+        if not (session.unnamed and session.searches):
+            return
+        if self._names is None or self._names[0].searches is not session.searches:
+            self._names = session, self._naming.submit(sessions.face_names, session)
+        future = self._names[1]
+        while not future.done():
+            wait([future], TURN_S)
+            yield
+            if self._session.searches is not session.searches:
+                return
+        self._stage.keep(replace(self._session, labelling=future.result()))
+        self._names = None
 
     # ---- effects ----------------------------------------------------------------------------------------------------
 
@@ -140,7 +196,7 @@ class Modelling:
         if ranked is None:
             return
         now = self._session
-        ranked = replace(ranked, searches=now.searches, redundancy=now.redundancy)
+        ranked = sessions.seen_since(ranked, now)
         if ranked.calibration is session.calibration:
             self._stage.keep(ranked)
             self.show()
@@ -186,9 +242,12 @@ class Modelling:
         if rival is None or chosen is None:
             return
         yield
-        poses = yield from self._beside(
-            lambda: poses_between(calibration, (chosen, rival), count=POSES), session
-        )
+        try:
+            poses = yield from self._beside(
+                lambda: poses_between(calibration, (chosen, rival), count=POSES), session
+            )
+        except CalibError:  # too few poses to fit either one whole: the ranking stands, nothing to compare
+            return
         if poses is not None and self._learn.chosen == name:
             self._learn.show_comparison(self._stage.now, screening, rival.name, poses)
 
@@ -223,8 +282,7 @@ class Modelling:
             other.append(session)
             session = source.pop()
         if session is not self._session:
-            now = self._session  # what was looked at meanwhile stays known
-            self._stage.show_model(replace(session, searches=now.searches, redundancy=now.redundancy))
+            self._stage.show_model(sessions.seen_since(session, self._session))
         yield
         yield from self.rank()
 
@@ -253,8 +311,7 @@ class Modelling:
                     break
                 yield
             if found is not None:
-                now = self._session
-                self._change(replace(found, searches=now.searches, redundancy=now.redundancy))
+                self._change(sessions.seen_since(found, self._session))
         finally:
             stop.set()
             self._learn.finding(False)

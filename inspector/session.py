@@ -16,7 +16,10 @@ from calib.effects.catalogue import Family, effects_for
 from calib.errors import CalibError, DatasetError
 from calib.failure import Failure, failure_of
 from calib.knowable import redundancy
-from calib.measurement import with_corners
+from calib.labelling import Labelling
+from calib.measurement import name_faces, with_corners
+from calib.observations import Observations
+from calib.pose_residuals import require_orientations
 from calib.redundancy import Redundancy
 from calib.screening import Screening, screen
 from calib.structure import Remains, examine
@@ -43,6 +46,7 @@ class Session:
 
     dataset: Dataset
     searches: Mapping[str, CornerSearch] = field(default_factory=dict)  # by pose id
+    labelling: Labelling | None = None  # which face of the jig is which there, once that was asked for
     redundancy: Redundancy | None = None
     calibration: Calibration | None = None
     effects: tuple[Added, ...] = ()  # beyond the link errors
@@ -55,8 +59,20 @@ class Session:
 
     @property
     def measured(self) -> Dataset:
-        """The dataset with its points: those of points.csv, else the corners found so far."""
-        return self.dataset if self.dataset.points is not None else with_corners(self.dataset, self.searches)
+        """The dataset with its points as the fit takes them: those of points.csv, else the corners found so far."""
+        return self.measured_for(self.calibration.residual if self.calibration is not None else "position")
+
+    def measured_for(self, residual: str) -> Dataset:
+        """The same as a fit of this residual needs them: full poses only where those are to be fitted."""
+        if self.dataset.points is not None:
+            return self.dataset
+        names = self.labelling if residual == "pose" else None
+        return with_corners(self.dataset, self.searches, orientation=names or False)
+
+    @property
+    def unnamed(self) -> bool:
+        """Whether full poses would have to wait until the jig's faces are named in the corners found so far."""
+        return self.dataset.points is None and self.labelling is None
 
     @property
     def waiting(self) -> tuple[int, ...]:
@@ -90,7 +106,37 @@ def with_search(session: Session, pose: int) -> Session:
     searches = {**session.searches, session.dataset.poses.ids[pose]: search}
     if session.dataset.points is not None:
         return replace(session, searches=searches)
-    return _unjudged(replace(session, searches=searches, calibration=None, effects=(), history=()))
+    return _unjudged(
+        replace(session, searches=searches, labelling=None, calibration=None, effects=(), history=())
+    )
+
+
+def with_names(session: Session) -> Session:
+    """Name the jig's faces in the corners found so far, where nothing has yet; points.csv needs no names.
+
+    Raises CornerError for face angles that no jig can have.
+    """
+    return replace(session, labelling=face_names(session)) if session.unnamed else session
+
+
+def face_names(session: Session) -> Labelling:
+    """Which face of the jig is which in the corners found so far. Raises as `with_names`."""
+    return name_faces(session.dataset, session.searches)
+
+
+def no_full_poses(session: Session) -> str:
+    """Why full poses cannot be fitted to what is known so far, in a sentence that says what would help; else ""."""
+    measured = session.measured_for("pose")
+    try:
+        require_orientations(measured, Observations.of(measured))
+    except CalibError as error:
+        return str(error)
+    return ""
+
+
+def seen_since(session: Session, now: Session) -> Session:
+    """A session of the same dataset, with what was looked at meanwhile."""
+    return replace(session, searches=now.searches, labelling=now.labelling, redundancy=now.redundancy)
 
 
 def with_redundancy(session: Session, residual: str = "position") -> Session:
@@ -100,7 +146,8 @@ def with_redundancy(session: Session, residual: str = "position") -> Session:
 
 def with_calibration(session: Session, residual: str = "position") -> Session:
     """Fit the five-parameter model, and the effects that were added, to what is measured so far."""
-    result = calibrate_with(session.measured, session.effects, residual=residual)
+    session = with_names(session) if residual == "pose" else session
+    result = calibrate_with(session.measured_for(residual), session.effects, residual=residual)
     label = session.history[-1].label if session.effects else GEOMETRY
     start = _nominal(result)
     history = (
@@ -200,8 +247,11 @@ def replayed(session: Session, steps: Sequence[HistoryStep]) -> Session:
     """The fits of a history once more, on what is measured now; figures in `steps` are not read."""
     fits: list[Calibration] = []
     last: tuple[Added, ...] = ()
+    if any(step.residual == "pose" for step in steps[1:]):
+        session = with_names(session)
     for step in steps[1:]:
-        dataset = without_poses(session.measured, step.left_out) if step.left_out else session.measured
+        measured = session.measured_for(step.residual)
+        dataset = without_poses(measured, step.left_out) if step.left_out else measured
         start = _from(fits[-1], last, step.effects) if fits else None
         fits.append(calibrate_with(dataset, step.effects, residual=step.residual, start=start))
         last = step.effects

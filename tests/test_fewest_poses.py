@@ -11,6 +11,7 @@ import pytest
 from calib.calibration import calibrate
 from calib.checking import check
 from calib.dataset import Dataset
+from calib.effects.catalogue import family_of
 from calib.errors import FitError
 from calib.kinds import RESIDUAL_KINDS
 from calib.knowable import fewest_poses
@@ -64,3 +65,9 @@ def test_poses_without_a_point_are_not_counted_by_the_check() -> None:
     part = check(dataset.with_points(dataset.points.select(np.arange(6))))
     assert not part.passed
     assert re.match(r"not tried: 6 different training poses are measured", part.findings[0].words)
+
+
+def test_effects_that_ask_for_more_are_counted() -> None:
+    dataset = measured("rb5", 16)
+    with pytest.raises(FitError, match=r"42 equations, arm and effects have 42 knowable.* at least 17 "):
+        calibrate(dataset, effects=family_of(dataset, "axis_wobble").members)

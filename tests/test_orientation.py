@@ -312,3 +312,21 @@ def test_a_robot_that_does_not_fit_the_corners_is_told(simulation):
     result = label_corners(replace(dataset, poses=replace(dataset.poses, q=q)), corners)
     assert len(result.orientations) < 10
     assert all("the joint angles with their signs" in reason for reason in result.refused.values())
+
+
+def test_a_robot_that_is_wrong_at_many_poses_names_none(simulation):
+    """The corner lies on the last joint's axis: with that joint's sign wrong all places fit and attitudes do not."""
+    dataset, corners, _ = labelled(simulation, np.random.default_rng(7))
+    q = dataset.poses.q.copy()
+    q[:, 5] *= -1.0
+    result = label_corners(replace(dataset, poses=replace(dataset.poses, q=q)), corners)
+    assert result.by == "continuity"
+    assert len(result.orientations) < 10
+    assert all("of the last joint above all" in reason for reason in result.refused.values())
+    marked, corners, true = labelled(
+        simulation, np.random.default_rng(7), UNEVEN
+    )  # such a jig needs no robot
+    by_angles = label_corners(replace(marked, poses=replace(marked.poses, q=q)), corners)
+    assert by_angles.by == "angles"
+    for i, found in enumerate(by_angles.orientations.values()):
+        assert np.linalg.norm(error_rad(true[i], found.scanner_R_jig)) < 3e-3

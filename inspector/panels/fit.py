@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 import viser
 
 from calib.calibration import Calibration
+from calib.corners import CornerSearch
 from inspector import tables
 from inspector.palette import ROLE_COLOURS
 from inspector.panels import words
 from inspector.panels.base import RESIDUALS, Actions, View, hidden_plot, put
 from inspector.plots import convergence, outline, parameter_label, pose_residuals
 from inspector.server import one_of
+from inspector.session import Session, no_full_poses
 
 NOTE = (
     "Training poses are fitted, test poses only predicted. A test error that stays far above the training error means "
@@ -30,6 +33,9 @@ FIGURES = (
 )
 
 
+NO_POSES = "pose cannot be fitted: "
+
+
 class FitPanel:
     """The calibration in figures and tables."""
 
@@ -38,14 +44,17 @@ class FitPanel:
         self.residual = gui.add_dropdown(
             "Fit",
             RESIDUALS,
-            hint="position: points, the scanner's frame free; distance: from the reference pose (Jang)",
+            hint="position: points, the scanner's frame free; distance: from the reference pose (Jang); pairs: all "
+            "distances; pose: points and how the jig stands there",
         )
         self.calibrate = gui.add_button("Calibrate", icon=viser.Icon.TARGET_ARROW)
+        self._faces = gui.add_html("")
         self._state = gui.add_html("")
         self._convergence = hidden_plot(gui, 0.62)
         self._figures = gui.add_html("")
         self._residuals = hidden_plot(gui, 0.62)
         self._parameters = gui.add_html("")
+        self._unnamed: tuple[Mapping[str, CornerSearch], str] | None = None  # whose naming failed, and why
         self._drawn: tuple[Calibration, bool] | None = None  # what the bars on show are of
         self._fitted: Calibration | None = None  # what the figures are of
         self.calibrate.on_click(
@@ -60,6 +69,7 @@ class FitPanel:
     def update(self, view: View, *, waiting: str = "") -> None:
         """The session's calibration; `waiting` says why there is none yet."""
         result = view.session.calibration
+        self.update_faces(view)
         self._convergence.visible = self._residuals.visible = result is not None
         if result is None:
             self._state.content = tables.note(waiting or "Not calibrated yet.")
@@ -76,6 +86,14 @@ class FitPanel:
         self._figures.content = figures_html(result)
         self._parameters.content = parameters_html(result)
         self.update_residuals(view)
+
+    def update_faces(self, view: View, problem: str = "") -> None:
+        """Whether full poses can be fitted, what named the jig's faces, or why not; `problem`: why naming failed."""
+        searches = view.session.searches
+        if problem or self._unnamed is None or self._unnamed[0] is not searches:
+            self._unnamed = (searches, problem) if problem else None
+        words = NO_POSES + self._unnamed[1] if self._unnamed else faces_words(view.session)
+        self._faces.content = tables.note(words)
 
     def update_residuals(self, view: View) -> None:
         """The error of each pose after the fit, the selected one outlined."""
@@ -97,6 +115,18 @@ class FitPanel:
             what=f"{what_is_fitted(result)} error after",
             dark=view.dark,
         )
+
+
+def faces_words(session: Session) -> str:
+    """What a fit of full poses has to go by, or what it lacks, in a sentence."""
+    if session.unnamed:
+        return "pose needs the jig's faces named in the scans, which is done once their corners are found."
+    problem = no_full_poses(session)
+    if problem:
+        return NO_POSES + problem.removeprefix(f"dataset {session.dataset.name}: ")
+    if session.labelling is not None:
+        return f"pose can be fitted: {session.labelling.summary()}."
+    return "pose can be fitted: points.csv has orientations."
 
 
 def what_is_fitted(result: Calibration) -> str:
@@ -131,9 +161,29 @@ def figures_html(result: Calibration) -> str:
             b, a = float(getattr(before, key)), float(getattr(after, key))
             named = tables.named_swatch(ROLE_COLOURS[role], f"{words.role(role)} {name}")
             rows.append((named, words.millimetres(b), words.millimetres(a), words.reduction(b, a)))
-    return tables.heading("Errors before and after, mm") + tables.table(
-        ("", "before", "after", "reduction"), rows
+    columns = ("", "before", "after", "reduction")
+    lengths = tables.heading("Errors before and after, mm") + tables.table(columns, rows)
+    turns = attitude_rows(result)
+    return lengths + (
+        tables.heading("Attitude of the jig before and after, mrad") + tables.table(columns, turns)
+        if turns
+        else ""
     )
+
+
+def attitude_rows(result: Calibration) -> list[tuple[object, ...]]:
+    """How far the jig's predicted attitude is from the measured one, where full poses were fitted; mrad."""
+    if result.attitudes is None:
+        return []
+    before, after = result.attitudes
+    rows: list[tuple[object, ...]] = []
+    for role, was, now in (("train", before.train, after.train), ("test", before.test, after.test)):
+        if was is None or now is None:
+            continue
+        for name, b, a in (("RMSE", was.rmse_rad, now.rmse_rad), ("max", was.max_rad, now.max_rad)):
+            named = tables.named_swatch(ROLE_COLOURS[role], f"{words.role(role)} {name}")
+            rows.append((named, f"{1e3 * b:.4f}", f"{1e3 * a:.4f}", words.reduction(b, a)))
+    return rows
 
 
 def parameter_rows(result: Calibration) -> list[tuple[str, ...]]:
