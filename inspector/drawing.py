@@ -89,8 +89,12 @@ def draw_planes(scene: SceneView, view: View, visible: set[str]) -> None:
         "sets",
         lambda api, name: plane_nodes.sets(api, name, sets.points_mm[passed], sets.normals[passed], of_sets),
     )
+    left_out = sets.rejected_by > 0
     scene.draw(
-        "rejected", lambda api, name: plane_nodes.rejected(api, name, sets.centroids_mm[sets.rejected_by > 0])
+        "rejected",
+        lambda api, name: plane_nodes.rejected(
+            api, name, sets.centroids_mm[left_out], sets.rejected_by[left_out]
+        ),
     )
     scene.draw(
         "groups",

@@ -8,7 +8,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from inspector.palette import REJECTED, rgb
+from inspector.palette import FILTER_COLOURS, REJECTED, rgb
 from inspector.scene import M_PER_MM, cloud, to_scene
 from inspector.shapes import disc, facing
 
@@ -17,6 +17,7 @@ DRAWN_REJECTED = 5_000
 DRAWN_GROUPS = 40
 NUMBERED_GROUPS = 6  # and the chosen ones
 NORMAL_MM = 4.0  # length of a set's normal
+REJECTED_MM = 1.0  # diameter of a rejected set's point
 
 
 def sets(
@@ -44,10 +45,16 @@ def sets(
     return [lines]
 
 
-def rejected(api: viser.SceneApi, name: str, centroids_mm: NDArray) -> list[viser.SceneNodeHandle]:
-    """Rejected sets as grey points; centroids_mm (R, 3)."""
-    kept = centroids_mm[:: max(1, -(-len(centroids_mm) // DRAWN_REJECTED))]
-    return [cloud(api, f"{name}/points", kept, rgb(REJECTED), 0.8)] if len(kept) else []
+def rejected(
+    api: viser.SceneApi, name: str, centroids_mm: NDArray, filters: NDArray
+) -> list[viser.SceneNodeHandle]:
+    """Rejected sets as points in the colour of their filter; centroids_mm (R, 3), filters (R,) 1, 2 or 3."""
+    every = max(1, -(-len(centroids_mm) // DRAWN_REJECTED))
+    kept, by = centroids_mm[::every], filters[::every]
+    if not len(kept):
+        return []
+    colours = np.array([rgb(c) for c in FILTER_COLOURS], dtype=np.uint8)[by - 1]
+    return [cloud(api, f"{name}/points", kept, colours, REJECTED_MM)]
 
 
 def groups(

@@ -25,6 +25,7 @@ CORRELATION_SCALE = (
     (1.0, "#B2182B"),
 )
 NO_INFLUENCE = "#8A8F98"
+MOST_TICKS = 16
 _GREEK = {"alpha": "α", "beta": "β", "theta": "θ"}
 
 
@@ -33,6 +34,14 @@ def parameter_label(name: str) -> str:
     for word, letter in _GREEK.items():
         if name.startswith(word):
             return letter + escape(name[len(word) :])
+    return escape(name)
+
+
+def shortened(name: str, most: int = 22) -> str:
+    """A name for an axis, where a long one would leave the figure no room: its beginning and its end, escaped."""
+    if len(name) > most:
+        end = (most - 1) // 2
+        name = f"{name[: most - 1 - end]}…{name[-end:]}"
     return escape(name)
 
 
@@ -168,10 +177,12 @@ def pose_residuals(
                 "hovertemplate": f"pose %{{x}} ({word})<br>{what} %{{y:.4f}} mm<extra></extra>",
             }
         )  # fmt: skip
+    every = max(1, -(-len(names) // MOST_TICKS))
     fig = figure(
         traces,
         xaxis={
-            "title": "pose", "type": "category", "categoryorder": "array", "categoryarray": names, "nticks": 12,
+            "title": "pose", "type": "category", "categoryorder": "array", "categoryarray": names,
+            "tickvals": names[::every], "ticktext": [shortened(name, 12) for name in ids[::every]],
             "tickangle": -45, "tickfont": {"size": 9}, "automargin": True,
         },
         yaxis={"title": f"{what}, mm", "rangemode": "tozero", "automargin": True},
@@ -222,11 +233,13 @@ def error_history(
             }
         )  # fmt: skip
     extent = {"range": [np.log10(min(shown) / 1.3), np.log10(max(shown) * 1.3)]} if shown else {}
+    every = max(1, -(-len(labels) // MOST_TICKS))
     return figure(
         traces,
         xaxis={
-            "tickvals": steps, "ticktext": names, "zeroline": False, "range": [-0.3, len(labels) - 0.7],
-            "tickfont": {"size": 10}, "tickangle": -25 if len(labels) > 2 else 0, "automargin": True,
+            "tickvals": steps[::every], "ticktext": [shortened(label) for label in labels[::every]], "zeroline": False,
+            "range": [-0.3, len(labels) - 0.7], "tickfont": {"size": 10}, "automargin": True,
+            "tickangle": 0 if len(labels) < 3 else -25 if len(labels) < 9 else -60,
             "title": "change of the model",
         },
         yaxis={"type": "log", "title": "3D RMSE, mm", "automargin": True, **_log_ticks(shown), **extent},

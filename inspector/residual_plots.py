@@ -15,7 +15,7 @@ import plotly.graph_objects as go
 from numpy.typing import ArrayLike, NDArray
 
 from inspector.palette import ROLE_COLOURS, ROLE_WORDS
-from inspector.plots import figure
+from inspector.plots import figure, shortened
 
 SELECTED = "selected pose"
 MEDIAN = "training median"
@@ -189,7 +189,7 @@ def added_variable(explained: ArrayLike, residual: ArrayLike, name: str, *, dark
     ]  # fmt: skip
     return figure(
         traces,
-        xaxis={"title": f"what {escape(name)} would make, σ of the noise", "automargin": True},
+        xaxis={"title": f"what {shortened(name, 30)} would make, σ of the noise", "automargin": True},
         yaxis={"title": "left over, σ of the noise", "automargin": True},
         margin=(56, 12, 30, 42),
         dark=dark,

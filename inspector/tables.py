@@ -78,7 +78,9 @@ def _name(value: object) -> str:
     """A name; one with a long word takes several lines and leaves the columns beside it their place."""
     if max(map(len, str(value).split()), default=0) <= LONG_NAME:
         return text(value)
-    wide = "display:inline-block;width:7.5em;white-space:normal;vertical-align:top;"
+    wide = (
+        "display:inline-block;min-width:7.5em;white-space:normal;vertical-align:top;"  # and what others leave
+    )
     return f'<span style="{wide}{_BREAK}">{text(value)}</span>'
 
 
@@ -95,13 +97,14 @@ def named_swatch(colour: str, name: object) -> Html:
     return Html(f"{swatch(colour)}&nbsp;{_name(name)}")
 
 
-def legend(entries: Iterable[tuple[str, object]]) -> str:
-    """Colour and meaning, side by side."""
+def legend(entries: Iterable[tuple[str, object]], *, before: str = "") -> str:
+    """Colour and meaning, side by side; `before` is what they have in common."""
     items = "".join(
         f'<span style="margin-right:12px;white-space:nowrap">{named_swatch(colour, name)}</span>'
         for colour, name in entries
     )
-    return f'<div style="margin:2px 16px 6px 16px;font-size:12px;line-height:1.6">{items}</div>'
+    shared = f'<span style="margin-right:8px">{text(before)}</span>' if before else ""
+    return f'<div style="margin:2px 16px 6px 16px;font-size:12px;line-height:1.6">{shared}{items}</div>'
 
 
 def note(sentence: object) -> str:

@@ -10,7 +10,16 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from inspector.palette import FACE_COLOURS, GROUP_COLOURS, ROLE_COLOURS, group_colour, rgb, role_colour
+from inspector.palette import (
+    FACE_COLOURS,
+    FILTER_COLOURS,
+    GROUP_COLOURS,
+    REJECTED,
+    ROLE_COLOURS,
+    group_colour,
+    rgb,
+    role_colour,
+)
 from inspector.plots import (
     convergence,
     correlation_heatmap,
@@ -18,6 +27,7 @@ from inspector.plots import (
     outline,
     parameter_label,
     pose_residuals,
+    shortened,
 )
 from inspector.residual_plots import MEDIAN, SELECTED, added_variable, place_views, residual_against, select
 
@@ -203,8 +213,36 @@ def test_the_work_space_is_seen_from_above_and_from_the_side_with_one_scale_in_m
 
 
 def test_palette_has_one_meaning_a_colour() -> None:
-    strong = [*FACE_COLOURS, *ROLE_COLOURS.values()]
+    strong = [*FACE_COLOURS, *ROLE_COLOURS.values(), *FILTER_COLOURS, REJECTED]
     assert len(set(strong)) == len(strong)
     assert rgb("#FF8000") == (255, 128, 0)
     assert role_colour("no such role") not in ROLE_COLOURS.values()
     assert group_colour(0) == group_colour(len(GROUP_COLOURS))
+
+
+LONG = "pose_number_17_with_a_name_that_is_sixty_characters_long_abc"
+
+
+def test_long_names_leave_the_figure_its_room_and_are_whole_on_hover() -> None:
+    bars = pose_residuals([LONG, "p2"], ["train", "train"], [0.1, 0.2])
+    assert [len(text) for text in bars.layout.xaxis.ticktext] == [12, 2]
+    assert LONG in bars.data[0].x
+    steps = error_history(["nominal", f"+ {LONG}"], [1.0, 0.1], [1.0, 0.2], None)
+    assert steps.layout.xaxis.ticktext[0] == "nominal"
+    assert len(steps.layout.xaxis.ticktext[1]) <= 22
+    assert f"+ {LONG}" in steps.data[0].customdata
+    assert LONG not in added_variable([1.0], [1.0], LONG).layout.xaxis.title.text
+    assert shortened("transmission_error") == "transmission_error"
+    assert shortened("<b>" * 20) == html.escape(shortened_by_hand("<b>" * 20))
+
+
+def shortened_by_hand(name: str) -> str:
+    return f"{name[:11]}…{name[-10:]}"
+
+
+def test_of_two_hundred_poses_few_are_named_on_the_axis() -> None:
+    ids = [f"p{i:03d}" for i in range(200)]
+    axis = pose_residuals(ids, ["train"] * 200, np.ones(200)).layout.xaxis
+    assert 8 <= len(axis.tickvals) <= 16
+    assert list(axis.tickvals) == list(axis.ticktext)
+    assert len(axis.categoryarray) == 200
