@@ -36,6 +36,7 @@ class Comparing:
             draw_residuals(scene, view)
             self._arm.draw(view)
         self._panel.update(view, self._arm.problems)
+        self._stage.show_legend()
 
     def draw_scan(self, scan: Scan | None, visible: set[str]) -> None:
         """The jig's model over the selected pose's scan."""
@@ -52,6 +53,11 @@ class Comparing:
             self._drawn = True
         elif not self._drawn:
             draw_distance(self._stage.scene, None, None)
+
+    @property
+    def distances_mm(self) -> NDArray | None:
+        """(N,) of the selected pose's scan to the jig, nan beside it; None where there is no corner."""
+        return self._distances_mm
 
     def change(self, **what: float | str | frozenset[str]) -> None:
         """Change how the model is shown (`View.arrows`, `chosen`, `compared`, `colouring`)."""

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from inspector.drawing import middle_of
 from inspector.panels.base import LOOKS, WIDE_LOOKS, View, corner_of
 from inspector.panels.review import LOOK_LAYERS, ReviewPanel
-from inspector.scene import LAYERS, SceneView
+from inspector.scene import BESIDE, LAYERS, SceneView
 
 LOOK_DISTANCE_MM = {"Scan": 330.0, "Planes": 240.0, "Corner": 170.0, "Distance": 200.0}
+CLOSE_BESIDE = np.array([0.10, -0.08, 0.0])  # of the scanner, near enough to see all that it saw
 ARM_DISTANCE = 2.0  # of the radius that holds arm and points
 ARM_BESIDE, ARM_ABOVE = 1.1, 0.45  # where the arm is looked at from: to the scanner's right, and above
 
@@ -56,7 +57,8 @@ class Looking:
             self._scene.look(ARM_DISTANCE * radius, middle, down=-up, beside=beside)
             return
         middle, radius = middle_of(view, medians)
-        self._scene.look(LOOK_DISTANCE_MM.get(self.name, max(450.0, 2.2 * radius + 250.0)), middle)
+        away = LOOK_DISTANCE_MM.get(self.name, max(450.0, 2.2 * radius + 250.0))
+        self._scene.look(away, middle, beside=BESIDE if self.name in WIDE_LOOKS else close_beside(view))
 
     def focus(self, view: View, medians: Mapping[int, NDArray]) -> None:
         """The middle of everything for an overview, else the corner of the selected pose, in the middle of the view."""
@@ -70,6 +72,15 @@ class Looking:
             self._scene.focus(found[0])
         elif view.pose in medians and np.isfinite(medians[view.pose]).all():
             self._scene.focus(medians[view.pose])
+
+
+def close_beside(view: View) -> NDArray:
+    """Where one scan is looked at from, beside the scanner (3,): where the jig's three faces all turn to the eye."""
+    corner = None if view.search is None else view.search.corner
+    if corner is None:
+        return CLOSE_BESIDE
+    all_three = np.sum([face.normal for face in corner.faces], axis=0)
+    return np.asarray(all_three / np.linalg.norm(all_three))
 
 
 def arm_frame(view: View) -> NDArray | None:

@@ -35,6 +35,7 @@ from inspector.panels.corner import CornerPanel
 from inspector.panels.failure import FailurePanel
 from inspector.panels.fit import FitPanel
 from inspector.panels.learn import LearnPanel
+from inspector.panels.legend import legend_html
 from inspector.panels.planes import PlanesPanel
 from inspector.panels.redundancy import RedundancyPanel
 from inspector.panels.review import ReviewPanel
@@ -45,6 +46,7 @@ from inspector.session import Session
 from inspector.session_file import Shown
 from inspector.worker import LongWork
 
+WAITING = "The fit starts when all scans have been searched. Calibrate takes the corners found so far."
 POINTS_LOOK = "Arm"  # where there are no scans to look at
 
 
@@ -205,11 +207,13 @@ class Stage:
     def _show_progress(self, *, running: bool) -> None:
         searches = self.now.session.searches
         failed = sum(bool(search.failure) for search in searches.values())
+        corners = [search.corner for search in searches.values() if search.corner is not None]
         measured = self.now.session.dataset.points is not None
         self.review.show_progress(
             len(searches),
             0 if measured else self.now.session.scans,
             failed,
+            doubtful=sum(bool(corner.quality.doubts()) for corner in corners),
             running=running,
             seconds=self._search_s or None,
         )
@@ -249,7 +253,7 @@ class Stage:
         self._show_progress(running=True)
         self.draw_pose()
         self.redundancy.update(self.now)
-        self.fit.update(self.now, waiting="The fit starts when all corners are found.")
+        self.fit.update(self.now, waiting=WAITING)
         self.model.show()
 
     # ---- the view ---------------------------------------------------------------------------------------------------
@@ -282,6 +286,7 @@ class Stage:
         if name in PLANE_LAYERS and visible and self.view is not None:
             draw_planes(self.scene, self.view, self._looking.visible)
         self.comparing.draw_distance(self._looking.visible)
+        self.show_legend()
 
     def look(self, what: str) -> None:
         """Show the layers of a view and put the camera where they are seen well."""
@@ -290,6 +295,14 @@ class Stage:
             draw_planes(self.scene, self.view, self._looking.visible)
             self.comparing.draw_distance(self._looking.visible)
             self._looking.at(self.view, self._scanning.medians)
+            self.show_legend()
+
+    def show_legend(self) -> None:
+        """What the colours on show mean."""
+        if self.view is not None:
+            self.review.show_legend(
+                legend_html(self.view, self._looking.visible, self.comparing.distances_mm)
+            )
 
     @property
     def look_name(self) -> str:

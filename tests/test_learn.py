@@ -318,7 +318,7 @@ def test_the_residual_is_drawn_against_what_is_chosen_test_poses_apart(app: App,
     first = remains.inputs[0]
     assert remains.structured  # so it opens there
     assert page.value("Against") == input_title(first.input, session(app).dataset.robot)
-    assert first.where in page.value("Show")  # "joint 2" in "apparent motion of joint 2, m°"
+    assert first.where in page.value("Show")  # "joint 2" in "apparent motion of joint 2, millidegrees"
     page.set("Against", "joint 1 angle, °")
     page.set("Show", "error length")
     page.wait(lambda p: left_plot(p).get("titles") == ("joint 1 angle, °", "error length, mm"))
@@ -326,8 +326,8 @@ def test_the_residual_is_drawn_against_what_is_chosen_test_poses_apart(app: App,
         assert left_plot(page)[name]["y"] == pytest.approx(failure.error_length_mm[rows].tolist())
     assert len(page.props("Against")["options"]) == len(failure.inputs) + 1
     page.set("Against", "temperature, °C")
-    page.set("Show", "apparent motion of joint 3, m°")
-    page.wait(lambda p: left_plot(p)["titles"] == ("temperature, °C", "apparent motion of joint 3, m°"))
+    page.set("Show", "apparent motion of joint 3, millidegrees")
+    page.wait(lambda p: left_plot(p)["titles"] == ("temperature, °C", "apparent motion of joint 3, millidegrees"))
     degrees = 1000 * 180 / 3.141592653589793
     for name, rows in (("training", ~failure.is_test), ("test", failure.is_test)):
         drawn = left_plot(page)[name]

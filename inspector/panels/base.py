@@ -111,6 +111,22 @@ def put(handle: Any, value: Any) -> None:
     handle.value = value
 
 
+class News:
+    """Puts into widgets what is news only.
+
+    A page may just have chosen something else whose turn is still to come: that must not be taken back.
+    """
+
+    def __init__(self) -> None:
+        self._last: dict[int, Any] = {}  # by widget
+
+    def put(self, handle: Any, value: Any) -> None:
+        """Show a value, unless it is the one that was put last."""
+        if self._last.get(id(handle)) != value:
+            self._last[id(handle)] = value
+            put(handle, value)
+
+
 def hidden_plot(gui: viser.GuiApi, aspect: float) -> viser.GuiPlotlyHandle:
     """A figure that is shown once there is something in it. aspect: height over width."""
     import plotly.graph_objects as go

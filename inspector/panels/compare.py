@@ -15,7 +15,7 @@ from inspector import colour_map, tables
 from inspector.model_drawing import distance_limit_mm, error_limit_mm
 from inspector.palette import FACE_COLOURS, MODEL_COLOURS
 from inspector.panels import words
-from inspector.panels.base import BY_ERROR, COLOURINGS, FACTORS, Actions, View, by_page, put
+from inspector.panels.base import BY_ERROR, COLOURINGS, FACTORS, Actions, News, View, by_page
 from inspector.panels.review import roles_legend
 from inspector.server import one_of
 
@@ -51,7 +51,7 @@ class ComparePanel:
         self._pose = gui.add_html("")
         self._distance = gui.add_html("")
         self._problems = gui.add_html("")
-        self._ticks: dict[str, bool] = {}  # as the view last had them
+        self._news = News()
         self._connect(actions)
 
     def _connect(self, a: Actions) -> None:
@@ -72,19 +72,15 @@ class ComparePanel:
         names = [version.name for version in view.versions]
         for name, box in self.shown.items():
             box.disabled = name not in names
-            ticked = name in names and name in view.compared
-            # Only what is news: a tick of a moment ago, whose own turn is still to come, must not be taken back.
-            if self._ticks.get(name) != ticked:
-                put(box, ticked)
-                self._ticks[name] = ticked
+            self._news.put(box, name in names and name in view.compared)
         has_scans = view.session.dataset.scan_folder is not None
         self._show.options = (SHOW_ARM, SHOW_DISTANCE) if has_scans else (SHOW_ARM,)
         if tuple(names or VERSIONS) != tuple(self.version.options):
             self.version.options = tuple(names or VERSIONS)
         if view.version is not None:
-            put(self.version, view.version.name)
-        put(self.arrows, f"{view.arrows:g}")
-        put(self.colouring, view.colouring)
+            self._news.put(self.version, view.version.name)
+        self._news.put(self.arrows, f"{view.arrows:g}")
+        self._news.put(self.colouring, view.colouring)
         self._figures.content = figures_html(view) if names else tables.note(NOT_YET)
         self._legend.content = legend_html(view) if names else ""
         self._pose.content = pose_html(view)
@@ -129,18 +125,32 @@ def _of(figures: Figures | None) -> tuple[str, str]:
 
 def legend_html(view: View) -> str:
     """How much is exaggerated, and what the points' colours mean."""
-    exaggerated = tables.note(
+    return exaggeration(view) + points_legend(view)
+
+
+def exaggeration(view: View) -> str:
+    """How many times longer than they are residuals are drawn."""
+    return tables.note(
         f"Arrows and predicted points are drawn {view.arrows:g} times farther from the measured points than they are; "
         "the arm is not exaggerated."
     )
+
+
+def points_legend(view: View) -> str:
+    """What the colours of the measured points mean."""
     if view.colouring != BY_ERROR or view.version is None:
-        return exaggerated + roles_legend()
+        return roles_legend()
     floor = noise_floor_mm(view.version.calibration)
-    limit = error_limit_mm(view)
-    return exaggerated + colour_map.bar(
-        f"Measured points: 3D error of {view.version.name}", 0.0, limit, colour_map.ERROR,
+    return colour_map.bar(
+        f"Measured points: 3D error of {view.version.name}", 0.0, error_limit_mm(view), colour_map.ERROR,
         mark=None if floor is None else (floor, f"noise alone, {words.length(floor)}"),
     )  # fmt: skip
+
+
+def distance_bar(distances_mm: NDArray) -> str:
+    """The scale of the colours of a scan's points (N,) on the jig."""
+    limit = distance_limit_mm(distances_mm)
+    return colour_map.bar("Distance to the nearest chosen face", -limit, limit, colour_map.SIGNED)
 
 
 def pose_html(view: View) -> str:
@@ -179,7 +189,6 @@ def distance_html(view: View, distances_mm: NDArray | None) -> str:
     known = distances_mm[np.isfinite(distances_mm)]
     if not len(known):
         return title + tables.note("No point of this scan lies on the jig's faces.")
-    limit = distance_limit_mm(distances_mm)
     facts = [
         ("points on the jig", f"{len(known):,} of {len(distances_mm):,}"),
         ("rms distance", words.length(float(np.sqrt(np.mean(known**2))))),
@@ -187,7 +196,7 @@ def distance_html(view: View, distances_mm: NDArray | None) -> str:
     ]
     return (
         title
-        + colour_map.bar("Distance to the nearest chosen face", -limit, limit, colour_map.SIGNED)
+        + distance_bar(distances_mm)
         + tables.facts(facts)
         + tables.legend((FACE_COLOURS[i], f"model's face {i + 1}") for i in range(3))
         + tables.note(

@@ -7,30 +7,40 @@ import viser
 
 from calib.intersection import Corner
 from inspector import tables
-from inspector.palette import FACE_COLOURS
+from inspector.palette import DOUBT, FACE_COLOURS
 from inspector.panels import words
 from inspector.panels.base import Actions, View, corner_of
-from inspector.panels.review import roles_legend
 
 NOTE = (
     "The corner is where the three faces meet. Its uncertainty is drawn as an ellipsoid, enlarged so that it can be "
-    "seen. Look for a long ellipsoid (a face seen edge-on) and for a face with few points or a large rms."
+    "seen. Look for a long ellipsoid (a face seen edge-on) and for a face with few points or a large rms; "
+    "Distances colours each point by how far it lies off its face."
 )
+POINTS_NOTE = (
+    "The point was measured by another instrument (points.csv). Its uncertainty is drawn as an ellipsoid, enlarged so "
+    "that it can be seen."
+)
+THIS, ALL, DISTANCES = "Show the corner", "Show all", "Distances"
+PLAIN = 1.05  # a sigma is not worth a word where a smooth error makes it larger by less
+LOOK_OF = {THIS: "Corner", ALL: "All corners", DISTANCES: "Distance"}
 
 
 class CornerPanel:
     """The selected corner in numbers."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
-        gui.add_html(tables.note(NOTE))
-        both = gui.add_button_group("In 3D", ("Show the corner", "Show all"))
-        both.on_click(
-            lambda e: actions.look("Corner" if e.target.value == "Show the corner" else "All corners")
-        )
+        self._note = gui.add_html(tables.note(NOTE))
+        self._show = gui.add_button_group("In 3D", tuple(LOOK_OF))
+        self._show.on_click(lambda e: actions.look(LOOK_OF.get(e.target.value, "Corner")))
         self._content = gui.add_html("")
 
     def update(self, view: View) -> None:
         """The selected pose's corner."""
+        has_scans = view.session.dataset.scan_folder is not None
+        shown = tuple(LOOK_OF) if has_scans else (THIS, ALL)
+        if shown != tuple(self._show.options):
+            self._show.options = shown
+        self._note.content = tables.note(NOTE if has_scans else POINTS_NOTE)
         self._content.content = corner_html(view)
 
 
@@ -56,7 +66,7 @@ def corner_html(view: View) -> str:
         sigma = "–" if covariance is None else words.length(float(np.sqrt(covariance[axis, axis])))
         rows.append((name, f"{xyz[axis]:.4f}", sigma))
     if covariance is not None:
-        rows.append(("all three", "", words.length(float(np.sqrt(np.trace(covariance))))))
+        rows.append(("all three (3D)", "", words.length(float(np.sqrt(np.trace(covariance))))))
     parts = [
         title,
         tables.table(("scanner frame", "position, mm", "sigma"), rows),
@@ -68,13 +78,10 @@ def corner_html(view: View) -> str:
     ]
     if search is not None and search.corner is not None:
         parts += quality_html(search.corner)
-        parts.append(tables.facts([("search took", f"{search.seconds:.2f} s")]))
-    parts += [
-        tables.heading("All corners in the scene"),
-        roles_legend(),
-        tables.note("Click a corner to select its pose."),
-    ]
-    return "".join(parts)
+        parts.append(
+            tables.facts([("search took", f"{search.seconds:.2f} s, {words.count(search.looks, 'look')}")])
+        )
+    return "".join([*parts, tables.note("Click a corner in the scene to select its pose.")])
 
 
 def quality_html(corner: Corner) -> list[str]:
@@ -104,6 +111,24 @@ def quality_html(corner: Corner) -> list[str]:
         )
     ]
     parts.append(tables.table(("angle between", "measured", "off the jig's", "sigma"), angles))
+    parts.append(tables.facts(quality_facts(corner)))
     doubts = quality.doubts()
-    parts += [tables.alert(doubt, colour="#E69F00") for doubt in doubts]
+    parts += [tables.alert(doubt, colour=DOUBT) for doubt in doubts]
     return parts if doubts else [*parts, tables.note("Nothing about this corner deserves a second look.")]
+
+
+def quality_facts(corner: Corner) -> list[tuple[str, object]]:
+    """What the apex's uncertainty comes from, and which points were left out of the faces."""
+    quality = corner.quality
+    return [
+        ("left out along every edge", f"{quality.margin_mm:.2f} mm"),
+        ("apex, against the planes at their middles", f"{quality.amplification:.1f} times less certain"),
+        (
+            "error that neighbours share",
+            f"{words.length(quality.smooth_error_mm)} over {quality.smooth_length_mm:.0f} mm: "
+            f"sigma × {quality.smooth_factor:.2f}"
+            if quality.smooth_factor > PLAIN
+            else "next to none",
+        ),
+        ("angles between the faces", "held to the jig's, which are certified" if quality.rigid else "free"),
+    ]

@@ -33,6 +33,9 @@ NAMES = {
     "order": "order of measuring",
 }
 NONE = "–"
+NOT_YET = (
+    "Nothing to show yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
+)
 WORST = 8
 
 
@@ -52,7 +55,7 @@ class FailurePanel:
         )
         self._plot = hidden_plot(gui, 0.75)
         self._places = hidden_plot(gui, 1.35)
-        self._state = gui.add_html(tables.note("Not calibrated yet."))
+        self._state = gui.add_html(tables.note(NOT_YET))
         self.worst = gui.add_dropdown("Worst poses", (NONE,), hint="selects the pose, everywhere on the page")
         self._table = gui.add_html("")
         self._ids: dict[str, str] = {}  # pose id by label
@@ -76,8 +79,13 @@ class FailurePanel:
         failure = view.session.failure
         if failure is None:
             self._plot.visible = self._places.visible = False
-            self._state.content = tables.note("Nothing to show yet, or too few poses to judge by.")
             self._table.content = ""
+            if view.session.calibration is None:  # what could be chosen was another dataset's
+                self._state.content = tables.note(NOT_YET)
+                for handle in (self.against, self.what, self.worst):
+                    _offer(handle, (NONE,))
+            else:
+                self._state.content = tables.note("Being worked out, or too few poses to judge by.")
             return
         robot = view.session.dataset.robot
         inputs = {input_title(name, robot): name for name in failure.inputs}
@@ -161,9 +169,10 @@ def band_note(failure: Failure, band: tuple[float, float]) -> str:
 
 def _offer(handle: viser.GuiDropdownHandle[str], options: tuple[str, ...]) -> None:
     """These options; what was chosen stays chosen where it is still there."""
+    if options == tuple(handle.options):
+        return
     before = str(handle.value)
-    if options != tuple(handle.options):
-        handle.options = options
+    handle.options = options
     put(handle, before if before in options else options[0])
 
 
@@ -193,7 +202,9 @@ def turned(name: str, values: NDArray, robot: Robot) -> NDArray:
 
 def joint_title(joint: int, robot: Robot) -> str:
     """What the apparent motion of a joint is called."""
-    return f"apparent motion of joint {joint + 1}, {'m°' if robot.joints[joint].is_revolute else 'mm'}"
+    return (
+        f"apparent motion of joint {joint + 1}, {'millidegrees' if robot.joints[joint].is_revolute else 'mm'}"
+    )
 
 
 def shown(

@@ -24,6 +24,7 @@ from inspector.panels import words
 from inspector.session import Session
 
 GOOD, BAD, DOUBT, NEUTRAL = "#009E73", "#D55E00", "#E69F00", "#8A8F98"
+NOT_YET = "Not calibrated yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
 SMALL = 0.01  # a change of the error below this share is none worth a word
 VERDICTS = {"adequate": GOOD, "named": GOOD, "ambiguous": DOUBT, "unexplained": BAD, "outliers": DOUBT}
 ADVICE = {"add": "#0072B2", "ambiguous": DOUBT, "done": GOOD, "outliers": DOUBT, "unknown": BAD}
@@ -37,7 +38,7 @@ def named(screening: Screening, name: str) -> Candidate | None:
 def state_html(session: Session, undo: int, redo: int) -> str:
     """What is in the model, its figures, and whether the last change helped."""
     if session.calibration is None or not session.history:
-        return tables.note("Not calibrated yet.")
+        return tables.note(NOT_YET)
     last = session.history[-1]
     test = last.test_rmse_mm
     floor = noise_floor_mm(session.calibration)
@@ -78,8 +79,12 @@ def verdict_html(diagnosis: Diagnosis | None) -> str:
     """The verdict of a diagnosis, in a line or two."""
     if diagnosis is None:
         return ""
-    left = f"What is left: {left_in_short(diagnosis.remains)}."
-    return tables.alert(f"{left} {verdict_words(diagnosis)}", colour=VERDICTS[diagnosis.verdict])
+    said = f"What is left: {left_in_short(diagnosis.remains)}. {verdict_words(diagnosis)}"
+    if diagnosis.ambiguous_set:
+        either = words.listing(diagnosis.ambiguous_set, "or")
+        said = said.replace("The set above", f"These data cannot tell which: {either}. This set")
+        said += " What would tell them apart is said below."
+    return tables.alert(said, colour=VERDICTS[diagnosis.verdict])
 
 
 def reasons_html(diagnosis: Diagnosis | None) -> str:

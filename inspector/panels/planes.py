@@ -6,7 +6,7 @@ import viser
 
 from calib.corners import CornerSearch
 from inspector import tables
-from inspector.palette import FACE_COLOURS, REJECTED, group_colour
+from inspector.palette import FACE_COLOURS, FILTER_COLOURS, REJECTED, group_colour
 from inspector.panels import words
 from inspector.panels.base import Actions, View
 
@@ -20,6 +20,7 @@ WHY_NOT = (
     "outline of a face of the jig, or spill over it (a wall, the flange, the arm)."
 )
 WHY_NONE = "None was chosen: no three groups are mutually perpendicular and fill the outline of the jig."
+NOT_SEARCHED = "No planes were looked for in this scan, for the reason above."
 SHOWN_GROUPS = 15
 
 
@@ -45,6 +46,8 @@ def planes_html(view: View) -> str:
             return title + tables.note("This pose has no scan, so there are no planes to look at.")
         return title + tables.note("This scan has not been searched yet.")
     failure = tables.alert(f"No corner: {search.failure}") if search.failure else ""
+    if not len(search.sets):
+        return title + failure + tables.note(NOT_SEARCHED)
     return (
         title + failure + filter_table(search) + face_table(search) + group_table(search, view.grey_rejected)
     )
@@ -54,15 +57,34 @@ def filter_table(search: CornerSearch) -> str:
     """How many sets each filter took away."""
     counts = search.filter_counts()
     drawn = max(counts["drawn"], 1)
-    names = (
+    names: tuple[tuple[str, object], ...] = (
         ("drawn", "drawn"),
-        ("filter1", "rejected by filter 1: too close or too far apart"),
-        ("filter2", "rejected by filter 2: point normals disagree"),
-        ("filter3", "rejected by filter 3: triangles off the normals"),
+        ("filter1", _rejected(1, "too close or too far apart")),
+        ("filter2", _rejected(2, "point normals disagree")),
+        ("filter3", _rejected(3, "triangles off the normals")),
         ("passed", "passed"),
     )
     rows = [(label, f"{counts[key]:,}", f"{100 * counts[key] / drawn:.1f} %") for key, label in names]
-    return tables.heading("Sample sets") + tables.table(("", "sets", "share"), rows)
+    return tables.heading("Sample sets") + tables.table(("", "sets", "share"), rows) + looks_note(search)
+
+
+def _rejected(number: int, why: str) -> tables.Html:
+    return tables.named_swatch(FILTER_COLOURS[number - 1], f"rejected by filter {number}: {why}")
+
+
+def looks_note(search: CornerSearch) -> str:
+    """That a scan was looked at more than once, where it was: it is at the edge of what can be searched."""
+    if search.looks < 2:
+        return ""
+    if search.corner is None:
+        said = (
+            "of which these are the one that got farthest, each with other neighbours and more sample sets."
+        )
+        return tables.note(f"The scan was looked at {search.looks} times, {said}")
+    return tables.note(
+        f"The jig was found at look {search.looks} only, with other neighbours and more sample sets than at first: it "
+        "is small, narrow or sparsely seen here. A finer or nearer scan would make it plain."
+    )
 
 
 def face_table(search: CornerSearch) -> str:

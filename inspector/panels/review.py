@@ -5,9 +5,9 @@ from __future__ import annotations
 import viser
 
 from inspector import tables
-from inspector.palette import FAILED, ROLE_COLOURS, ROLE_WORDS, role_colour
+from inspector.palette import DOUBT, FAILED, ROLE_COLOURS, ROLE_WORDS, role_colour
 from inspector.panels import words
-from inspector.panels.base import FACTORS, LOOKS, POINT_LOOKS, Actions, View, by_page, corner_of, put
+from inspector.panels.base import FACTORS, LOOKS, POINT_LOOKS, Actions, News, View, by_page, corner_of, put
 from inspector.server import clamped, one_of
 
 LAYER_WORDS = {
@@ -47,7 +47,9 @@ class ReviewPanel:
 
     def __init__(self, gui: viser.GuiApi, actions: Actions, datasets: tuple[str, ...]) -> None:
         self._actions = actions
+        self._news = News()
         self.dataset = gui.add_dropdown("Dataset", datasets, disabled=len(datasets) < 2)
+        self._problem = gui.add_html("")  # here it is seen, whatever the height of the screen
         self._about = gui.add_html("")
         self.progress_text = gui.add_html(tables.note("Reading the dataset …"))
         self.progress = gui.add_progress_bar(0, animated=True)
@@ -56,11 +58,12 @@ class ReviewPanel:
         self.walk = gui.add_button_group("", (PREVIOUS, NEXT), hint="keys: P and N")
         self._status = gui.add_html("")
         self.view = gui.add_button_group("3D view", LOOKS, hint="keys: 1 to 7")
+        self._legend = gui.add_html("")
         self.layers: dict[str, viser.GuiCheckboxHandle] = {}
         self._folders: dict[str, viser.GuiFolderHandle] = {}
         for folder, layers in LAYER_WORDS.items():
-            # The scans' are folded, so that the panel fits a screen 720 pixels high; the views above switch them, too.
-            self._folders[folder] = gui.add_folder(folder, expand_by_default=folder != "Scan layers")
+            # Folded, so that the panel fits a screen 720 pixels high; the views above switch them, too.
+            self._folders[folder] = gui.add_folder(folder, expand_by_default=False)
             with self._folders[folder]:
                 for name, label in layers.items():
                     self.layers[name] = gui.add_checkbox(label, name in LOOK_LAYERS[LOOKS[0]])
@@ -75,7 +78,6 @@ class ReviewPanel:
                 hint="how many times larger than one standard deviation the uncertainty is drawn",
             )  # fmt: skip
         gui.add_html(tables.STYLE + tables.note("Keys: N next, P previous, 1–7 views, D dark"))
-        self._problem = gui.add_html("")
         self._connect(gui)
 
     def _connect(self, gui: viser.GuiApi) -> None:
@@ -140,9 +142,7 @@ class ReviewPanel:
                 *([("scanner placements", len(set(poses.setup)))] if len(set(poses.setup)) > 1 else []),
             ]
         ) + "".join(tables.alert(w, colour="#E69F00") for w in dataset.warnings)  # fmt: skip
-        label = self.pose.options[view.pose]
-        if self.pose.value != label:
-            put(self.pose, label)
+        self._news.put(self.pose, self.pose.options[view.pose])
         self._status.content = self._pose_status(view)
 
     def _pose_status(self, view: View) -> str:
@@ -159,12 +159,23 @@ class ReviewPanel:
         elif found is None:
             waiting = view.session.dataset.scan_path(view.pose) is not None
             rows.append(("corner", "waiting for the search" if waiting else "not measured"))
+        elif search is None or search.corner is None:
+            rows.append(("corner", "measured (points.csv)"))
         else:
-            rows.append(("corner", "found" if search is not None else "measured (points.csv)"))
+            doubts = len(search.corner.quality.doubts())
+            said = f"found, {words.count(doubts, 'doubt')}: see the tab Corner"
+            rows.append(("corner", tables.named_swatch(DOUBT, said) if doubts else "found"))
         return tables.facts(rows) + alert
 
     def show_progress(
-        self, done: int, total: int, failed: int, *, running: bool, seconds: float | None = None
+        self,
+        done: int,
+        total: int,
+        failed: int,
+        *,
+        doubtful: int = 0,
+        running: bool,
+        seconds: float | None = None,
     ) -> None:
         """How far the search through the scans has come."""
         if total == 0:
@@ -174,6 +185,10 @@ class ReviewPanel:
             self.progress.visible = self.search.visible = False
             return
         failures = f", {failed} failed" if failed else ""
+        if doubtful:
+            failures += f", {doubtful} with doubts"
+        if (failed or doubtful) and not running:
+            failures += " (listed in the tab Scans)"
         if running:
             text = f"Searching corners: {done} of {total} scans{failures}"
         elif done < total:
@@ -181,8 +196,9 @@ class ReviewPanel:
         else:
             took = f" in {seconds:.0f} s" if seconds is not None else ""
             text = f"{done - failed} of {total} corners found{took}{failures}"
+        colour = FAILED if failed else DOUBT if doubtful else ""
         self.progress_text.content = (
-            tables.alert(text, colour=FAILED) if failed and not running else tables.note(text)
+            tables.alert(text, colour=colour) if colour and not running else tables.note(text)
         )
         put(self.progress, 100.0 * done / total)
         self.progress.animated = running
@@ -194,6 +210,10 @@ class ReviewPanel:
         """Tick the layers that are on show."""
         for name, box in self.layers.items():
             put(box, name in visible)
+
+    def show_legend(self, html: str) -> None:
+        """What the colours in the 3D view mean."""
+        self._legend.content = html
 
     def show_problem(self, text: str) -> None:
         """The last thing that went wrong, so that it outlives its notification."""

@@ -7,14 +7,17 @@ import viser
 
 from calib.scan import Scan
 from inspector import tables
-from inspector.palette import FAILED, role_colour
+from inspector.palette import DOUBT, FAILED, role_colour
 from inspector.panels import words
 from inspector.panels.base import Actions, View, corner_of
 from inspector.panels.review import roles_legend
 
 NOTE = (
     "The selected scan in full, all others in few points, in the colour of their role. Look for scans that miss the "
-    "jig, are noisy, or stand apart from the rest."
+    "jig, are noisy, or stand apart from the rest. A pose without a corner is left out of the fit."
+)
+NO_SCANS = (
+    "This dataset has no scans: its points were measured (points.csv). The list says how well each is known."
 )
 
 
@@ -22,13 +25,16 @@ class ScansPanel:
     """What the selected scan is made of, and a table of all poses."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
-        gui.add_html(tables.note(NOTE))
-        gui.add_button_group("In 3D", ("Show all scans",)).on_click(lambda _: actions.look("All scans"))
+        self._note = gui.add_html(tables.note(NOTE))
+        self._show = gui.add_button_group("In 3D", ("Show all scans",))
+        self._show.on_click(lambda _: actions.look("All scans"))
         self._scan = gui.add_html("")
         self._all = gui.add_html("")
 
     def update(self, view: View, scan: Scan | None, drawn: int) -> None:
         """The selected scan's facts; `drawn` of its points are in the scene."""
+        self._show.visible = view.session.dataset.scan_folder is not None
+        self._note.content = tables.note(NOTE if self._show.visible else NO_SCANS)
         self._scan.content = tables.heading(f"Pose {view.pose_id}") + scan_facts(view, scan, drawn)
         self.update_list(view)
 
@@ -77,28 +83,41 @@ def scan_facts(view: View, scan: Scan | None, drawn: int) -> str:
 def pose_table(view: View) -> str:
     """Each pose with its state; the selected one is marked."""
     poses = view.session.dataset.poses
+    searched = view.session.dataset.scan_folder is not None  # else nothing is known of faces and searches
     rows = []
     for i, (pose_id, role) in enumerate(zip(poses.ids, poses.role, strict=True)):
         search, found = view.session.searches.get(pose_id), corner_of(view, i)
-        sigma, rms, seconds = "–", "–", "–"
-        state: object = "waiting"
-        if search is not None:
-            seconds = f"{search.seconds:.2f}"
-        if search is not None and search.failure:
-            state = tables.named_swatch(FAILED, "failed")
-        elif found is not None:
-            state = "found" if search is not None else "measured"
-            if found[1] is not None:
-                sigma = words.length(float(np.sqrt(np.trace(found[1]))))
-            if search is not None and search.corner is not None:
-                rms = words.length(max(face.rms_mm for face in search.corner.faces))
-        elif view.session.dataset.scan_path(i) is None:
-            state = "none"
-        rows.append((tables.named_swatch(role_colour(str(role)), pose_id), state, sigma, rms, seconds))
+        known = found is not None and found[1] is not None
+        sigma = words.length(float(np.sqrt(np.trace(found[1])))) if known else "–"  # type: ignore[index,arg-type]
+        row: list[object] = [
+            tables.named_swatch(role_colour(str(role)), pose_id),
+            corner_state(view, i),
+            sigma,
+        ]
+        if searched:
+            corner = None if search is None else search.corner
+            row.append("–" if corner is None else words.length(max(face.rms_mm for face in corner.faces)))
+            row.append("–" if search is None else f"{search.seconds:.2f}")
+        rows.append(row)
     return tables.table(
-        ("pose", "corner", "sigma", "worst face rms", "search, s"),
+        ("pose", "corner" if searched else "point", "sigma, 3D", "worst face rms", "search, s")[
+            : 5 if searched else 3
+        ],
         rows,
         left=2,
         mark=view.pose,
         height="max(240px, calc(100vh - 400px))",
     )
+
+
+def corner_state(view: View, pose: int) -> tables.Html | str:
+    """What became of the corner of a pose, in a word or two."""
+    search = view.session.searches.get(view.session.dataset.poses.ids[pose])
+    if search is not None and search.failure:
+        return tables.named_swatch(FAILED, "failed")
+    if search is not None and search.corner is not None:
+        doubts = len(search.corner.quality.doubts())
+        return tables.named_swatch(DOUBT, words.count(doubts, "doubt")) if doubts else "found"
+    if corner_of(view, pose) is not None:
+        return "measured"
+    return "waiting" if view.session.dataset.scan_path(pose) is not None else "none"

@@ -40,8 +40,8 @@ def count(number: int, one: str) -> str:
     return f"{number:,} {one if number == 1 else one + 's'}"
 
 
-def listing(names: tuple[str, ...] | list[str]) -> str:
+def listing(names: tuple[str, ...] | list[str], last: str = "and") -> str:
     """ "a, b and c"."""
     if len(names) < 2:
         return "".join(names)
-    return f"{', '.join(names[:-1])} and {names[-1]}"
+    return f"{', '.join(names[:-1])} {last} {names[-1]}"
