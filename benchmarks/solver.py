@@ -7,8 +7,7 @@ missing  0.05 mm noise and joints that yield by 1e-4 rad/Nm, which the model doe
 sigmas   are the sigmas true, and is the error at the Cramer-Rao bound
 pairs    Park's pairwise redundancy against the rank: RB5, Panda, UR10, a SCARA
 
-Robot k of a part is the same at any count. `--robots 1000` for exact and missing and `--robots 500` for sigmas are what
-the README quotes.
+Robot k of a part is the same at any count. `--robots 200` is what the README quotes.
 """
 
 from __future__ import annotations
