@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,8 @@ import numpy as np
 import pytest
 
 from app_support import IDLE_S, idle_app, plain, shows
+from calib.dataset_file import load_dataset
+from calib.diagnosis import diagnose
 from calib.next_poses import nearest_rival, poses_between
 from hidden_dataset import HIDDEN, write_hidden
 from inspector.app import App
@@ -20,6 +24,7 @@ from inspector.cli import main
 from inspector.panels import words
 from inspector.panels.failure import PLACES, input_title
 from inspector.panels.learn import FIND, REDO, REMOVE, UNDO
+from inspector.panels.learn_html import verdict_html
 from inspector.residual_plots import SELECTED
 from inspector.scene import ROOT
 from inspector.session import Session
@@ -110,6 +115,30 @@ def test_find_gives_what_the_command_gives(folder: Path, app: App, page: WireCli
     page.set("Model", UNDO)  # the diagnosis is one change
     page.wait(lambda p: len(history(p)["test"]) == 2)
     page.wait(lambda p: "Verdict: " not in plain(p))
+
+
+def test_an_open_verdict_names_the_effects_that_it_leaves_open(folder: Path) -> None:
+    found = diagnose(load_dataset(folder))
+    said = verdict_html(
+        replace(found, verdict="ambiguous", missing=(), ambiguous_set=("backlash", "joint_scale"))
+    )
+    assert "These data cannot tell which: backlash or joint_scale." in said
+    assert "above" not in said  # on the page the reasons come below
+
+
+def test_what_cannot_be_fitted_leaves_nothing_of_the_dataset_before(folder: Path, tmp_path: Path) -> None:
+    for name in ("all", "few"):
+        shutil.copytree(folder, tmp_path / name)
+    for table in ("poses.csv", "points.csv"):
+        path = tmp_path / "few" / table
+        path.write_text("\n".join(path.read_text().splitlines()[:3]) + "\n")
+    with idle_app(tmp_path) as app, WireClient(app.server.get_port()) as page:
+        app.open("all")
+        page.wait(lambda p: len(p.props("Against")["options"]) > 5, 30)
+        app.open("few")
+        shows(page, "a fit needs many more", "The tab Fit says what it lacks.")
+        for label in ("Against", "Show", "Worst poses"):
+            page.wait(lambda p, label=label: list(p.props(label)["options"]) == ["–"])  # type: ignore[misc]
 
 
 def test_the_ranking_is_the_commands_too(folder: Path, page: WireClient) -> None:
@@ -327,7 +356,9 @@ def test_the_residual_is_drawn_against_what_is_chosen_test_poses_apart(app: App,
     assert len(page.props("Against")["options"]) == len(failure.inputs) + 1
     page.set("Against", "temperature, °C")
     page.set("Show", "apparent motion of joint 3, millidegrees")
-    page.wait(lambda p: left_plot(p)["titles"] == ("temperature, °C", "apparent motion of joint 3, millidegrees"))
+    page.wait(
+        lambda p: left_plot(p)["titles"] == ("temperature, °C", "apparent motion of joint 3, millidegrees")
+    )
     degrees = 1000 * 180 / 3.141592653589793
     for name, rows in (("training", ~failure.is_test), ("test", failure.is_test)):
         drawn = left_plot(page)[name]
