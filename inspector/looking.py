@@ -14,6 +14,7 @@ from inspector.scene import BESIDE, LAYERS, SceneView
 
 LOOK_DISTANCE_MM = {"Scan": 330.0, "Planes": 240.0, "Corner": 170.0, "Distance": 200.0}
 CLOSE_BESIDE = np.array([0.10, -0.08, 0.0])  # of the scanner, near enough to see all that it saw
+WHOLE_SCAN_MM = 600.0  # where no corner tells what to look at
 ARM_DISTANCE = 2.0  # of the radius that holds arm and points
 ARM_BESIDE, ARM_ABOVE = 1.1, 0.45  # where the arm is looked at from: to the scanner's right, and above
 
@@ -58,6 +59,8 @@ class Looking:
             return
         middle, radius = middle_of(view, medians)
         away = LOOK_DISTANCE_MM.get(self.name, max(450.0, 2.2 * radius + 250.0))
+        if self.name not in WIDE_LOOKS and corner_of(view, view.pose) is None:
+            away = WHOLE_SCAN_MM
         self._scene.look(away, middle, beside=BESIDE if self.name in WIDE_LOOKS else close_beside(view))
 
     def focus(self, view: View, medians: Mapping[int, NDArray]) -> None:

@@ -16,7 +16,7 @@ from calib.scan import Scan, load_scan, write_scan
 from inspector.app import App
 from inspector.palette import FILTER_COLOURS, rgb
 from inspector.panels.base import LOOKS, News, View
-from inspector.panels.corner import DISTANCES
+from inspector.panels.corner import DISTANCES, corner_html
 from inspector.panels.legend import EMPTY, legend_html
 from inspector.panels.planes import NOT_SEARCHED, looks_note, planes_html
 from inspector.panels.review import LOOK_LAYERS
@@ -94,6 +94,8 @@ def test_doubts_are_told_in_the_list_beside_the_pose_and_in_the_progress(app: Ap
     assert states.count("found") >= POSES - 5
     doubtful = sum("doubt" in state for state in states)
     shows(page, f"{POSES - 2} of {POSES} corners found", f"2 failed, {doubtful} with doubts")
+    html = corner_html(view(app, NOISY))
+    assert html.index(doubts[0][:30]) < html.index("scanner frame")  # before the figures
     app.select(NOISY)
     shows(page, f"found, {len(doubts)} doubt", doubts[0])
 

@@ -20,6 +20,10 @@ POINTS_NOTE = (
     "The point was measured by another instrument (points.csv). Its uncertainty is drawn as an ellipsoid, enlarged so "
     "that it can be seen."
 )
+LEGEND = (
+    "Seen at: the angle between the line of sight and the face's normal, 0° is head-on, 90° edge-on. Covered: "
+    "the share of the face that has points."
+)
 THIS, ALL, DISTANCES = "Show the corner", "Show all", "Distances"
 PLAIN = 1.05  # a sigma is not worth a word where a smooth error makes it larger by less
 LOOK_OF = {THIS: "Corner", ALL: "All corners", DISTANCES: "Distance"}
@@ -67,8 +71,10 @@ def corner_html(view: View) -> str:
         rows.append((name, f"{xyz[axis]:.4f}", sigma))
     if covariance is not None:
         rows.append(("all three (3D)", "", words.length(float(np.sqrt(np.trace(covariance))))))
+    corner = None if search is None else search.corner
     parts = [
         title,
+        *([] if corner is None else doubts_html(corner)),
         tables.table(("scanner frame", "position, mm", "sigma"), rows),
         tables.note(
             f"Drawn {view.factor:g} times larger than one standard deviation (Display → Ellipsoids ×)."
@@ -76,16 +82,22 @@ def corner_html(view: View) -> str:
             else "Its uncertainty is not known: no covariance in points.csv, no point_sigma_mm in dataset.toml."
         ),
     ]
-    if search is not None and search.corner is not None:
-        parts += quality_html(search.corner)
-        parts.append(
-            tables.facts([("search took", f"{search.seconds:.2f} s, {words.count(search.looks, 'look')}")])
-        )
+    if search is not None and corner is not None:
+        took = f"{search.seconds:.2f} s, {words.count(search.looks, 'look')}"
+        parts += [*quality_html(corner), tables.facts([*quality_facts(corner), ("search took", took)])]
     return "".join([*parts, tables.note("Click a corner in the scene to select its pose.")])
 
 
+def doubts_html(corner: Corner) -> list[str]:
+    """What deserves a look, with what would help."""
+    doubts = corner.quality.doubts()
+    if not doubts:
+        return [tables.note("Nothing about this corner deserves a second look.")]
+    return [tables.alert(doubt, colour=DOUBT) for doubt in doubts]
+
+
 def quality_html(corner: Corner) -> list[str]:
-    """Each face with how well it is seen, the angles between them, and what deserves a look."""
+    """Each face with how well it is seen, and the angles between them."""
     quality = corner.quality
     faces = []
     for i, face in enumerate(corner.faces):
@@ -111,10 +123,7 @@ def quality_html(corner: Corner) -> list[str]:
         )
     ]
     parts.append(tables.table(("angle between", "measured", "off the jig's", "sigma"), angles))
-    parts.append(tables.facts(quality_facts(corner)))
-    doubts = quality.doubts()
-    parts += [tables.alert(doubt, colour=DOUBT) for doubt in doubts]
-    return parts if doubts else [*parts, tables.note("Nothing about this corner deserves a second look.")]
+    return [*parts, tables.note(LEGEND)]
 
 
 def quality_facts(corner: Corner) -> list[tuple[str, object]]:
