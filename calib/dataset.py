@@ -99,9 +99,8 @@ class Orientations:
     scanner_R_jig: Array  # (M, 3, 3)
     covariance_rad2: Array | None = None  # (M, 3, 3)
     cross_mm_rad: Array | None = None  # (M, 3, 3) of the point's error (rows) with the turn (columns)
-    named: str = (
-        ""  # what named the jig's faces, and where nothing did, in words; "" where points.csv has them
-    )
+    named: str = ""  # what named the jig's faces, in words; "" where points.csv tells
+    lack: str = ""  # why the faces have no names at some poses, and what would help
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -117,6 +116,7 @@ class Orientations:
             None if covariance is None else covariance[keep],
             None if cross is None else cross[keep],
             self.named,
+            self.lack,
         )
 
 

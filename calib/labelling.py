@@ -45,7 +45,7 @@ _BY = {
     "continuity": "small turns from pose to pose",
 }
 _MEASURE_MORE = "measure three poses or more there that lie apart, and not on one line"
-_MARK_IT = "or mark the jig: unequal face_angles_deg in dataset.toml"
+_MARK_IT = "or mark the jig (unequal face_angles_deg in dataset.toml)"
 _MOST_CONTRADICTED = 0.25  # of the poses: a robot that is wrong so often is right by chance at the others
 _LOOSE_RAD = 0.2  # a scanner placed less firmly than this predicts no attitude
 _HYPOTHESES = 40
@@ -64,6 +64,7 @@ class Labelling:
     unit: str  # of both: "deg", or "squared sigmas" where angles tell
     refused: Mapping[str, str]  # pose id -> why its faces cannot be named
     found_angles_deg: tuple[float, float, float] | None = None  # where they took the place of those told
+    lack: str = ""  # why there are poses without names, and what would help, of the first of them
 
     def summary(self) -> str:
         """One line: what named the faces, the least margin, and how many were refused."""
@@ -117,7 +118,7 @@ def label_corners(dataset: Dataset, corners: Mapping[str, Corner]) -> Labelling:
     contradicted = 0 if named is None else sum(pose_id in predicted for pose_id in named.refused)
     if contradicted > max(1.0, _MOST_CONTRADICTED * len(predicted)):
         words = (
-            f"the nominal robot has the jig stand otherwise at {contradicted} of {len(predicted)} poses: check the "
+            f"the nominal robot has the jig stand otherwise at {contradicted} of {len(predicted)} poses; check the "
             "joint angles and their signs, of the last joint above all"
         )
         named, why = None, dict.fromkeys(ids, words)
@@ -184,11 +185,11 @@ def _predicted_attitudes(
         ]
         if len(rows) < 3 or rms_mm[1] < 1.0:
             few = f"{len(rows)} corner{'' if len(rows) == 1 else 's'}"
-            why |= dict.fromkeys(ids, f"{few} of its setup do not place the scanner: {_MEASURE_MORE}")
+            why |= dict.fromkeys(ids, f"{few} of its setup do not place the scanner; {_MEASURE_MORE}")
         elif rms_mm[0] > _LOOSE_RAD * rms_mm[1]:
             words = (
                 f"the nominal robot has the corners of its setup {rms_mm[0]:.3g} mm (rms) from where they are, too far "
-                "to place the scanner: check robot.toml, the joint angles with their signs, and the order of the poses"
+                "to place the scanner; check robot.toml, the joint angles with their signs, and the order of the poses"
             )
             why |= dict.fromkeys(ids, words)
         else:
@@ -230,6 +231,7 @@ def _by_robot(
         {i: float(margin[row]) for i, row in by_id.items()},
         "deg",
         refused,
+        lack=next(iter(refused.values()), ""),
     )
 
 
@@ -286,7 +288,7 @@ def _by_continuity(three: Mapping[str, _Three], why: Mapping[str, str], dataset:
     margin: dict[str, float] = {}
     refused: dict[str, str] = {}
     attitude, setup = _nominal_attitudes(dataset), dataset.poses.setup
-    before = -1  # the pose named last
+    before, lack = -1, ""  # the pose named last
     for pose_id, ways in three.items():
         row = dataset.poses.index(pose_id)
         if before < 0:
@@ -297,20 +299,22 @@ def _by_continuity(three: Mapping[str, _Three], why: Mapping[str, str], dataset:
         turn_deg = _turn_deg(named[last].scanner_R_jig.T @ np.array([o.scanner_R_jig for o in ways]))
         (least,), (more,) = _best_and_margin(turn_deg[None])
         by_joints_deg = float(_turn_deg(attitude[before].T @ attitude[row]))
+        help_ = f"{why[pose_id]}, {_MARK_IT}"
         if setup[row] != setup[before]:
-            refused[pose_id] = f"the scanner stands elsewhere than at {last}, and {why[pose_id]}; {_MARK_IT}"
+            refused[pose_id] = f"the scanner stands elsewhere than at {last}, and {help_}"
         elif more < LEAST_MARGIN_DEG:
             refused[pose_id] = (
                 f"it turned {least:.3g} deg since {last} by one name of the faces, {least + more:.3g} deg by another, "
-                f"and {why[pose_id]}; {_MARK_IT}"
+                f"and {help_}"
             )
         elif abs(by_joints_deg - least) > 0.5 * LEAST_MARGIN_DEG:
             refused[pose_id] = (
                 f"it turned {least:.3g} deg since {last} by its faces, {by_joints_deg:.3g} deg by the joint angles, "
-                f"and {why[pose_id]}; {_MARK_IT}"
+                f"and {help_}"
             )
         else:
             named[pose_id] = ways[int(np.argmin(turn_deg))]
             off[pose_id], margin[pose_id] = float(least), float(more)
             before = row
-    return Labelling("continuity", named, off, margin, "deg", refused)
+        lack = lack or (help_ if pose_id in refused else "")
+    return Labelling("continuity", named, off, margin, "deg", refused, lack=lack)

@@ -52,6 +52,7 @@ def _orientations(labelling: Labelling, ids: Sequence[str]) -> Orientations:
         np.array([np.eye(3) if o is None else o.covariance_rad2 for o in known]).reshape(-1, 3, 3),
         np.array([np.zeros((3, 3)) if o is None else o.cross_mm_rad for o in known]).reshape(-1, 3, 3),
         labelling.summary(),
+        labelling.lack,
     )
 
 

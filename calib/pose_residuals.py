@@ -49,8 +49,8 @@ def require_orientations(dataset: Dataset, observed: Observations) -> None:
     known = 0 if orientations is None else int(orientations.known.sum())
     if orientations is not None and orientations.named and known < max(2, _NAMED * count):
         raise FitError(
-            f"dataset {dataset.name}: at {known} of {count} training poses the jig's faces can be told apart, full "
-            f"poses need half of them or more: {orientations.named}; or fit positions"
+            f"dataset {dataset.name}: the jig's faces can be told apart at {known} of {count} training poses, and full "
+            f"poses need half of them: {orientations.lack or 'measure more poses'}, or fit positions"
         )
     if known == 0:
         raise FitError(f"dataset {dataset.name}: {_NO_ORIENTATION}")

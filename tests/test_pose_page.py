@@ -209,8 +209,14 @@ def test_faces_that_the_robot_contradicts_are_told_and_full_poses_refused(folder
     with idle_app(folder / "contradicted") as app, WireClient(app.server.get_port()) as page:
         first = session(app).calibration
         assert first is not None
-        said = "training poses the jig's faces can be told apart, full poses need half of them or more"
-        shows(page, "pose cannot be fitted: at ", said, "of the last joint above all", "or fit positions")
+        said = "training poses, and full poses need half of them: the nominal robot has the jig stand otherwise at"
+        shows(
+            page,
+            "pose cannot be fitted: the jig's faces can be told apart at ",
+            said,
+            "of the last joint above all",
+            "or fit positions",
+        )
         fit(page, "pose")
         page.wait(lambda p: p.notifications, 30.0)
         reason = page.notifications[-1]["props"]["body"]
