@@ -27,6 +27,8 @@ from calib.solver import Fit, Iteration, solve
 
 Array = NDArray[np.float64]
 
+MOST_TOLERANCE = 1e6  # mm or rad: whoever wants no prior switches it off
+
 
 @dataclass(frozen=True)
 class Step:
@@ -282,8 +284,11 @@ def checked_tolerances(robot: Robot, tolerances: Mapping[str, float]) -> Mapping
             raise FitError(
                 f"no parameter named {name!r}; there are {', '.join(robot.parameter_names[:6])} ..."
             )
-        if not (np.isfinite(value) and value > 0.0):
-            raise FitError(f"tolerance of {name}: found {value!r}; a size above 0 is needed, in mm or rad")
+        if not 0.0 < value <= MOST_TOLERANCE:
+            raise FitError(
+                f"tolerance of {name}: found {value!r}; a size above 0 and up to {MOST_TOLERANCE:g} is needed, "
+                "in mm or rad"
+            )
     return tolerances
 
 

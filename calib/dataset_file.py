@@ -22,6 +22,7 @@ from calib.points_file import (
 )
 from calib.poses_file import is_one_line, load_poses, poses_frame
 from calib.robot_file import load_robot, robot_to_toml
+from calib.robot_limits import refuse_beyond
 from calib.table_file import TableFile
 from calib.toml_file import TomlTable, write_text_atomically
 
@@ -31,6 +32,8 @@ _LONGEST_EDGE_MM = 1e4
 
 def find_datasets(folder: Path) -> list[Path]:
     """The folder itself where it holds a dataset.toml, else the datasets right below it, by name."""
+    if folder.is_file():
+        raise DatasetError(f"{folder}: is a file; give a dataset folder or one that holds datasets")
     if not folder.is_dir():
         raise DatasetError(f"{folder}: no such folder; give a dataset folder or one that holds datasets")
     if (folder / "dataset.toml").is_file():
@@ -55,7 +58,9 @@ def load_dataset(folder: Path) -> Dataset:
     if not is_one_line(name):
         raise top.error("name", f"found {name!r}", "a name is one line without control characters")
     description = top.text("description", "") or ""
-    robot = load_robot(_inside(folder, top.text("robot", "robot.toml") or "", top, "robot"))
+    robot_path = _inside(folder, top.text("robot", "robot.toml") or "", top, "robot")
+    robot = load_robot(robot_path)
+    refuse_beyond(robot, robot_path)
     poses_path = _inside(folder, top.text("poses", "poses.csv") or "", top, "poses")
     poses, warnings = load_poses(poses_path, robot)
     points_name, scan_folder = top.text("points"), top.text("scans")
@@ -91,6 +96,20 @@ def load_dataset(folder: Path) -> Dataset:
         jig=jig,
         warnings=tuple(warnings),
         extra=dict(top.unread()) | ({"jig": jig_extra} if jig_extra else {}),
+    )
+
+
+def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
+    """Every file that belongs to a dataset, scans included, whether or not a fit reads it."""
+    if dataset.folder is None:
+        return ()
+    top = TomlTable.load(dataset.folder / "dataset.toml")
+    names = [top.text("robot", "robot.toml"), top.text("poses", "poses.csv"), top.text("points")]
+    scans = [dataset.scan_path(i) for i in range(len(dataset.poses))]
+    return (
+        dataset.folder / "dataset.toml",
+        *(dataset.folder / name for name in names if name),
+        *(path for path in scans if path is not None),
     )
 
 

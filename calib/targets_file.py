@@ -40,7 +40,9 @@ class Targets:
 
 def load_targets(path: Path, robot: Robot) -> Targets:
     """Read the joint targets of a robot. Raises DatasetError, naming line and column."""
-    if not path.is_file():
+    if path.is_dir():
+        raise DatasetError(f"{path}: is a folder; name a table of joint targets")
+    if not path.exists():
         raise DatasetError(
             f"{path}: no such file; a table with the columns {', '.join(joint_columns(robot))}"
         )

@@ -5,7 +5,10 @@ Those that fit a model are in `inspector.fit_commands`.
 
 from __future__ import annotations
 
+import shutil
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +23,12 @@ from calib.knowable import redundancy, with_place_unknown
 from calib.measurement import failed_searches, name_faces, require_corners, with_corners
 from calib.points_file import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from calib.robot_file import builtin_robot, load_robot
+from calib.robot_limits import refuse_beyond
 from calib.scan_counts import PointCount, count_points
 from calib.toml_file import write_text_atomically
 from inspector import documents
 from inspector.exports import corners_csv, redundancy_csv
+from inspector.outputs import check_outputs
 from inspector.progress import processes, progress, stages
 
 
@@ -44,6 +49,7 @@ def run_serve(options: Any) -> int:
 def run_corners(options: Any) -> int:
     """Scans to corners."""
     dataset = load(options.path)
+    check_outputs(dataset, [options.out])
     searches, counts = _search(dataset, options.processes, count=True)
     require_corners(dataset, searches)
     labelling = name_faces(dataset, searches)
@@ -68,6 +74,7 @@ def _left_out(count: PointCount | None) -> str:
 def run_redundancy(options: Any) -> int:
     """Which parameters say the same thing."""
     dataset = load(options.path)
+    check_outputs(dataset, [options.out])
     result = redundancy(dataset, residual=options.residual)
     if options.out is not None:
         write_text_atomically(options.out, redundancy_csv(result))
@@ -103,9 +110,11 @@ def run_simulate(options: Any) -> int:
     if options.robot not in BUILTIN_ROBOTS and not Path(options.robot).is_file():
         known = ", ".join(BUILTIN_ROBOTS)
         raise DatasetError(f"--robot {options.robot}: no such file; give one of {known}, or a robot.toml")
-    robot = (
-        builtin_robot(options.robot) if options.robot in BUILTIN_ROBOTS else load_robot(Path(options.robot))
-    )
+    if options.robot in BUILTIN_ROBOTS:
+        robot = builtin_robot(options.robot)
+    else:
+        robot = load_robot(Path(options.robot))
+        refuse_beyond(robot, Path(options.robot))
     simulation = simulate_dataset(
         robot,
         rng=np.random.default_rng(options.seed),
@@ -116,7 +125,7 @@ def run_simulate(options: Any) -> int:
         name=options.path.resolve().name,
         description=f"simulated {robot.name}, seed {options.seed}",
     )
-    with progress("scans") as on_progress:
+    with progress("scans") as on_progress, _whole_or_nothing(options.path):
         write_simulation(simulation, options.path, on_progress=on_progress)
     truth = options.path / "truth.json"
     document = {
@@ -127,6 +136,20 @@ def run_simulate(options: Any) -> int:
     }
     show(options, document, f"{options.path}: {options.poses} poses of {robot.name}; the truth is in {truth}")
     return 0
+
+
+@contextmanager
+def _whole_or_nothing(folder: Path) -> Iterator[None]:
+    """Leave an empty or missing folder as it was where what fills it fails or is stopped."""
+    was_there = folder.exists()
+    try:
+        yield
+    except BaseException:
+        for path in list(folder.iterdir()) if folder.is_dir() else ():
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        if folder.is_dir() and not was_there:
+            folder.rmdir()
+        raise
 
 
 def run_check(options: Any) -> int:
@@ -186,7 +209,8 @@ def _search(
     dataset: Dataset, wanted: int | None = None, *, count: bool = False
 ) -> tuple[dict[str, CornerSearch], dict[str, PointCount]]:
     """The corners by as many processes as wanted; with `count`, what each scan's file holds."""
-    with progress("corners") as on_progress, processes(len(dataset.poses), wanted) as executor:
+    scans = 0 if dataset.scan_folder is None else len(dataset.poses)
+    with progress("corners") as on_progress, processes(scans, wanted) as executor:
         searches = find_corners(dataset, on_progress=on_progress, executor=executor, intermediate=False)
         return searches, count_points(dataset, executor) if count else {}
 

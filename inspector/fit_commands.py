@@ -25,6 +25,7 @@ from calib.validation import cross_validate
 from inspector import documents
 from inspector.commands import load, measured, searched, show
 from inspector.exports import residuals_csv
+from inspector.outputs import check_outputs
 from inspector.progress import progress, stages
 from inspector.session import GEOMETRY, HistoryStep, Session, replayed, with_found
 from inspector.session_file import save_session
@@ -57,7 +58,10 @@ def _fitted(options: Any, dataset: Dataset) -> tuple[Addition, ...]:
 
 def run_calibrate(options: Any) -> int:
     """Fit, and write the calibrated table."""
-    dataset = measured(load(options.path), orientation=options.residual == "pose")
+    dataset = load(options.path)
+    outputs = [options.out, options.residuals, options.scene, options.session]
+    check_outputs(dataset, outputs, [options.effects_file])
+    dataset = measured(dataset, orientation=options.residual == "pose")
     steps = _fitted(options, dataset)
     result = steps[-1].calibration
     if options.out is not None:
@@ -141,6 +145,7 @@ def run_validate(options: Any) -> int:
 def run_correct(options: Any) -> int:
     """Joint targets that bring the real arm where the nominal one was meant to be."""
     dataset = load(options.path)
+    check_outputs(dataset, [options.out], [options.joints, options.effects_file])
     targets = load_targets(options.joints, dataset.robot)
     dataset = measured(dataset, orientation=options.residual == "pose")
     result = _fitted(options, dataset)[-1].calibration
@@ -170,6 +175,7 @@ def run_report(options: Any) -> int:
             f"{options.out}: exists and is no report; name another file, or --force to replace it"
         )
     dataset = load(options.path)
+    check_outputs(dataset, [options.out], [options.effects_file])
     session = Session(dataset, searched(dataset) if dataset.points is None else {})
     own = own_effects(options, session.measured)
     effects_named(session.measured, options.effect, own)  # refuses unknown names before the work starts
