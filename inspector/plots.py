@@ -45,6 +45,22 @@ def shortened(name: str, most: int = 22) -> str:
     return escape(name)
 
 
+def told_apart(names: Sequence[str], most: int = 12) -> list[str]:
+    """Names for an axis, `shortened`; of long ones without what all begin and end with: "…17…"."""
+    start = end = 0
+    if max(map(len, names), default=0) > most and len(names) > 1:
+        start = _alike(names)
+        end = min(_alike([name[::-1] for name in names]), min(map(len, names)) - start)
+    dots = ("…" if start else "", "…" if end else "")
+    return [shortened(dots[0] + name[start : len(name) - end] + dots[1], most) for name in names]
+
+
+def _alike(names: Sequence[str]) -> int:
+    """How many letters all names begin with alike."""
+    letters = enumerate(zip(*names, strict=False))
+    return next((k for k, column in letters if len(set(column)) > 1), min(map(len, names)))
+
+
 def correlation_heatmap(
     names: Sequence[str], pearson: ArrayLike, *, dark: bool = False, no_influence: Sequence[str] = ()
 ) -> go.Figure:
@@ -182,7 +198,7 @@ def pose_residuals(
         traces,
         xaxis={
             "title": "pose", "type": "category", "categoryorder": "array", "categoryarray": names,
-            "tickvals": names[::every], "ticktext": [shortened(name, 12) for name in ids[::every]],
+            "tickvals": names[::every], "ticktext": told_apart(ids)[::every],
             "tickangle": -45, "tickfont": {"size": 9}, "automargin": True,
         },
         yaxis={"title": f"{what}, mm", "rangemode": "tozero", "automargin": True},

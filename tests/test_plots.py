@@ -226,6 +226,8 @@ LONG = "pose_number_17_with_a_name_that_is_sixty_characters_long_abc"
 def test_long_names_leave_the_figure_its_room_and_are_whole_on_hover() -> None:
     bars = pose_residuals([LONG, "p2"], ["train", "train"], [0.1, 0.2])
     assert [len(text) for text in bars.layout.xaxis.ticktext] == [12, 2]
+    many = pose_residuals([LONG.replace("17", f"{k}") for k in (8, 17, 18)], ["train"] * 3, [0.1, 0.2, 0.3])
+    assert list(many.layout.xaxis.ticktext) == ["…8…", "…17…", "…18…"]
     assert LONG in bars.data[0].x
     steps = error_history(["nominal", f"+ {LONG}"], [1.0, 0.1], [1.0, 0.2], None)
     assert steps.layout.xaxis.ticktext[0] == "nominal"
