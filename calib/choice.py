@@ -100,6 +100,7 @@ class _Planes:
         self.offsets = np.array([g.offset_mm for g in large])
         self.heights = around.points_mm @ self.normals.T - self.offsets  # (V, G)
         self.around = around
+        self.squared_mm2 = np.einsum("vi,vi->v", around.points_mm, around.points_mm)
         self.tolerances = tolerances
         self.members = [self.on_plane(n, d) for n, d in zip(self.normals, self.offsets, strict=True)]
         self.perpendicular = np.abs(self.normals @ self.normals.T) <= np.sin(tolerances.perpendicular_rad)
@@ -128,14 +129,19 @@ class _Planes:
         along = self.sign * self.heights[members, pair[1]]
         return members[(along > -0.1 * self.edge_mm) & (along < self.edge_mm)]
 
+    def could_be_face(self, strip: NDArray) -> bool:
+        """Whether the points `strip` are as many as cover the least share of a face that one of two good ones has."""
+        a_face = 0.5 * self.edge_mm**2 / self.around.spacing_mm(strip) ** 2
+        return len(strip) > 0.5 * self.tolerances.least_worth[1] * a_face
+
     def candidate(self, groups: tuple[PlaneGroup, ...], chosen: tuple[int, int, int]) -> FaceChoice:
         """Three planes with what each is worth as the face between the edges that leave the two others."""
         normals = np.array([groups[g].normal for g in chosen])
         offsets = np.array([groups[g].offset_mm for g in chosen])
         apex = intersect(normals, offsets)
-        near = np.sum(np.cross(self.around.points_mm, apex) ** 2, axis=1) < (1.5 * self.edge_mm) ** 2 * (
-            apex @ apex
-        )
+        # |p x a|^2 = |p|^2 |a|^2 - (p . a)^2, so near the ray to the apex is:
+        along_ray = self.around.points_mm @ apex
+        near = along_ray**2 > (self.squared_mm2 - (1.5 * self.edge_mm) ** 2) * (apex @ apex)
         points, point_normals = self.around.points_mm[near], self.around.normals[near]
         heights = points @ normals.T - offsets
         solid = (
@@ -194,8 +200,9 @@ def _vote(points_mm: NDArray, planes: _Planes, pair: tuple[int, int]) -> list[Fa
     """
     edge_mm, height_mm = planes.edge_mm, planes.tolerances.height_mm
     thinned_mm = planes.around.points_mm
-    strips = [thinned_mm[m] for m in (planes.strip(pair), planes.strip(pair[::-1]))]
-    if min(map(len, strips)) < planes.tolerances.min_votes:
+    members = (planes.strip(pair), planes.strip(pair[::-1]))
+    strips = [thinned_mm[m] for m in members]
+    if min(map(len, strips)) < planes.tolerances.min_votes or not all(map(planes.could_be_face, members)):
         return []
     normals, offsets = planes.normals[list(pair)], planes.offsets[list(pair)]
     third = np.cross(*normals)
@@ -225,7 +232,7 @@ def _fullest_bands(height_mm: NDArray, width_mm: float, min_votes: int) -> list[
     for start in np.argsort(-count, kind="stable"):
         if count[start] < min_votes or len(bands) == _MOST_PEAKS:
             break
-        middle = float(np.median(order[start : start + count[start]]))
+        middle = float(order[start + count[start] // 2])
         if all(abs(middle - other) > 2 * width_mm for other in bands):
             bands.append(middle)
     return bands

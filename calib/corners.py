@@ -31,6 +31,7 @@ MOST_CHOICES = 4  # triples of planes that are refined before the search gives u
 _EDGE_VOXELS = 28  # voxels along the jig's edge
 # Where the first look at a scan finds no jig, others follow: neighbours of a normal, how many times the sample sets.
 # Few neighbours fit into a narrow or sparsely seen face, many sets meet a jig that is a small part of the scan.
+_POINTS_A_SET = 8  # thinned points: a wide scene takes more sets, or few would fall on the jig
 _LOOKS = ((NEIGHBOURS, 1), (9, 4), (NEIGHBOURS, 12))
 
 
@@ -136,7 +137,7 @@ def _look(
     tolerances = _Tolerances.of(around, jig, max(scan_sigma_mm or 0.0, around.noise_mm()))
     drawn = draw_sample_sets(
         around.neighbours,
-        options.sample_sets,
+        max(options.sample_sets, len(around.points_mm) // _POINTS_A_SET),
         rng,
         long_walk=walk_for(2 * tolerances.filters.distance_mm[0], float(np.median(around.radius_mm))),
         local=options.local_sets,
@@ -243,11 +244,11 @@ class _Tolerances:
     def of(around: Neighbourhoods, jig: Jig, sigma_mm: float) -> _Tolerances:
         edge_mm = jig.edge_mm
         normals_rad = float(np.clip(5 * np.median(around.normal_sigma_rad), np.radians(8), np.radians(25)))
-        height_mm = max(15 * sigma_mm, edge_mm / 120)
+        height_mm = max(min(15 * sigma_mm, max(5 * sigma_mm, edge_mm / 24)), edge_mm / 120)
         out_of_square_rad = np.radians(max(abs(angle - 90) for angle in jig.face_angles_deg))
         return _Tolerances(
             FilterTolerances(
-                distance_mm=(max(edge_mm / 40, 12 * sigma_mm), edge_mm / 3),
+                distance_mm=(max(edge_mm / 40, min(12 * sigma_mm, edge_mm / 15)), edge_mm / 3),
                 point_normals_rad=normals_rad,
                 triangle_normals_rad=max(np.radians(3), 0.6 * normals_rad),
             ),

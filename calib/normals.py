@@ -21,6 +21,7 @@ _UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _ENOUGH_POINTS = 150_000
 _ENOUGH_A_VOXEL = 6
 _BLOCK = 4
+_MOST_OF_USUAL = 20
 _SURFACE_SHARE = 0.9  # so that up to nine of ten points may be stray
 _STRAY_SHARE = 0.04  # a face at 78 deg incidence has a twelfth of the points of one seen squarely
 
@@ -80,10 +81,13 @@ def _occupied(points_mm: NDArray, voxel_mm: float) -> tuple[NDArray, NDArray]:
     cell = np.floor(cells).astype(np.int64)
     cell -= cell.min(axis=0)
     first, count = _first_of_each(_keys(cell))
+    count = np.minimum(
+        count, _MOST_OF_USUAL * np.median(count)
+    )  # thousands of points in one place are no surface
     block = np.unique(_keys(cell[first] // _BLOCK), return_inverse=True)[1].ravel()
     around = np.bincount(block, count)[block]
     dense = np.argsort(around)
-    surface = around[dense[np.searchsorted(np.cumsum(count[dense]), _SURFACE_SHARE * len(cell))]]
+    surface = around[dense[np.searchsorted(np.cumsum(count[dense]), _SURFACE_SHARE * count.sum())]]
     kept = around >= _STRAY_SHARE * surface
     usual = np.median(count[kept])
     if usual >= 4:

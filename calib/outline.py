@@ -18,6 +18,7 @@ from calib.plane_fit import TUKEY, PlaneFit
 _CELLS = 12  # cells along an edge when a face's area is counted
 _TRIANGLE_CELLS = _CELLS * (_CELLS - 1) // 2  # whole cells in the triangle
 _COLLAR = 0.25  # of the edge
+_SOLID = 0.5  # of the points that a cell of a surface has: behind that many, other views saw what is there
 _NEAR_POINT = 0.8  # spacings; a square grid leaves no place farther than 0.71 from a point
 # Margins to choose from, of the edge.
 _RINGS = (1 / 200, 1 / 120, 1 / 80, 1 / 60, 1 / 40, 1 / 30, 1 / 20, 1 / 12)
@@ -66,25 +67,33 @@ def with_the_rest(along_mm: NDArray) -> NDArray:
     return kept
 
 
-def flat_margin_mm(heights: Sequence[NDArray], planes: Sequence[PlaneFit], jig: Jig) -> float:
-    """The least margin beyond which the faces are flat: no ring of points along the edges lies off the planes.
+def flat_margins_mm(heights: Sequence[NDArray], planes: Sequence[PlaneFit], jig: Jig) -> NDArray:
+    """The least margins (3,) beyond which the faces are flat: no ring of points along the edges lies off the planes.
 
     heights  # of each face's points (K, 3) over all faces. A rounded edge lowers the points beside it, and the ring
     where the rounding begins lies within the noise point by point, but not as a whole. The rings are tried from the
-    inside out; the three faces count as one.
+    inside out; all faces as one, as an edge's rounding is, and each by itself: pixels that saw across the edge reach
+    far into a face that is seen at a flat angle.
     """
     margins_mm = np.array(_RINGS) * jig.edge_mm
-    total, count = np.zeros((2, len(margins_mm) + 1))
+    total, count = np.zeros((2, len(planes), len(margins_mm) + 1))
     for face, plane in enumerate(planes):
         one, other = along_edges(heights[face], face, jig)
         inward = np.minimum(np.minimum(one, other), (jig.edge_mm - one - other) / np.sqrt(2))
         z = heights[face][:, face] / plane.sigma_mm
         on = (np.abs(z) < TUKEY) & (inward > margins_mm[0])
         ring = np.searchsorted(margins_mm, inward[on])
-        total += np.bincount(ring, z[on], len(margins_mm) + 1)
-        count += np.bincount(ring, minlength=len(margins_mm) + 1)
-    off = np.abs(total[1:-1]) > _RING_SIGMA * np.sqrt(count[1:-1])
-    return float(margins_mm[np.flatnonzero(off)[-1] + 1 if off.any() else 0])
+        total[face] = np.bincount(ring, z[on], len(margins_mm) + 1)
+        count[face] = np.bincount(ring, minlength=len(margins_mm) + 1)
+    common = _innermost_off(total.sum(axis=0), count.sum(axis=0))
+    own = [_innermost_off(total[face], count[face]) for face in range(len(planes))]
+    return np.asarray(margins_mm[np.maximum(common, own)])
+
+
+def _innermost_off(total: NDArray, count: NDArray) -> int:
+    """Index of the least margin past the innermost ring whose mean height is no noise."""
+    off = np.flatnonzero(np.abs(total[1:-1]) > _RING_SIGMA * np.sqrt(count[1:-1]))
+    return int(off[-1]) + 1 if len(off) else 0
 
 
 def outline_shares(
@@ -112,8 +121,9 @@ def outline_shares(
         np.add.at(table, (cell[:, 0], cell[:, 1]), 1)
     row, column = np.indices(on.shape)
     inside = row + column <= _CELLS - 2
-    filled = int(np.sum(inside & ((on > 0) | _between(along_mm, edge_mm, spacing_mm)) & (on >= behind)))
-    seen_through = int(np.sum(inside & (behind > on)))
+    open_ = (behind > on) & (on < _SOLID * (edge_mm / _CELLS / max(spacing_mm, 1e-9)) ** 2)
+    filled = int(np.sum(inside & ((on > 0) | _between(along_mm, edge_mm, spacing_mm)) & ~open_))
+    seen_through = int(np.sum(inside & open_))
     points_a_cell = float(on[inside].sum()) / max(filled, 1)  # below one, a point stands for several cells
     spilt_area = spilt / min(1.0, max(points_a_cell, 0.1)) / (_CELLS**2 / 2)
     return filled / _TRIANGLE_CELLS, spilt_area, seen_through / _TRIANGLE_CELLS

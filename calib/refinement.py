@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from calib.clustering import PlaneGroup
 from calib.intersection import Corner, Face, intersect, intersection_covariance, packed
 from calib.jig import Jig
-from calib.outline import along_edges, face_points, flat_margin_mm, outline_shares, with_the_rest
+from calib.outline import along_edges, face_points, flat_margins_mm, outline_shares, with_the_rest
 from calib.plane_fit import PlaneFit, fit_plane_robustly
 from calib.quality import CornerQuality, FaceQuality, angle_errors
 from calib.rigid import angle_derivative, found_angles_deg, hold_to_angles, turned_normals
@@ -32,6 +32,7 @@ _MARGIN_SIGMA = 3.0  # a face's own noise must not carry its points over the edg
 _LEAST_SPREAD = 1 / 200  # standard deviation across the strip of points on a face, of the edge
 SQUARENESS_DEG = 1.0
 MOST_INCIDENCE_DEG = 84.0
+_DEEP = 0.04  # of the edge: nine of ten points nearer to an edge than this are no face's
 _ROUGHEST = 10.0  # times the scatter of the other faces; a face seen at 84 deg scatters some 6 times as much
 _ROUGH = 1 / 3000  # of the edge: below this the scatter tells nothing
 
@@ -42,7 +43,7 @@ class RefinementOptions:
 
     # Kept away from every edge of a face: rounding, blurred and flying pixels. None: found from the points' heights.
     edge_margin_mm: float | None = None
-    minface_points: int = 6
+    min_face_points: int = 6
 
 
 def refine(
@@ -106,9 +107,9 @@ def _fit_faces(
     sigma_mm: float,
     options: RefinementOptions,
 ) -> tuple[list[PlaneFit], float, str]:
-    """Planes and outlines in turns: the three fits, the margin left along the edges, and why they cannot be made."""
+    """Planes and outlines in turns: the three fits, the widest margin along the edges, and why they cannot be made."""
     bands = np.full(3, _BAND_SIGMA * max(sigma_mm, jig.edge_mm / 1800))
-    margin_mm = options.edge_margin_mm or jig.edge_mm / 40
+    margins_mm = np.full(3, options.edge_margin_mm or jig.edge_mm / 40)
     planes: list[PlaneFit] = []
     step = max(1, len(local) // _POINTS_AT_FIRST)  # at first some thousands of points tell enough
     members = [(local[::step], near[::step])] * 3
@@ -118,26 +119,27 @@ def _fit_faces(
             at_plane = [np.flatnonzero(np.abs(h) <= 2 * band) for h, band in zip(heights, bands, strict=True)]
             members = [(local[on], near[on]) for on in at_plane]
         heights = [points @ normals.T - offsets for points, _ in members]
-        if (
-            turn == _ROUNDS - 1 and options.edge_margin_mm is None
-        ):  # before, planes of some points only look off
-            margin_mm = flat_margin_mm(heights, planes, jig)
-        least_mm = max(margin_mm, _MARGIN_SIGMA * bands.max() / _BAND_SIGMA)
+        if turn == _ROUNDS - 1 and options.edge_margin_mm is None:
+            # Not before: planes of some of the points would look off by themselves.
+            margins_mm = flat_margins_mm(heights, planes, jig)
+        margins_mm = np.maximum(margins_mm, _MARGIN_SIGMA * bands.max() / _BAND_SIGMA)
         planes = []
         for face, (points, indices) in enumerate(members):
             for share in _LESS_MARGIN:  # a narrow strip of few points cannot spare its rim
-                on = np.flatnonzero(face_points(heights[face], face, bands[face], jig, share * least_mm))
+                on = np.flatnonzero(
+                    face_points(heights[face], face, bands[face], jig, share * margins_mm[face])
+                )
                 on = on[with_the_rest(np.column_stack(along_edges(heights[face][on], face, jig)))]
                 failure = _too_little(points[on], jig, options)
                 if not failure:
                     break
             if failure:
-                return [], margin_mm, failure
+                return [], 0.0, failure
             planes.append(fit_plane_robustly(points[on], indices[on], normals[face], offsets[face]))
         normals = np.array([p.normal for p in planes])
         offsets = np.array([p.offset_mm for p in planes])
         bands = np.array([max(_BAND_SIGMA * p.sigma_mm, 1e-6) for p in planes])
-    return planes, least_mm, ""
+    return planes, float(margins_mm.max()), ""
 
 
 def height_covariance(planes: Sequence[PlaneFit], covariance: NDArray, point_mm: NDArray) -> NDArray:
@@ -150,9 +152,9 @@ def height_covariance(planes: Sequence[PlaneFit], covariance: NDArray, point_mm:
 
 def _too_little(points: NDArray, jig: Jig, options: RefinementOptions) -> str:
     """Why a face's points (K, 3) do not define a plane, or ""."""
-    if len(points) < options.minface_points:
+    if len(points) < options.min_face_points:
         return (
-            f"only {len(points)} points on one of the faces, at least {options.minface_points} are needed; "
+            f"only {len(points)} points on one of the faces, at least {options.min_face_points} are needed; "
             "turn the jig toward the scanner, or scan it finer"
         )
     some = points[:: max(1, len(points) // _POINTS_TO_TELL_A_LINE)]
@@ -175,6 +177,14 @@ def _doubt(planes: Sequence[PlaneFit], covariance: NDArray, origin: NDArray, jig
                 f"the third face would be seen edge-on ({len(plane.indices)} points, {seen_at_deg:.1f} deg off its "
                 f"normal; beyond {MOST_INCIDENCE_DEG:g} deg stray points along an edge look the same); "
                 "turn the jig so that three faces are seen"
+            )
+    for plane in planes:
+        legs_mm = [np.abs(plane.points_mm @ p.normal - p.offset_mm) for p in planes if p is not plane]
+        deep_mm = float(np.quantile(np.min(legs_mm, axis=0), 0.9))
+        if deep_mm < _DEEP * jig.edge_mm:
+            return (
+                f"the {len(plane.indices)} points taken for one of the faces lie within {deep_mm:.2g} mm of its edges, "
+                "as those of a bevel do; turn the jig so that three faces are seen"
             )
     scatter = np.array([plane.sigma_mm for plane in planes])
     usual_mm = max(float(np.median(scatter)), _ROUGH * jig.edge_mm)
