@@ -10,8 +10,9 @@ from typing import Any
 import tomli_w
 
 from calib.dataset import Dataset, Poses, Scanner
-from calib.errors import DatasetError
+from calib.errors import CornerError, DatasetError
 from calib.jig import Jig
+from calib.orientation import jig_normals
 from calib.points_file import (
     LEAST_SIGMA_DEG,
     LEAST_SIGMA_MM,
@@ -83,7 +84,14 @@ def load_dataset(folder: Path) -> Dataset:
             warnings.append(str(missing))
         _check_scans(folder, scans, poses, poses_path, needed=points is None)
     jig, jig_extra = _jig(top.table("jig"))
-    scanner = _scanner(top.table("scanner"))
+    scanner_table = top.table("scanner")
+    scanner = _scanner(scanner_table)
+    if scanner.scan_sigma_mm is not None and scanner.scan_sigma_mm > jig.edge_mm / 10.0:
+        raise scanner_table.error(
+            "scan_sigma_mm",
+            f"found {scanner.scan_sigma_mm:g} mm",
+            f"of a jig whose edge is {jig.edge_mm:g} mm nothing is seen above {jig.edge_mm / 10.0:g} mm",
+        )
     return Dataset(
         name=name,
         robot=robot,
@@ -164,6 +172,12 @@ def _jig(table: TomlTable) -> tuple[Jig, dict[str, Any]]:
         raise table.error(
             "face_angles_deg", f"found {list(angles)}", "angles between faces lie between 10 and 170"
         )
+    try:
+        jig_normals(angles)
+    except CornerError:
+        raise table.error(
+            "face_angles_deg", f"found {list(angles)}", "no corner has such faces, a cube's has [90, 90, 90]"
+        ) from None
     jig = Jig(
         shape=table.text("shape", default.shape, choices=(default.shape,)) or default.shape,
         edge_mm=edge_mm,

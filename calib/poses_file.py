@@ -57,12 +57,9 @@ def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
     file.require(["pose", "role", *q_columns])
     if len(file) == 0:
         raise DatasetError(f"{path}: no row below the header; one row a pose is needed")
-    ids = file.text("pose")
+    ids = names(file, "pose")
     first: dict[str, int] = {}
     for row, pose_id in enumerate(ids):
-        if not is_one_line(pose_id):
-            found = f"found {short(pose_id)}"
-            raise file.error(row, "pose", found, "an id is one line without control characters")
         if first.setdefault(pose_id, row) != row:
             line = file.line(first[pose_id])
             raise file.error(
@@ -83,12 +80,23 @@ def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
         ids=tuple(ids),
         role=np.array(role),
         q=np.where(robot.is_revolute, np.radians(q_file), q_file),
-        setup=np.array(file.text("setup", allow_empty=True) if "setup" in file else [""] * len(ids)),
-        scan_names=tuple(file.text("scan") if "scan" in file else [f"{pose_id}.ply" for pose_id in ids]),
+        setup=np.array(names(file, "setup", allow_empty=True) if "setup" in file else [""] * len(ids)),
+        scan_names=tuple(names(file, "scan") if "scan" in file else [f"{pose_id}.ply" for pose_id in ids]),
         extra=file.rest(known),
         **conditions,
     )
     return poses, warnings
+
+
+def names(file: TableFile, column: str, *, allow_empty: bool = False) -> list[str]:
+    """A column of names, each of one line. Raises DatasetError."""
+    found = file.text(column, allow_empty=allow_empty)
+    for row, name in enumerate(found):
+        if not is_one_line(name):
+            raise file.error(
+                row, column, f"found {short(name)}", "a name is one line without control characters"
+            )
+    return found
 
 
 def is_one_line(name: str) -> bool:

@@ -19,11 +19,10 @@ from calib.errors import DatasetError
 from calib.poses_file import (
     CONDITIONS,
     approach_columns,
-    is_one_line,
     joint_columns,
     load_conditions,
     load_joints,
-    short,
+    names,
 )
 from calib.robot import Robot
 from calib.robot_file import degrees
@@ -52,11 +51,7 @@ def load_targets(path: Path, robot: Robot) -> Targets:
     if len(file) == 0:
         raise DatasetError(f"{path}: no row below the header; one row a target is needed")
     q = load_joints(file, robot)
-    ids = file.text("pose") if "pose" in file else [str(i + 1) for i in range(len(file))]
-    for row, name in enumerate(ids):
-        if not is_one_line(name):
-            found = f"found {short(name)}"
-            raise file.error(row, "pose", found, "a name is one line without control characters")
+    ids = names(file, "pose") if "pose" in file else [str(i + 1) for i in range(len(file))]
     poses = Poses(
         ids=tuple(ids),
         role=np.full(len(file), "train"),

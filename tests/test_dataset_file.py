@@ -98,7 +98,7 @@ def edit(name: str, old: str, new: str) -> Callable[[Path], None]:
     return change
 
 
-def cell(name: str, row: int, column: str, value: str) -> Callable[[Path], None]:
+def cell(name: str, row: int | slice, column: str, value: str) -> Callable[[Path], None]:
     def change(folder: Path) -> None:
         frame = pd.read_csv(folder / name, dtype=str)
         frame.loc[row, column] = value
@@ -189,7 +189,7 @@ def test_each_mistake_is_one_line_that_names_its_place(
         ),
         (
             cell("poses.csv", 2, "pose", "two\nlines"),
-            r"line 5, column pose: found 'two\nlines'; an id is one line",
+            r"line 5, column pose: found 'two\nlines'; a name is one line",
         ),
         (
             cell("points.csv", 2, "pose", "x" * 500),
