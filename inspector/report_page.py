@@ -14,7 +14,7 @@ from itertools import count
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
-from inspector.tables import Html, text
+from inspector.tables import LONG_NAME, Html, text
 
 MARK = '<meta name="generator" content="robot-calibration-inspector">'
 """What tells a page of ours from any other file."""
@@ -46,6 +46,7 @@ table { border-collapse: collapse; font-size: 13.5px; font-variant-numeric: tabu
 caption { text-align: left; padding: 2px 0 4px; }
 th, td { padding: 3px 12px 3px 4px; border-bottom: 1px solid var(--line); text-align: left; vertical-align: top; }
 th { font-weight: 600; } .num { text-align: right; white-space: nowrap; } td.wide { overflow-wrap: break-word; }
+td.long { overflow-wrap: anywhere; min-width: 11em; }
 tr.mark td { background: rgba(86, 180, 233, 0.22); }
 figure { margin: 10px 0 18px; break-inside: avoid; } .plot { width: 100%; } figcaption { margin-top: 6px; }
 ul { margin: 4px 0 10px; padding-left: 22px; } li { margin: 2px 0; overflow-wrap: anywhere; }
@@ -111,7 +112,9 @@ def table(
     """A table: the columns in `left` hold words, the others numbers; row `mark` is emphasised."""
 
     def cell(tag: str, column: int, value: object, more: str = "") -> str:
-        kind = "wide" if column in left else "num"
+        kind = "num"
+        if column in left:
+            kind = "wide long" if max(map(len, str(value).split()), default=0) > LONG_NAME else "wide"
         return f'<{tag} class="{kind}"{more}>{_markup(value)}</{tag}>'
 
     head = "".join(cell("th", i, h, ' scope="col"') for i, h in enumerate(headers))

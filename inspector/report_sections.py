@@ -47,18 +47,32 @@ def dataset(report: Report) -> Parts:
         ("noise declared", _noise(report.calibration)),
         ("conditions written down", words.listing(_conditions(given)) or "none"),
     ]
-    notes = [*report.calibration.warnings]
+    notes = [*report.calibration.warnings, *_of_scans(given, report.session.searches)]
     return [page.facts(rows), *([page.bullets(notes)] if notes else [])]
 
 
 def _measured(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> str:
     if dataset.points is not None:
         return f"{words.count(len(dataset.points), 'point')} given in the dataset's table of points"
-    failed = failed_searches(searches)
-    found = len(searches) - len(failed)
-    lost = f"; none in {', '.join(failed)}" if failed else ""
+    found = len(searches) - len(failed_searches(searches))
     jig = f"a jig of {dataset.jig.edge_mm:g} mm edges"
-    return f"the corner of {jig} in {found} of {words.count(len(searches), 'scan')}{lost}"
+    return f"the corner of {jig} in {found} of {words.count(len(searches), 'scan')}"
+
+
+def _of_scans(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> list[str]:
+    """Why scans have no corner, and which corners deserve a second look; nothing where points.csv has the points."""
+    if dataset.points is not None:
+        return []
+    failed = failed_searches(searches)
+    doubts = {
+        pose_id: doubts
+        for pose_id, search in searches.items()
+        if search.corner is not None and (doubts := search.corner.quality.doubts())
+    }
+    return [
+        *(f"{pose_id} has no corner and is left out: {reason}." for pose_id, reason in failed.items()),
+        *(f"The corner of {pose_id} deserves a look: {'; '.join(said)}." for pose_id, said in doubts.items()),
+    ]
 
 
 def _noise(calibration: Calibration) -> str:
@@ -194,12 +208,13 @@ def redundancy(report: Report) -> Parts:
 
     rows: list[tuple[str, object]] = [
         ("parameters", len(analysis.parameters)),
-        ("can be known (rank)", analysis.rank),
+        ("independent (rank)", analysis.rank),
         ("kept by pairs, as Park does", f"{len(analysis.kept)}: {', '.join(analysis.kept)}"),
         ("carry all the information", ", ".join(analysis.independent)),
     ]
     caption = "Pearson's r between the columns of the nominal Jacobian; grey: no influence."
     return [
+        page.paragraph(f"Seen by {analysis.seen}."),
         page.facts(rows),
         page.bullets(analysis.summary().split("\n")[1:]),
         page.Figure(draw, caption, height_px=640, width_px=740),

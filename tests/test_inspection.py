@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Iterator
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,6 +23,8 @@ from inspector.panels.legend import EMPTY, legend_html
 from inspector.panels.planes import NOT_SEARCHED, looks_note, planes_html
 from inspector.panels.review import LOOK_LAYERS
 from inspector.panels.scans import corner_state, pose_table
+from inspector.report import report_html
+from inspector.report_content import report_of
 from inspector.scene import ROOT
 from tiny_dataset import BROKEN, POSES, write_tiny
 from wire_client import WireClient
@@ -77,9 +81,9 @@ def test_rejected_sets_have_the_colour_of_their_filter_in_the_scene_and_in_the_t
 
 def test_a_scan_that_was_not_searched_for_planes_has_no_tables_of_zeros(app: App) -> None:
     assert "40 points" in search(app, FEW).failure
-    html = planes_html(view(app, FEW))
-    assert NOT_SEARCHED in html
-    assert "<table" not in html
+    said = planes_html(view(app, FEW))
+    assert NOT_SEARCHED in said
+    assert "<table" not in said
     assert "<table" in planes_html(view(app, BROKEN))  # which was searched, in vain
 
 
@@ -94,8 +98,8 @@ def test_doubts_are_told_in_the_list_beside_the_pose_and_in_the_progress(app: Ap
     assert states.count("found") >= POSES - 5
     doubtful = sum("doubt" in state for state in states)
     shows(page, f"{POSES - 2} of {POSES} corners found", f"2 failed, {doubtful} with doubts")
-    html = corner_html(view(app, NOISY))
-    assert html.index(doubts[0][:30]) < html.index("scanner frame")  # before the figures
+    told = corner_html(view(app, NOISY))
+    assert told.index(doubts[0][:30]) < told.index("scanner frame")  # before the figures
     app.select(NOISY)
     shows(page, f"found, {len(doubts)} doubt", doubts[0])
 
@@ -122,10 +126,10 @@ def test_the_legend_tells_what_the_colours_of_each_view_mean(app: App, page: Wir
     app.look(look)
     assert app.worker.wait_idle(IDLE_S)
     visible, off_mm = LOOK_LAYERS[look], app.stage.comparing.distances_mm
-    html = legend_html(view(app), visible, off_mm)
+    said_now = legend_html(view(app), visible, off_mm)
     for part in said[look]:
-        assert part in html
-    page.wait(lambda p: html in p.text())
+        assert part in said_now
+    page.wait(lambda p: said_now in p.text())
 
 
 def test_the_legend_leaves_out_what_is_not_there(app: App) -> None:
@@ -166,10 +170,21 @@ def test_the_corner_says_what_its_sigma_comes_from(app: App, page: WireClient) -
 def test_the_list_of_points_without_scans_has_no_columns_of_faces(app: App) -> None:
     now = view(app)
     alone = replace(now.session.dataset, scan_folder=None)
-    html = pose_table(replace(now, session=replace(now.session, dataset=alone, searches={})))
-    assert "worst face" not in html
-    assert "sigma" in html
+    told = pose_table(replace(now, session=replace(now.session, dataset=alone, searches={})))
+    assert "worst face" not in told
+    assert "sigma" in told
     assert "worst face" in pose_table(now)
+
+
+def test_the_report_tells_which_scans_have_no_corner_and_which_corners_have_doubts(app: App) -> None:
+    page = html.unescape(report_html(report_of(app.stage.now.session), now=datetime(2024, 5, 1, tzinfo=UTC)))
+    ids = app.stage.now.session.dataset.poses.ids
+    corner = search(app, NOISY).corner
+    assert corner is not None
+    assert f"{ids[FEW]} has no corner and is left out: {search(app, FEW).failure}" in page
+    assert f"The corner of {ids[NOISY]} deserves a look: {corner.quality.doubts()[0]}" in page
+    assert "Ringed" not in page  # no pose is selected on paper
+    assert "Seen by" in page
 
 
 def test_a_choice_whose_turn_is_still_to_come_is_not_taken_back() -> None:

@@ -16,6 +16,7 @@ import pytest
 from calib.dataset import Dataset, Scanner
 from calib.dataset_file import load_dataset, write_dataset
 from hidden_dataset import HIDDEN, write_hidden
+from inspector import report_page
 from inspector import session as sessions
 from inspector.cli import main
 from inspector.panels.words import millimetres
@@ -121,6 +122,11 @@ def test_no_name_becomes_markup_and_nothing_is_fetched(written: Path) -> None:
     assert "pwned=1</script>" not in own
     assert not re.search(r"<[^>]*\b(?:src|href)\s*=", own)
     assert "default-src 'none'" in own
+
+
+def test_a_word_that_is_too_long_for_a_column_is_broken_and_others_are_not() -> None:
+    drawn = report_page.table(("effect",), [("x" * 60,), ("transmission_error",)])
+    assert drawn.count("wide long") == 1
 
 
 def test_a_model_put_together_by_hand_is_told_as_such(folder: Path) -> None:

@@ -19,9 +19,10 @@ NOTE = (
     "It opens where the pattern is clearest."
 )
 PLACES = "work space, from above and the side"
+RINGED = "Ringed: the selected pose."
 PLACES_NOTE = (
     "Where the points were measured, in the frame of the robot's base. A corner of the work space coloured like "
-    "no other is where the model does not hold. Ringed: the selected pose."
+    f"no other is where the model does not hold. {RINGED}"
 )
 LENGTH = "error length"
 AXES = {f"error in {axis} of the scanner": k for k, axis in enumerate("xyz")}
@@ -113,7 +114,9 @@ class FailurePanel:
                     x, values, failure.pose_ids, failure.is_test, x_title=title, y_title=y_title, band=band,
                     smooth=running_median(x[train], values[train]), selected=view.pose_id, dark=view.dark,
                 )  # fmt: skip
-            self._state.content = tables.note(PLACES_NOTE if places else band_note(failure, band))
+            self._state.content = tables.note(
+                PLACES_NOTE if places else f"{band_note(failure, band)} {RINGED}"
+            )
             self._drawn = drawing
         self._plot.visible, self._places.visible = not places, places
         self._show_worst(failure, view)
@@ -164,7 +167,7 @@ def band_note(failure: Failure, band: tuple[float, float]) -> str:
         for of, name in ((~failure.is_test, "training pose"), (failure.is_test, "test pose"))
         if of.any()
     ]
-    return f"{grey} By their length, {words.listing(counts)} are off by more. Ringed: the selected pose."
+    return f"{grey} By their length, {words.listing(counts)} are off by more."
 
 
 def _offer(handle: viser.GuiDropdownHandle[str], options: tuple[str, ...]) -> None:

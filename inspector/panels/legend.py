@@ -39,4 +39,6 @@ def legend_html(view: View, visible: set[str], distances_mm: NDArray | None) -> 
     if compared and visible & {"residuals", "predicted"}:
         models = ((MODEL_COLOURS[name], name) for name in compared)
         parts.append(tables.legend(models, before=f"residuals × {view.arrows:g} to"))
-    return "".join(parts)
+    return (
+        f'<div style="margin-bottom:14px">{"".join(parts)}</div>' if parts else ""
+    )  # clear of the folder below
