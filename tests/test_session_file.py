@@ -150,7 +150,7 @@ def test_writing_is_whole_or_not_at_all(
         raise OSError("disk full")
 
     monkeypatch.setattr("os.replace", fails)
-    with pytest.raises(OSError, match="disk full"):
+    with pytest.raises(CalibError, match=r"cannot be written \(disk full\)"):
         save_session(saved, replace(worked_on, history=()))
     assert saved.read_text() == before
     assert [path.name for path in saved.parent.iterdir()] == ["session.json"]
