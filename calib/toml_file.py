@@ -32,7 +32,9 @@ def write_bytes_atomically(path: Path, content: bytes) -> None:
     except BrokenPipeError:
         raise
     except OSError as error:  # of a full disk it names no file, of others the temporary one
-        raise DatasetError(f"{path}: cannot be written ({error.strerror or error}); name another place") from None
+        raise DatasetError(
+            f"{path}: cannot be written ({error.strerror or error}); name another place"
+        ) from None
 
 
 def _write(path: Path, content: bytes) -> None:
