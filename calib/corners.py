@@ -25,6 +25,7 @@ from calib.normals import NEIGHBOURS, Neighbourhoods, estimate_normals, finite_r
 from calib.parallel import as_they_come
 from calib.refinement import RefinementOptions, refine
 from calib.scan import Scan, load_scan
+from calib.scan_unit import MOST_EDGES, extent_of, with_unit
 
 MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
 MOST_CHOICES = 4  # triples of planes that are refined before the search gives up
@@ -94,25 +95,39 @@ def find_corner(
     The noise is the larger of `scan_sigma_mm` and what the scan itself shows. Without `rng` the draws are seeded by the
     scan's points, so the same scan gives the same corner whenever, wherever and under whatever name it is processed.
 
-    Never raises on a scan: where there is no corner, the search's `failure` says why.
+    Never raises on a scan: where there is no corner, the search's `failure` says why, and whether the scan is in
+    another unit than the millimetre. No scan is scaled.
     """
     options = options or CornerOptions()
     started = time.perf_counter()
 
-    def elapsed() -> float:
-        return time.perf_counter() - started
+    def search_in(points_mm: NDArray) -> CornerSearch:
+        draws = rng or _generator(points_mm)
+        return _search(Scan(scan.name, points_mm), jig, scan_sigma_mm, draws, options)
 
+    search = search_in(scan.points_mm)
+    if search.corner is None and len(scan.points_mm) >= MIN_POINTS:
+        failure = with_unit(
+            search.failure, scan.points_mm, jig, lambda points_mm: search_in(points_mm).corner is not None
+        )
+        search = replace(search, failure=failure)
+    return replace(search, seconds=time.perf_counter() - started)
+
+
+def _search(
+    scan: Scan, jig: Jig, scan_sigma_mm: float | None, rng: np.random.Generator, options: CornerOptions
+) -> CornerSearch:
+    """As many looks as it takes, at a scan taken to be in millimetres."""
     failure = _unworkable(scan, jig)
     if failure:
-        return _failed(scan.name, failure, elapsed())
+        return _failed(scan.name, failure, 0.0)
     thinned = thin_to_voxels(scan.points_mm, jig.edge_mm / _EDGE_VOXELS)
     if len(thinned) < NEIGHBOURS:
         failure = (
             f"the scan's points lie in {len(thinned)} spots of {jig.edge_mm / _EDGE_VOXELS:.2g} mm, a corner needs "
             f"{NEIGHBOURS} at the very least; scan the pose again"
         )
-        return _failed(scan.name, failure, elapsed())
-    rng = rng or _generator(scan.points_mm)
+        return _failed(scan.name, failure, 0.0)
     searches: list[CornerSearch] = []
     for neighbours, times in _LOOKS:
         around = estimate_normals(scan.points_mm[thinned], neighbours)
@@ -122,7 +137,7 @@ def find_corner(
             break
     # Of a failure the first look tells, unless a later one got as far as a choice.
     told = max(searches, key=lambda search: (search.corner is not None, len(search.chosen)))
-    return replace(told, looks=len(searches), seconds=elapsed())
+    return replace(told, looks=len(searches))
 
 
 def _look(
@@ -264,22 +279,14 @@ class _Tolerances:
 
 
 def _unworkable(scan: Scan, jig: Jig) -> str:
-    """Why this scan cannot hold the jig, or "": too few points, or a size that tells of another unit."""
+    """Why this scan cannot hold the jig, or "": too few points, or a size that no scan of the jig has."""
     finite = np.flatnonzero(finite_rows(scan.points_mm))
     if len(finite) < MIN_POINTS:
         return f"the scan holds {len(finite)} points, a corner needs at least {MIN_POINTS}; scan the pose again, finer"
-    points = scan.points_mm[finite[:: max(1, len(finite) // 5000)]]
-    low, high = np.quantile(points, (0.02, 0.98), axis=0)  # stray points must not decide about the unit
-    extent = float(np.max(high - low))
-    edge = jig.edge_mm
-    if extent < edge / 10 and extent > edge / 1e4:
-        return (
-            f"the scan spans {extent:.3g} mm, the jig's edge is {edge:g} mm: the scan seems to be in metres; "
-            "multiply its coordinates by 1000"
-        )
+    extent, edge = extent_of(scan.points_mm), jig.edge_mm
     if extent < edge / 10:
         return f"the scan spans {extent:.3g} mm only, the jig's edge is {edge:g} mm; scan the pose again"
-    if extent > 200 * edge:
+    if extent > MOST_EDGES * edge:
         return (
             f"the scan spans {extent:.4g} mm, {extent / edge:.0f} times the jig's edge of {edge:g} mm; "
             "check that the scan and edge_mm in dataset.toml are both in millimetres"

@@ -20,6 +20,7 @@ _VOXELS_AN_AXIS = 2**20
 _UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _ENOUGH_POINTS = 150_000
 _ENOUGH_A_VOXEL = 6
+_AT_A_TIME = 16_384
 _BLOCK = 4
 _MOST_OF_USUAL = 20
 _SURFACE_SHARE = 0.9  # so that up to nine of ten points may be stray
@@ -128,13 +129,11 @@ def estimate_normals(points_mm: NDArray, neighbours: int = NEIGHBOURS) -> Neighb
     k = min(neighbours, len(points_mm))
     tree = cKDTree(points_mm, balanced_tree=False, compact_nodes=False)
     distance, near = (np.asarray(found) for found in tree.query(points_mm, k=k))
-    local = np.stack([x[near] - x[:, None] for x in np.ascontiguousarray(points_mm.T)])  # (3, V, k)
     kept = max(4, round(TRIM_KEPT * k))
-    plane = _fit_planes(local, np.ones((len(points_mm), k)))
-    for _ in range(2):
-        height = np.abs(np.einsum("cvk,vc->vk", local, plane.normals) - plane.offsets[:, None])
-        cut = np.partition(height, kept - 1, axis=1)[:, kept - 1, None]
-        plane = _fit_planes(local, (height <= cut).astype(float))
+    columns = np.ascontiguousarray(points_mm.T)
+    # Some at a time: their neighbours, side by side, would take half a gigabyte for a scan of a hall.
+    parts = [_trimmed_planes(columns, near, start, kept) for start in range(0, len(near), _AT_A_TIME)]
+    plane = _Planes(*(np.concatenate(part) for part in zip(*parts, strict=True)))
     away = np.sum(plane.normals * points_mm, axis=1, keepdims=True) > 0
     freedom = max(kept - 3, 1) / kept  # the plane takes three degrees of freedom
     thickness = np.sqrt(plane.variances[:, 0] / (_TRIMMED_VARIANCE * freedom))
@@ -147,6 +146,18 @@ def estimate_normals(points_mm: NDArray, neighbours: int = NEIGHBOURS) -> Neighb
         near,
         distance[:, -1],
     )
+
+
+def _trimmed_planes(columns: NDArray, near: NDArray, start: int, kept: int) -> _Planes:
+    """Planes through the neighbourhoods of the points from `start` on. columns  # (3, V), near  # (V, k)"""
+    stop = start + _AT_A_TIME
+    local = np.stack([x[near[start:stop]] - x[start:stop, None] for x in columns])  # (3, B, k)
+    plane = _fit_planes(local, np.ones(local.shape[1:]))
+    for _ in range(2):
+        height = np.abs(np.einsum("cvk,vc->vk", local, plane.normals) - plane.offsets[:, None])
+        cut = np.partition(height, kept - 1, axis=1)[:, kept - 1, None]
+        plane = _fit_planes(local, (height <= cut).astype(float))
+    return plane
 
 
 class _Planes(NamedTuple):

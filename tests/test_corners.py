@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -265,10 +266,47 @@ def test_rows_without_depth_change_nothing() -> None:
     assert np.linalg.norm(corner.xyz_mm - scene.apex_mm) < 4 * scene.bound_mm
 
 
-def test_a_scan_in_metres_is_told() -> None:
-    scene = make_scene(np.random.default_rng(4), 12_000)
-    assert "seems to be in metres" in search(scene.scan.points_mm / 1000).failure
-    assert "millimetres" in search(scene.scan.points_mm, Jig(edge_mm=0.06)).failure
+def in_a_hall(size_mm: float) -> SceneScan:
+    """A jig with as many points on the six walls of a hall about it."""
+    rng = np.random.default_rng(0)
+    scene = make_scene(rng, 20_000)
+    walls = rng.uniform(-0.5 * size_mm, 0.5 * size_mm, (20_000, 3))
+    walls[np.arange(20_000), rng.integers(0, 3, 20_000)] = 0.5 * size_mm * rng.choice([-1.0, 1.0], 20_000)
+    return replace(scene, scan=Scan("hall", np.concatenate([scene.scan.points_mm, walls])))
+
+
+@pytest.mark.parametrize(
+    ("unit", "in_mm", "hall_mm"),
+    [
+        ("metres", 1000.0, None),
+        ("metres", 1000.0, 9e3),
+        ("metres", 1000.0, 2e4),
+        ("inches", 25.4, None),
+        ("inches", 25.4, 600.0),
+        ("centimetres", 10.0, None),
+        ("micrometres", 0.001, None),
+    ],
+)
+def test_a_scan_in_another_unit_is_told_and_not_scaled(
+    unit: str, in_mm: float, hall_mm: float | None
+) -> None:
+    scene = make_scene(np.random.default_rng(1), 12_000) if hall_mm is None else in_a_hall(hall_mm)
+    found = search(scene.scan.points_mm / in_mm)
+    assert found.corner is None
+    assert f"seems to be in {unit}, for with coordinates times {in_mm:g} the jig is found" in found.failure
+    assert np.linalg.norm(search(scene.scan.points_mm).corner.xyz_mm - scene.apex_mm) < 0.1  # type: ignore[union-attr]
+
+
+def test_a_small_scan_without_a_jig_is_given_no_unit_but_a_doubt() -> None:
+    scene = make_scene(np.random.default_rng(1), 12_000)
+    away = scene.scan.points_mm[~np.isin(scene.label, FACE_LABELS)]
+    failure = search(away / 1000).failure
+    assert "seems to be" not in failure
+    assert "taken for metres it shows no jig either: check its unit" in failure
+    assert "unit" not in search(away).failure  # of a scan that is as large as scans are nothing is doubted
+    tip = scene.scan.points_mm[np.linalg.norm(scene.scan.points_mm - scene.apex_mm, axis=1) < 15]
+    assert "seems to be" not in search(tip).failure  # part of the jig, in millimetres
+    assert "or correct edge_mm" in search(scene.scan.points_mm, Jig(edge_mm=0.06)).failure
 
 
 def test_the_wrong_edge_is_told() -> None:
