@@ -32,7 +32,7 @@ _MARGIN_SIGMA = 3.0  # a face's own noise must not carry its points over the edg
 _LEAST_SPREAD = 1 / 200  # standard deviation across the strip of points on a face, of the edge
 SQUARENESS_DEG = 1.0
 MOST_INCIDENCE_DEG = 84.0
-_DEEP = 0.04  # of the edge: nine of ten points nearer to an edge than this are no face's
+_DEEP = 0.035  # of the edge: nine of ten points nearer to an edge than this are no face's
 _ROUGHEST = 10.0  # times the scatter of the other faces; a face seen at 84 deg scatters some 6 times as much
 _ROUGH = 1 / 3000  # of the edge: below this the scatter tells nothing
 
