@@ -66,7 +66,17 @@ def advise(screening: Screening, remains: Remains) -> Advice:
             (),
             f"{left} No effect is missing. Measure those poses again before you leave them out.",
         )
-    return Advice("done", (), f"{left} No effect of the ranking would help: nothing more is missing.")
+    return Advice("done", (), f"{left} {_nothing(screening)}")
+
+
+def _nothing(screening: Screening) -> str:
+    """What "nothing is missing" covers: an effect that these data cannot test is not found absent."""
+    if not screening.candidates:
+        return "These data can test none of the catalogue's effects, so none can be found missing."
+    # A scale of the scanner is left out, which hardly any data can test.
+    blind = sum(silent.name != "scanner_scale" for silent in screening.untestable)
+    known = f", as far as these data can tell: they cannot test {blind} of the effects" if blind else ""
+    return f"No effect of the ranking would help: nothing more is missing{known}."
 
 
 def _listed(names: tuple[str, ...]) -> str:

@@ -20,7 +20,7 @@ from inspector import report_page as page
 from inspector.panels import words
 from inspector.panels.failure import AXES, band_note, input_title, joint_title, shown, turned
 from inspector.panels.fit import PARAMETER_COLUMNS, parameter_rows
-from inspector.panels.learn_html import probability, value_row
+from inspector.panels.learn_html import probability, untestable_words, value_row
 from inspector.plots import correlation_heatmap, pose_residuals
 from inspector.report_content import Look, Report
 from inspector.residual_plots import SELECTED, residual_against
@@ -128,7 +128,7 @@ def ranking(report: Report) -> Parts:
     silent = report.diagnosis.untestable if report.diagnosis else report.ranking.untestable
     if silent:
         out.append(page.paragraph("Cannot be tested with these data:"))
-        out.append(page.bullets(f"{u.name}: {u.why}. To test it: {u.would_help}." for u in silent))
+        out.append(page.bullets(untestable_words(silent)))
     return out
 
 

@@ -138,9 +138,9 @@ class Stage:
         tried: set[int] = set()
         while (pose := self._scanning.next(self.now.pose, tried)) is not None:
             tried.add(pose)
-            started = time.perf_counter()
+            searched, started = pose in self.now.session.needed, time.perf_counter()
             self._work_on(pose)
-            self._search_s += time.perf_counter() - started
+            self._search_s += time.perf_counter() - started if searched else 0.0
             self._show_progress(running=True)
             yield
         self._show_progress(running=False)

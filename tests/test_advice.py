@@ -57,6 +57,18 @@ def test_noise_is_the_end(clean: tuple[Calibration, Screening, Remains]) -> None
     assert left_in_short(remains) == "noise"
 
 
+def test_the_end_says_what_could_not_be_tested(clean: tuple[Calibration, Screening, Remains]) -> None:
+    _, screening, remains = clean
+    only_scale = tuple(u for u in screening.untestable if u.name == "scanner_scale")
+    assert only_scale
+    assert advise(replace(screening, untestable=only_scale), remains).words.endswith(
+        "nothing more is missing."
+    )
+    blind = (*only_scale, replace(only_scale[0], name="backlash"))
+    assert "cannot test 1 of the effects" in advise(replace(screening, untestable=blind), remains).words
+    assert "can test none" in advise(replace(screening, candidates=(), untestable=blind), remains).words
+
+
 def test_each_kind_of_remains_has_its_words(clean: tuple[Calibration, Screening, Remains]) -> None:
     _, screening, remains = clean
     first = replace(remains.inputs[0], input="torque4", p_value=1e-4)

@@ -18,13 +18,14 @@ from app_support import IDLE_S, idle_app, plain, shows
 from calib.dataset_file import load_dataset
 from calib.diagnosis import diagnose
 from calib.next_poses import nearest_rival, poses_between
+from calib.screening import Untestable
 from hidden_dataset import HIDDEN, write_hidden
 from inspector.app import App
 from inspector.cli import main
 from inspector.panels import words
 from inspector.panels.failure import PLACES, input_title
 from inspector.panels.learn import FIND, REDO, REMOVE, UNDO
-from inspector.panels.learn_html import verdict_html
+from inspector.panels.learn_html import untestable_words, verdict_html
 from inspector.residual_plots import SELECTED
 from inspector.scene import ROOT
 from inspector.session import Session
@@ -124,6 +125,15 @@ def test_an_open_verdict_names_the_effects_that_it_leaves_open(folder: Path) -> 
     )
     assert "These data cannot tell which: backlash or joint_scale." in said
     assert "above" not in said  # on the page the reasons come below
+
+
+def test_effects_that_cannot_be_tested_for_the_same_reason_share_a_sentence() -> None:
+    silent = tuple(Untestable(name, "no masses", "weigh the links") for name in ("bending", "sag", "play"))
+    other = Untestable("growth", "no temperature", "write it down")
+    assert untestable_words((*silent[:2], other, silent[2])) == [
+        "bending, sag and play: no masses. To test them: weigh the links.",
+        "growth: no temperature. To test it: write it down.",
+    ]
 
 
 def test_what_cannot_be_fitted_leaves_nothing_of_the_dataset_before(folder: Path, tmp_path: Path) -> None:

@@ -108,10 +108,11 @@ def figures_html(view: View) -> str:
     ]
     floor = noise_floor_mm(view.versions[-1].calibration)
     noise = "not declared" if floor is None else words.millimetres(floor)
+    tested = view.versions[-1].evaluation.test is not None
     return (
         tables.heading("3D errors, mm: RMSE and largest")
         + tables.table(
-            COLUMNS, [*rows, ("noise alone", noise, "–", noise if floor is not None else "–", "–")]
+            COLUMNS, [*rows, ("noise alone", noise, "–", noise if floor is not None and tested else "–", "–")]
         )
         + tables.note("Training poses are fitted; test poses are only predicted.")
     )

@@ -116,6 +116,9 @@ def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
         for c in showing
     ]
     nothing = f"Nothing shows of {words.listing(silent)}." if silent else ""
+    if not showing:
+        none = "No effect of the catalogue can be tested with these data; the reasons are below."
+        return tables.heading("What could be missing from this model") + tables.note(nothing or none)
     return (
         tables.heading("What could be missing from this model")
         + tables.table(
@@ -245,9 +248,18 @@ def untestable_html(untestable: tuple[Untestable, ...]) -> str:
     """What these data cannot speak about, why, and what would help."""
     if not untestable:
         return ""
-    return tables.heading("Cannot be tested with these data") + tables.bullets(
-        f"{u.name}: {u.why}. To test it: {u.would_help}." for u in untestable
-    )
+    return tables.heading("Cannot be tested with these data") + tables.bullets(untestable_words(untestable))
+
+
+def untestable_words(untestable: Sequence[Untestable]) -> list[str]:
+    """A sentence for each reason, with all the effects that it holds for."""
+    names: dict[tuple[str, str], list[str]] = {}
+    for silent in untestable:
+        names.setdefault((silent.why, silent.would_help), []).append(silent.name)
+    return [
+        f"{words.listing(of)}: {why}. To test {'it' if len(of) == 1 else 'them'}: {would_help}."
+        for (why, would_help), of in names.items()
+    ]
 
 
 def probability(p: float) -> str:
