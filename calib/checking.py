@@ -82,7 +82,6 @@ def check(
     dataset: Dataset,
     searches: Mapping[str, CornerSearch] | None = None,
     *,
-    counts: Mapping[str, PointCount] | None = None,
     residual: str = "position",
     max_test_rmse_mm: float | None = None,
     on_step: Callable[[str], None] | None = None,
@@ -91,13 +90,12 @@ def check(
 
     Args:
         searches: of the scans, by pose id, where the points come from them.
-        counts: of the scans' points, by pose id.
         max_test_rmse_mm: what the 3D error of the test poses may be; without it, it has to be less than before.
         on_step: hears a line of words before each stage of the diagnosis.
     """
     findings = [Finding("dataset", None, warning, warning=True) for warning in dataset.warnings]
-    findings += _thin_scans(counts or {})
     if searches:
+        findings += thin_scans({pose: s.count for pose, s in searches.items() if s.count is not None})
         findings.append(_corners(searches))
         dataset = with_corners(dataset, searches, orientation=residual == "pose")
     repeats = find_repeats(dataset)
@@ -122,7 +120,7 @@ def check(
     return Check(dataset, tuple(findings), calibration, repeats, diagnosis)
 
 
-def _thin_scans(counts: Mapping[str, PointCount]) -> list[Finding]:
+def thin_scans(counts: Mapping[str, PointCount]) -> list[Finding]:
     """A warning where scans lose more than half of their points for want of a value."""
     thin = {pose_id: count for pose_id, count in counts.items() if count.share_dropped > HALF}
     if not thin:

@@ -25,6 +25,7 @@ from calib.normals import NEIGHBOURS, Neighbourhoods, estimate_normals, finite_r
 from calib.parallel import as_they_come
 from calib.refinement import RefinementOptions, refine
 from calib.scan import Scan, load_scan
+from calib.scan_counts import PointCount
 from calib.scan_unit import MOST_EDGES, extent_of, with_unit
 
 MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
@@ -61,6 +62,7 @@ class CornerSearch:
     failure: str  # "" or the reason, with numbers and a way out
     seconds: float
     unreadable: bool = False  # the scan's file could not be read at all
+    count: PointCount | None = None  # of the scan's file, where it was read from one
     looks: int = 1  # how often the scan was looked at, each time with other neighbours and more sample sets
 
     def filter_counts(self) -> dict[str, int]:
@@ -233,6 +235,7 @@ def search_file(
     except ScanError as error:
         return _failed(path.stem, str(error), 0.0, unreadable=True)
     search = find_corner(scan, jig, scan_sigma_mm=scan_sigma_mm)
+    search = replace(search, count=PointCount(len(scan.points_mm), scan.dropped))
     return search if intermediate else _brief(search)
 
 

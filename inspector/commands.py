@@ -24,7 +24,6 @@ from calib.measurement import failed_searches, name_faces, require_corners, with
 from calib.points_file import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from calib.robot_file import builtin_robot, load_robot
 from calib.robot_limits import refuse_beyond
-from calib.scan_counts import PointCount, count_points
 from calib.toml_file import write_text_atomically
 from inspector import documents
 from inspector.exports import corners_csv, redundancy_csv
@@ -50,22 +49,23 @@ def run_corners(options: Any) -> int:
     """Scans to corners."""
     dataset = load(options.path)
     check_outputs(dataset, [options.out])
-    searches, counts = _search(dataset, options.processes, count=True)
+    searches = _search(dataset, options.processes)
     require_corners(dataset, searches)
     labelling = name_faces(dataset, searches)
     if options.out is not None:
         found = with_corners(dataset, searches, orientation=labelling if options.orientation else False)
         write_text_atomically(options.out, corners_csv(found))
     failed = failed_searches(searches)
-    words = [f"{search.summary()}{_left_out(counts.get(pose_id))}" for pose_id, search in searches.items()]
+    words = [f"{search.summary()}{_left_out(search)}" for search in searches.values()]
     words.append(f"{len(searches) - len(failed)} of {len(searches)} corners found")
     words.append(labelling.summary())
-    show(options, documents.corners_document(searches, labelling, counts), "\n".join(words))
+    show(options, documents.corners_document(searches, labelling), "\n".join(words))
     return 0
 
 
-def _left_out(count: PointCount | None) -> str:
+def _left_out(search: CornerSearch) -> str:
     """What a scan's line says of rows that have no value; nothing where all have one."""
+    count = search.count
     if count is None or not count.dropped:
         return ""
     return f"; {count.dropped} of its {count.points + count.dropped} points have no value and are left out"
@@ -157,16 +157,15 @@ def run_check(options: Any) -> int:
     results = []
     for folder in find_datasets(options.path):
         dataset = load_dataset(folder)
-        searches, counts = None, None
+        searches = None
         if dataset.points is None:
-            searches, counts = _search(dataset, count=True)
+            searches = _search(dataset)
             require_corners(dataset, searches)
         with stages() as on_step:
             results.append(
                 check(
                     dataset,
                     searches,
-                    counts=counts,
                     residual=options.residual,
                     max_test_rmse_mm=options.max_test_rmse_mm,
                     on_step=on_step,
@@ -198,21 +197,18 @@ def measured(dataset: Dataset, *, orientation: bool = False) -> Dataset:
 
 def searched(dataset: Dataset) -> dict[str, CornerSearch]:
     """The corners in a dataset's scans, by pose; those without one are told on stderr."""
-    searches, _ = _search(dataset)
+    searches = _search(dataset)
     require_corners(dataset, searches)
     for pose_id, reason in failed_searches(searches).items():
         print(f"inspector: warning: {pose_id} has no corner and is left out: {reason}", file=sys.stderr)
     return searches
 
 
-def _search(
-    dataset: Dataset, wanted: int | None = None, *, count: bool = False
-) -> tuple[dict[str, CornerSearch], dict[str, PointCount]]:
-    """The corners by as many processes as wanted; with `count`, what each scan's file holds."""
+def _search(dataset: Dataset, wanted: int | None = None) -> dict[str, CornerSearch]:
+    """The corners by as many processes as wanted."""
     scans = 0 if dataset.scan_folder is None else len(dataset.poses)
     with progress("corners") as on_progress, processes(scans, wanted) as executor:
-        searches = find_corners(dataset, on_progress=on_progress, executor=executor, intermediate=False)
-        return searches, count_points(dataset, executor) if count else {}
+        return find_corners(dataset, on_progress=on_progress, executor=executor, intermediate=False)
 
 
 def show(options: Any, document: dict[str, Any], words: str) -> None:

@@ -28,7 +28,6 @@ from calib.measurement import failed_searches
 from calib.next_poses import splitting_poses
 from calib.redundancy import Redundancy
 from calib.repeatability import repeats_frame
-from calib.scan_counts import PointCount
 from calib.screening import Candidate
 from calib.validation import CrossValidation
 
@@ -52,13 +51,11 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def corners_document(
-    searches: Mapping[str, CornerSearch], labelling: Labelling, counts: Mapping[str, PointCount]
-) -> dict[str, Any]:
+def corners_document(searches: Mapping[str, CornerSearch], labelling: Labelling) -> dict[str, Any]:
     """What `corners --json` prints: the corners with their planes, the jig's orientations, and what failed and why."""
 
     def scan(pose_id: str) -> dict[str, int | None]:
-        count = counts.get(pose_id)
+        count = searches[pose_id].count
         if count is None:
             return {"points": None, "dropped_points": None}
         return {"points": count.points, "dropped_points": count.dropped}

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from arms import dataset_of, jang_arm, perturbed
-from calib.checking import Finding, check
+from calib.checking import Finding, check, thin_scans
+from calib.corners import find_corners, search_file
 from calib.dataset import Dataset, Scanner
-from calib.dataset_file import write_dataset
+from calib.dataset_file import load_dataset, write_dataset
 from calib.jig import Jig
 from calib.scan import write_scan
-from calib.scan_counts import PointCount, count_points
+from calib.scan_counts import PointCount
 from calib.scan_file import READERS
 from inspector.cli import main
 from scan_scene import make_scene
@@ -114,7 +115,7 @@ def test_what_to_look_at_is_a_warning_and_in_the_json(
 def test_scans_that_lose_more_than_half_of_their_points_are_a_warning() -> None:
     def told(**counts: tuple[int, int]) -> list[str]:
         given = {pose: PointCount(*count) for pose, count in counts.items()}
-        return [f.words for f in check(measured(), counts=given).findings if f.name == "scans"]
+        return [f.words for f in thin_scans(given)]
 
     assert told(p1=(100, 0), p2=(100, 100)) == []
     (words,) = told(p1=(100, 0), p2=(100, 101), p3=(10, 90))
@@ -162,19 +163,17 @@ def test_check_warns_of_a_scan_without_most_of_its_points(
 
 
 def test_a_scan_that_cannot_be_read_is_not_counted(scans: Path) -> None:
-    from calib.dataset_file import load_dataset
-
     (scans / "scans" / "p0001.xyz").write_text("no numbers here\n")
-    assert list(count_points(load_dataset(scans))) == ["p0000", "p0002"]
+    searches = find_corners(load_dataset(scans), intermediate=False)
+    counts = {pose_id: search.count for pose_id, search in searches.items()}
+    assert counts["p0001"] is None
+    assert counts["p0000"] is not None
+    assert counts["p0000"].dropped == 0
+    assert counts["p0002"] is not None
+    assert counts["p0002"].dropped == 9000
 
 
 def test_written_scans_lose_nothing(tmp_path: Path) -> None:
     scan = make_scene(np.random.default_rng(0), 500).scan
     write_scan(tmp_path / "a.ply", scan)
-    robot = jang_arm()
-    dataset = dataset_of(robot, robot, np.random.default_rng(0), poses=1, test=0)
-    there = replace(
-        dataset, folder=tmp_path, scan_folder=".", poses=replace(dataset.poses, scan_names=("a.ply",))
-    )
-    (count,) = count_points(there).values()
-    assert count == PointCount(len(scan.points_mm), 0)
+    assert search_file(tmp_path / "a.ply", Jig()).count == PointCount(len(scan.points_mm), 0)
