@@ -109,7 +109,7 @@ class Stage:
             session = self._sessions.get(name) or sessions.open_session(self._folders[name])
         except CalibError:
             if self.view is None:
-                self.review.show_progress(0, 0, 0, running=False)
+                self.review.show_progress(0, 0, running=False)
             elif self.name:
                 put(self.review.dataset, self.name)
             raise
@@ -206,14 +206,13 @@ class Stage:
 
     def _show_progress(self, *, running: bool) -> None:
         searches = self.now.session.searches
-        failed = sum(bool(search.failure) for search in searches.values())
-        corners = [search.corner for search in searches.values() if search.corner is not None]
+        known = [(i, searches[i]) for i in self.now.session.dataset.poses.ids if i in searches]
         measured = self.now.session.dataset.points is not None
         self.review.show_progress(
             len(searches),
             0 if measured else self.now.session.scans,
-            failed,
-            doubtful=sum(bool(corner.quality.doubts()) for corner in corners),
+            [i for i, search in known if search.failure],
+            [i for i, search in known if search.corner is not None and search.corner.quality.doubts()],
             running=running,
             seconds=self._search_s or None,
         )

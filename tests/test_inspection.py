@@ -97,7 +97,9 @@ def test_doubts_are_told_in_the_list_beside_the_pose_and_in_the_progress(app: Ap
     states = [str(corner_state(view(app), i)) for i in range(POSES)]
     assert states.count("found") >= POSES - 5
     doubtful = sum("doubt" in state for state in states)
-    shows(page, f"{POSES - 2} of {POSES} corners found", f"2 failed, {doubtful} with doubts")
+    ids = view(app).session.dataset.poses.ids
+    shows(page, f"{POSES - 2} of {POSES} corners found", f"2 failed ({ids[BROKEN]}, {ids[FEW]})")
+    shows(page, f"{doubtful} with doubts ({ids[NOISY]}")
     told = corner_html(view(app, NOISY))
     assert told.index(doubts[0][:30]) < told.index("scanner frame")  # before the figures
     app.select(NOISY)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import viser
 
 from inspector import tables
@@ -171,31 +173,28 @@ class ReviewPanel:
         self,
         done: int,
         total: int,
-        failed: int,
+        failed: Sequence[str] = (),
+        doubtful: Sequence[str] = (),
         *,
-        doubtful: int = 0,
         running: bool,
         seconds: float | None = None,
     ) -> None:
-        """How far the search through the scans has come."""
+        """How far the search through the scans has come; ids of poses whose corner failed or has doubts."""
         if total == 0:
             self.progress_text.content = tables.note(
                 "No scans to search: the points were measured (points.csv)."
             )
             self.progress.visible = self.search.visible = False
             return
-        failures = f", {failed} failed" if failed else ""
-        if doubtful:
-            failures += f", {doubtful} with doubts"
-        if (failed or doubtful) and not running:
-            failures += " (listed in the tab Scans)"
+        failures = f", {len(failed)} failed ({few(failed)})" if failed else ""
+        failures += f", {len(doubtful)} with doubts ({few(doubtful)})" if doubtful else ""
         if running:
             text = f"Searching corners: {done} of {total} scans{failures}"
         elif done < total:
             text = f"Stopped: {done} of {total} scans searched{failures}"
         else:
             took = f" in {seconds:.0f} s" if seconds is not None else ""
-            text = f"{done - failed} of {total} corners found{took}{failures}"
+            text = f"{done - len(failed)} of {total} corners found{took}{failures}"
         colour = FAILED if failed else DOUBT if doubtful else ""
         self.progress_text.content = (
             tables.alert(text, colour=colour) if colour and not running else tables.note(text)
@@ -218,6 +217,14 @@ class ReviewPanel:
     def show_problem(self, text: str) -> None:
         """The last thing that went wrong, so that it outlives its notification."""
         self._problem.content = tables.alert(text) if text else ""
+
+
+def few(names: Sequence[str], most: int = 3) -> str:
+    """ "p1, p2, p3 …": the first of many, each short."""
+    shown = [
+        name if len(name) <= tables.LONG_NAME else f"{name[: tables.LONG_NAME - 1]}…" for name in names[:most]
+    ]
+    return ", ".join(shown) + (" …" if len(names) > most else "")
 
 
 def roles_legend() -> str:
