@@ -109,7 +109,7 @@ class Stage:
             session = self._sessions.get(name) or sessions.open_session(self._folders[name])
         except CalibError:
             if self.view is None:
-                self.review.show_progress(0, 0, running=False)
+                self.review.show_nothing()
             elif self.name:
                 put(self.review.dataset, self.name)
             raise

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -409,6 +410,14 @@ def test_a_dataset_that_cannot_be_read_is_told_and_the_old_one_stays(
     assert session(app).dataset.name == "cell"
     page.trigger("Next pose")
     shows(page, f"2 of {POSES}")
+
+
+def test_where_no_dataset_can_be_opened_the_page_says_so(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "points", tmp_path / "only")
+    (tmp_path / "only" / "poses.csv").write_text("pose,role\n")
+    with idle_app(tmp_path) as app, WireClient(app.server.get_port()) as page:
+        shows(page, "poses.csv", "No dataset is open")
+        assert "No scans to search" not in plain(page)
 
 
 def test_our_own_bug_is_told_too(app: App, page: WireClient, monkeypatch: pytest.MonkeyPatch) -> None:

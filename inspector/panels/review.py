@@ -41,6 +41,7 @@ LOOK_LAYERS = {
     "Distance": {"distance", "jig"},
     "Arm": {"corners", "residuals", "predicted", "arm", "scanner"},
 }
+NOTHING_OPEN = "No dataset is open: choose another one, or mend this one and start the program again."
 PREVIOUS, NEXT = "◀ Previous", "Next ▶"
 
 
@@ -168,6 +169,11 @@ class ReviewPanel:
             said = f"found, {words.count(doubts, 'doubt')}: see the tab Corner"
             rows.append(("corner", tables.named_swatch(DOUBT, said) if doubts else "found"))
         return tables.facts(rows) + alert
+
+    def show_nothing(self) -> None:
+        """No dataset could be opened; the reason stands above."""
+        self.progress_text.content = tables.note(NOTHING_OPEN)
+        self.progress.visible = self.search.visible = False
 
     def show_progress(
         self,
