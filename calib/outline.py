@@ -22,7 +22,7 @@ _SOLID = 0.5  # of the points that a cell of a surface has: behind that many, ot
 _NEAR_POINT = 0.8  # spacings; a square grid leaves no place farther than 0.71 from a point
 # Margins to choose from, of the edge.
 _RINGS = (1 / 200, 1 / 120, 1 / 80, 1 / 60, 1 / 40, 1 / 30, 1 / 20, 1 / 12)
-_RING_SIGMA = 3.0  # mean height of a ring of points along the edges that tells rounding from noise
+_RING_SIGMA = 3.5  # mean height of a ring of points along the edges that tells rounding from noise
 _FARTHEST = 4.0  # standard deviations of the points across a face
 _PEELINGS = 4
 
