@@ -218,8 +218,7 @@ def test_two_pages_that_press_at_once_end_up_alike(app: App, page: WireClient) -
         page.click(ADD)
         shows(other, f"link errors + {HIDDEN}", "nothing more is missing")
         assert app.worker.wait_idle(IDLE_S)
-        page.wait(lambda p: p.text() == other.text())
-        assert page.figures() == other.figures()
+        page.wait(lambda p: p.text() == other.text() and p.figures() == other.figures())
         assert not page.notifications
         assert not other.notifications
 
