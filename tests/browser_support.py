@@ -59,11 +59,11 @@ def open_page(running: Any, url: str, width: int = 1280, height: int = 720) -> I
     """A page on the app, once its panel is there; its own scripts must not fail while it is open."""
     page = running.new_page(viewport={"width": width, "height": height})
     problems: list[str] = []
-    page.on("pageerror", lambda error: problems.append(str(error)))
+    page.on("pageerror", lambda error: problems.append(f"{error}: {error.stack}"))
     page.goto(f"{url}/?fixedDpr=1&hideViserLogo")
     page.get_by_role("tab", name="Measure").wait_for(timeout=60_000)
     yield page
-    assert problems == []
+    assert not problems, "\n".join(problems)
     page.close()
 
 
