@@ -22,6 +22,8 @@ FLAGS = (  # software rendering in a container without GPU, sandbox or much shar
     "--disable-background-networking",
     "--disable-dev-shm-usage",
 )
+# Plotly's complaint where a plot is replaced while its margins are still laid out, on a slow machine; the new one stands.
+REPLACED_PLOT = "_redrawFromAutoMarginCount"
 MS = 30_000  # the longest that something on the page is waited for
 
 
@@ -59,7 +61,12 @@ def open_page(running: Any, url: str, width: int = 1280, height: int = 720) -> I
     """A page on the app, once its panel is there; its own scripts must not fail while it is open."""
     page = running.new_page(viewport={"width": width, "height": height})
     problems: list[str] = []
-    page.on("pageerror", lambda error: problems.append(f"{error}: {error.stack}"))
+
+    def fails(error: Any) -> None:
+        if REPLACED_PLOT not in str(error):
+            problems.append(f"{error}: {error.stack}")
+
+    page.on("pageerror", fails)
     page.goto(f"{url}/?fixedDpr=1&hideViserLogo")
     page.get_by_role("tab", name="Measure").wait_for(timeout=60_000)
     yield page
