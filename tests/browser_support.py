@@ -22,7 +22,7 @@ FLAGS = (  # software rendering in a container without GPU, sandbox or much shar
     "--disable-background-networking",
     "--disable-dev-shm-usage",
 )
-# Plotly's complaint where a plot is replaced while its margins are still laid out, on a slow machine; the new one stands.
+# What Plotly says where a plot is replaced while its margins are being laid out, on a slow machine; the new one stands.
 REPLACED_PLOT = "_redrawFromAutoMarginCount"
 MS = 30_000  # the longest that something on the page is waited for
 
