@@ -31,9 +31,9 @@ from calib.scan_unit import MOST_EDGES, extent_of, with_unit
 MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
 MOST_CHOICES = 4  # triples of planes that are refined before the search gives up
 _EDGE_VOXELS = 28  # voxels along the jig's edge
+_POINTS_A_SET = 8  # thinned points: a wide scene takes more sets, or few would fall on the jig
 # Where the first look at a scan finds no jig, others follow: neighbours of a normal, how many times the sample sets.
 # Few neighbours fit into a narrow or sparsely seen face, many sets meet a jig that is a small part of the scan.
-_POINTS_A_SET = 8  # thinned points: a wide scene takes more sets, or few would fall on the jig
 _LOOKS = ((NEIGHBOURS, 1), (9, 4), (NEIGHBOURS, 12))
 
 

@@ -22,7 +22,6 @@ from calib.errors import FitError
 from calib.labelling import Labelling
 from calib.measurement import with_corners
 from calib.robot_file import builtin_robot
-from calib.scan_simulation import ScanModel
 from calib.simulation import simulate_dataset, write_simulation
 from inspector import session as sessions
 from inspector.app import App, serving
@@ -31,6 +30,7 @@ from inspector.exports import corners_csv
 from inspector.panels import words
 from inspector.session import GEOMETRY, Session
 from inspector.session_file import load_session, opening, reopened, save_session
+from tiny_dataset import scanned_cell
 from wire_client import WireClient
 
 POSES = 14
@@ -40,14 +40,7 @@ POSES = 14
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """`cell` has scans; `contradicted` the same ones with joint 6 turning the wrong way; `points` places only."""
     folder = tmp_path_factory.mktemp("datasets")
-    made = simulate_dataset(
-        builtin_robot("rb5"),
-        rng=np.random.default_rng(2),
-        poses=POSES,
-        scans=True,
-        name="cell",
-        scan_model=ScanModel(points=3000, window_mm=80.0),
-    )
+    made = scanned_cell(POSES)
     write_simulation(made, folder / "cell", truth_path=folder / "truth.json")
     shutil.copytree(folder / "cell", folder / "contradicted")
     poses = pd.read_csv(folder / "cell" / "poses.csv")

@@ -11,23 +11,28 @@ from calib.dataset_file import write_dataset
 from calib.robot_file import builtin_robot
 from calib.scan import Scan, load_scan, write_scan
 from calib.scan_simulation import ScanModel
-from calib.simulation import simulate_dataset, write_simulation
+from calib.simulation import Simulation, simulate_dataset, write_simulation
 
 POSES = 16
 BROKEN = 4  # index of the pose whose scan misses the jig
 HOSTILE = '<img src=x onerror="window.pwned=1"> & <b>p2</b>'
 
 
-def write_tiny(folder: Path) -> Path:
-    """`folder` with the datasets `cell` (scans, one of them without the jig) and `points` (no scans, odd names)."""
-    simulation = simulate_dataset(
+def scanned_cell(poses: int) -> Simulation:
+    """A dataset `cell` of coarse scans."""
+    return simulate_dataset(
         builtin_robot("rb5"),
         rng=np.random.default_rng(2),
-        poses=POSES,
+        poses=poses,
         scans=True,
         name="cell",
         scan_model=ScanModel(points=3000, window_mm=80.0),
     )
+
+
+def write_tiny(folder: Path) -> Path:
+    """`folder` with the datasets `cell` (scans, one of them without the jig) and `points` (no scans, odd names)."""
+    simulation = scanned_cell(POSES)
     write_simulation(simulation, folder / "cell", truth_path=folder / "truth" / "cell.json")
     broken = folder / "cell" / "scans" / simulation.dataset.poses.scan_names[BROKEN]
     points = load_scan(broken).points_mm
