@@ -82,9 +82,8 @@ def _occupied(points_mm: NDArray, voxel_mm: float) -> tuple[NDArray, NDArray]:
     cell = np.floor(cells).astype(np.int64)
     cell -= cell.min(axis=0)
     first, count = _first_of_each(_keys(cell))
-    count = np.minimum(
-        count, _MOST_OF_USUAL * np.median(count)
-    )  # thousands of points in one place are no surface
+    # Thousands of points in one place are no surface: pixels without depth at the scanner's own, say.
+    count = np.minimum(count, _MOST_OF_USUAL * np.median(count))
     block = np.unique(_keys(cell[first] // _BLOCK), return_inverse=True)[1].ravel()
     around = np.bincount(block, count)[block]
     dense = np.argsort(around)

@@ -18,7 +18,7 @@ from calib.plane_fit import TUKEY, PlaneFit
 _CELLS = 12  # cells along an edge when a face's area is counted
 _TRIANGLE_CELLS = _CELLS * (_CELLS - 1) // 2  # whole cells in the triangle
 _COLLAR = 0.25  # of the edge
-_SOLID = 0.5  # of the points that a cell of a surface has: behind that many, other views saw what is there
+_SOLID = 0.5  # of the points that a cell of a surface has; nobody sees through so many
 _NEAR_POINT = 0.8  # spacings; a square grid leaves no place farther than 0.71 from a point
 # Margins to choose from, of the edge.
 _RINGS = (1 / 200, 1 / 120, 1 / 80, 1 / 60, 1 / 40, 1 / 30, 1 / 20, 1 / 12)
@@ -106,7 +106,8 @@ def outline_shares(
     the plane cuts. What spills does so in a collar around the triangle; farther off the plane may graze something else.
     through_mm  # (M, 2) where the rays of points behind the plane went through it. All areas are
     counted in cells of a twelfth of the edge, so that the density of the points does not matter; a cell with more
-    points behind it than on it is seen through. In a scan whose points are `spacing_mm` apart a cell between two of
+    points behind it than on it is seen through, unless it has half of the points that a surface has there: what lies
+    behind that was seen from elsewhere, as in a mesh of several views. In a scan whose points are `spacing_mm` apart a cell between two of
     them is filled too.
     """
     on, behind = np.zeros((2, 2 * _CELLS, 2 * _CELLS), dtype=np.int64)
