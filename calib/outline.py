@@ -104,11 +104,12 @@ def outline_shares(
     along_mm  # (K, 2) coordinates of the plane's points along the face's two edges, from the apex; agrees  # (K,)
     whether a point's own normal is that of the plane, without which it is not counted as spilt: it may belong to what
     the plane cuts. What spills does so in a collar around the triangle; farther off the plane may graze something else.
-    through_mm  # (M, 2) where the rays of points behind the plane went through it. All areas are
-    counted in cells of a twelfth of the edge, so that the density of the points does not matter; a cell with more
-    points behind it than on it is seen through, unless it has half of the points that a surface has there: what lies
-    behind that was seen from elsewhere, as in a mesh of several views. In a scan whose points are `spacing_mm` apart a cell between two of
-    them is filled too.
+    through_mm  # (M, 2) where the rays of points behind the plane went through it.
+
+    All areas are counted in cells of a twelfth of the edge, so that the density of the points does not matter. A cell
+    with more points behind it than on it is seen through, unless it has half of the points that a surface has there:
+    what lies behind that was seen from elsewhere, as in a mesh of several views. In a scan whose points are
+    `spacing_mm` apart a cell between two of them is filled too.
     """
     on, behind = np.zeros((2, 2 * _CELLS, 2 * _CELLS), dtype=np.int64)
     a, b = along_mm.T / edge_mm
