@@ -36,12 +36,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+sys.path.insert(0, str(ROOT))
 
-from calib.corners import find_corner  # noqa: E402
-from calib.intersection import intersect  # noqa: E402
-from scan_cases import CASES, Case  # noqa: E402
-from scan_scene import SceneScan  # noqa: E402
+from calib.corners.intersection import intersect  # noqa: E402
+from calib.corners.search import find_corner  # noqa: E402
+from tests.support.scan_cases import CASES, Case  # noqa: E402
+from tests.support.scan_scene import SceneScan  # noqa: E402
 
 Found = tuple[NDArray, NDArray | None] | None
 

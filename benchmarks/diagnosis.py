@@ -27,15 +27,15 @@ import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from calib.calibration import calibrate
-from calib.dataset import Dataset, Points, Scanner
-from calib.diagnosis import diagnose, effects_named
+from calib.calibration.calibrate import calibrate
+from calib.dataset.dataset import Dataset, Points, Scanner
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.diagnosis.stepwise import diagnose, effects_named
 from calib.errors import CalibError
-from calib.robot_file import builtin_robot
-from calib.simulation import Simulation, simulate_dataset
-from calib.true_arm import OUTSIDE_EFFECTS, SIMULATED_EFFECTS
-from calib.true_mechanism import Conditions
-from calib.truth import scanner_T_target
+from calib.simulation.simulate import Simulation, simulate_dataset
+from calib.simulation.truth.arm_sampling import OUTSIDE_EFFECTS, SIMULATED_EFFECTS
+from calib.simulation.truth.equilibrium import scanner_T_target
+from calib.simulation.truth.mechanism import Conditions
 
 NOISE_MM = 0.05
 POSES = 80  # of which 16 are held out

@@ -31,18 +31,18 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from simulated import random_q
 
-from calib.calibration import calibrate
-from calib.dataset import Dataset
+from calib.calibration.calibrate import calibrate
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import FitError
+from calib.fitting.model import geometric_model
+from calib.fitting.observations import Observations, conditions_at
+from calib.fitting.pose_residuals import PoseResiduals
+from calib.fitting.position_residuals import PositionResiduals
 from calib.frames import apply, make_transform, skew
-from calib.knowable import structural_rank
-from calib.model import geometric_model
-from calib.observations import Observations, conditions_at
-from calib.pose_residuals import PoseResiduals
-from calib.residuals import PositionResiduals
-from calib.robot_file import builtin_robot
-from calib.simulation import simulate_dataset
-from calib.truth import Truth, scanner_T_target
+from calib.identifiability.structural import structural_rank
+from calib.simulation.simulate import simulate_dataset
+from calib.simulation.truth.equilibrium import Truth, scanner_T_target
 
 INSTRUMENTS = {"0.05 mm, 0.1 mrad": (0.05, 1e-4), "0.003 mm, 0.04 mrad": (0.003, 4e-5)}
 

@@ -37,15 +37,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+sys.path.insert(0, str(ROOT))
 
-from calib.corners import MIN_POINTS, find_corner  # noqa: E402
-from calib.dataset_file import load_dataset  # noqa: E402
+from calib.corners.search import MIN_POINTS, find_corner  # noqa: E402
+from calib.dataset.files.folder import load_dataset  # noqa: E402
 from calib.errors import CalibError  # noqa: E402
 from calib.jig import Jig  # noqa: E402
-from calib.scan import load_scan  # noqa: E402
-from scan_mutations import CLOUDS, MUTATIONS, WRITERS  # noqa: E402
-from scan_scene import SceneScan, make_scene  # noqa: E402
+from calib.scans.scan import load_scan  # noqa: E402
+from tests.support.scan_mutations import CLOUDS, MUTATIONS, WRITERS  # noqa: E402
+from tests.support.scan_scene import SceneScan, make_scene  # noqa: E402
 
 DATASET = ROOT / "sample_data" / "hidden_effect_a"
 TABLES = ("dataset.toml", "robot.toml", "poses.csv", "points.csv")

@@ -17,13 +17,13 @@ import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from calib.calibration import calibrate
-from calib.dataset import Dataset
-from calib.diagnosis import diagnose, effects_named
+from calib.calibration.calibrate import calibrate
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.diagnosis.screening import screen
+from calib.diagnosis.stepwise import diagnose, effects_named
 from calib.effects.catalogue import effects_for
-from calib.robot_file import builtin_robot
-from calib.screening import screen
-from calib.simulation import simulate_dataset
+from calib.simulation.simulate import simulate_dataset
 
 COUNTS = (64, 1000, 10000)
 

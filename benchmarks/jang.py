@@ -16,12 +16,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from calib.calibration import calibrate
-from calib.corners import find_corners
-from calib.dataset import Dataset
-from calib.dataset_file import load_dataset
-from calib.measurement import with_corners
-from calib.repeatability import repeats_of
+from calib.calibration.calibrate import calibrate
+from calib.corners.search import find_corners
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import load_dataset
+from calib.dataset.repeats import repeats_of
+from calib.measurement.measured_points import with_corners
 
 ROOT = Path(__file__).resolve().parents[1]
 REFERENCE = ROOT / "tests" / "reference"

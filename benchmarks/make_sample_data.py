@@ -13,24 +13,24 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from calib.dataset import Poses
+from calib.dataset.dataset import Poses
+from calib.dataset.files.robot_toml import builtin_robot
 from calib.frames import apply
-from calib.kinematics import forward
-from calib.pose_design import place_scanner, reach_apexes, scan_poses, spread_poses
-from calib.robot import Robot
-from calib.robot_file import builtin_robot
-from calib.scan_simulation import ScanModel
-from calib.simulation import Simulation, measure, rounded, simulate_dataset, write_simulation
-from calib.true_arm import draw_truth
-from calib.true_loads import JointCompliance
-from calib.truth import Truth, scanner_T_target
+from calib.kinematics.chain import forward
+from calib.kinematics.robot import Robot
+from calib.simulation.pose_design import place_scanner, reach_apexes, scan_poses, spread_poses
+from calib.simulation.scanner import ScanModel
+from calib.simulation.simulate import Simulation, measure, rounded, simulate_dataset, write_simulation
+from calib.simulation.truth.arm_sampling import draw_truth
+from calib.simulation.truth.equilibrium import Truth, scanner_T_target
+from calib.simulation.truth.load_effects import JointCompliance
 
 ROOT = Path(__file__).resolve().parents[1]
 
 JANG_SEED, REPEATS_SEED = 3, 11
 HIDDEN_SEEDS = {"hidden_effect_a": 31, "hidden_effect_b": 32, "hidden_effect_c": 33}
 
-# What is hidden, and how large: visible rms a coordinate, in sigmas of the noise (calib.true_visible).
+# What is hidden, and how large: visible rms a coordinate, in sigmas of the noise (calib.simulation.truth.visibility).
 HIDDEN: dict[str, tuple[str, tuple[tuple[str, float], ...]]] = {
     "hidden_effect_a": ("rb5", (("transmission_error", 4.0),)),
     "hidden_effect_b": ("panda", (("joint_compliance", 5.0), ("backlash", 3.0))),

@@ -30,12 +30,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+sys.path.insert(0, str(ROOT))
 
-from calib.corners import find_corners  # noqa: E402
-from calib.dataset_file import load_dataset  # noqa: E402
-from calib.scan import Scan, write_scan  # noqa: E402
-from scan_scene import make_scene  # noqa: E402
+from calib.corners.search import find_corners  # noqa: E402
+from calib.dataset.files.folder import load_dataset  # noqa: E402
+from calib.scans.scan import Scan, write_scan  # noqa: E402
+from tests.support.scan_scene import make_scene  # noqa: E402
 
 SCENES = 8
 SEEN = 0.92  # share of the rays that give a point

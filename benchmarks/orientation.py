@@ -2,7 +2,7 @@
 
     python benchmarks/orientation.py [--scans 20] [--points 12000 50000 200000] [--cases NAME ...]
 
-Scans are those of the product's simulator (`calib.scan_simulation`): a jig 60 mm along its edges some 700 mm away,
+Scans are those of the product's simulator (`calib.simulation.scanner`): a jig 60 mm along its edges some 700 mm away,
 tilted by up to 22 degrees, with flange, arm, wall and table, noise along the ray of
 0.02 mm (0.5 + 0.5 / cos^2 incidence), flying pixels and dropouts. The bound of each scan is that of three planes whose
 offsets are free and whose normals stand as the jig's angles say, every point of a face weighted by its true noise; it
@@ -28,13 +28,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT)]
+sys.path.insert(0, str(ROOT))
 
-from calib.corners import find_corner  # noqa: E402
+from calib.corners.orientation import candidates, jig_normals  # noqa: E402
+from calib.corners.search import find_corner  # noqa: E402
 from calib.frames import make_transform  # noqa: E402
 from calib.jig import Jig  # noqa: E402
-from calib.orientation import candidates, jig_normals  # noqa: E402
-from calib.scan_simulation import ScanModel, SimulatedScan, simulate_scan  # noqa: E402
+from calib.simulation.scanner import ScanModel, SimulatedScan, simulate_scan  # noqa: E402
 
 CASES = {
     "square": (Jig(), ScanModel()),
@@ -69,7 +69,7 @@ def bound_covariance(seen: SimulatedScan) -> NDArray:
 
 
 def true_rotation(seen: SimulatedScan, jig: Jig) -> NDArray:
-    """scanner_R_jig (3, 3) of the frame that `calib.orientation` defines."""
+    """scanner_R_jig (3, 3) of the frame that `calib.corners.orientation` defines."""
     return np.asarray(seen.normals.T @ np.linalg.inv(jig_normals(jig.face_angles_deg)))
 
 

@@ -33,11 +33,11 @@ os.environ["OMP_NUM_THREADS"] = "1"  # before numpy and Open3D are loaded
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+sys.path.insert(0, str(ROOT))
 
-from calib.corners import CornerSearch, find_corner  # noqa: E402
-from mesh_cases import KINDS  # noqa: E402
-from mesh_scene import MeshScan  # noqa: E402
+from calib.corners.search import CornerSearch, find_corner  # noqa: E402
+from tests.support.mesh_cases import KINDS  # noqa: E402
+from tests.support.mesh_scene import MeshScan  # noqa: E402
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+sys.path.insert(0, str(ROOT))
 
-from wire_client import WireClient  # noqa: E402
+from tests.support.wire_client import WireClient  # noqa: E402
 
 LONG_S = 3600.0
 SWITCHES = 20  # poses turned to
@@ -68,7 +68,7 @@ class Server:
 
 def serve(path: Path) -> None:
     """The server's process."""
-    from inspector.app import serving
+    from inspector.app.app import serving
 
     with serving(path, port=0) as app:
         print(app.server.get_port(), flush=True)
@@ -173,10 +173,10 @@ def write_scans(folder: Path, points: int, count: int) -> None:
     """A dataset of `count` scans of a corner whose three faces look at the scanner."""
     from scipy.spatial.transform import Rotation
 
-    from calib.dataset_file import write_dataset
-    from calib.robot_file import builtin_robot
-    from calib.scan import Scan, write_scan
-    from calib.simulation import simulate_dataset
+    from calib.dataset.files.folder import write_dataset
+    from calib.dataset.files.robot_toml import builtin_robot
+    from calib.scans.scan import Scan, write_scan
+    from calib.simulation.simulate import simulate_dataset
 
     rng = np.random.default_rng(5)
     dataset = simulate_dataset(builtin_robot("rb5"), rng=rng, poses=count, name="dense").dataset

@@ -15,16 +15,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-TESTS = Path(__file__).resolve().parents[1] / "tests"
-sys.path.insert(0, str(TESTS))
-from arms import dataset_of, park_arm, perturbed  # noqa: E402
-from calib.knowable import redundancy  # noqa: E402
-from calib.model import geometric_model  # noqa: E402
-from calib.observations import Observations  # noqa: E402
-from calib.residuals import PositionResiduals  # noqa: E402
-from calib.robot import Robot  # noqa: E402
-from calib.solver import solve  # noqa: E402
-from test_solver import PANDA_CASES, RB5_CASES  # noqa: E402
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+from calib.fitting.model import geometric_model  # noqa: E402
+from calib.fitting.observations import Observations  # noqa: E402
+from calib.fitting.position_residuals import PositionResiduals  # noqa: E402
+from calib.fitting.trust_region import solve  # noqa: E402
+from calib.identifiability.structural import redundancy  # noqa: E402
+from calib.kinematics.robot import Robot  # noqa: E402
+from tests.support.arms import PANDA_CASES, RB5_CASES, REFERENCE, dataset_of, park_arm, perturbed  # noqa: E402
 
 SEEDS = 100
 
@@ -41,7 +40,7 @@ def rmse_mm(robot: Robot, eliminated: str, seed: int) -> list[float]:
 
 def table_7_or_8(arm: str, cases: tuple[str, ...], file: str) -> None:
     """RMSE and iterations of each elimination case."""
-    with (TESTS / "reference" / file).open() as stream:
+    with (REFERENCE / file).open() as stream:
         paper = list(csv.DictReader(stream))
     columns = [c for c in paper[0] if c != "iteration"]
     print(

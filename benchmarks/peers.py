@@ -37,14 +37,14 @@ from simulated import NOISE_MM, Array, random_q, rms_3d, ur10  # isort: skip  (s
 from peer_worker import along, mdh_of, spin
 
 from calib import frames
-from calib.calibration import calibrate
-from calib.dataset import Dataset, Points, Poses, Scanner
-from calib.dataset_file import load_dataset
-from calib.model import geometric_model
-from calib.observations import Observations
-from calib.residuals import PositionResiduals
-from calib.robot import Robot, Tool
-from calib.solver import solve
+from calib.calibration.calibrate import calibrate
+from calib.dataset.dataset import Dataset, Points, Poses, Scanner
+from calib.dataset.files.folder import load_dataset
+from calib.fitting.model import geometric_model
+from calib.fitting.observations import Observations
+from calib.fitting.position_residuals import PositionResiduals
+from calib.fitting.trust_region import solve
+from calib.kinematics.robot import Robot, Tool
 
 WORKER = Path(__file__).with_name("peer_worker.py")
 # The tool's point lies off the last axis, as robotkinecal's documentation asks.

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.dataset import Dataset
-from calib.evaluation import evaluate
-from calib.model import Model
-from calib.observations import Observations
-from calib.residuals import PositionResiduals
+from calib.calibration.evaluation import evaluate
+from calib.dataset.dataset import Dataset
+from calib.fitting.model import Model
+from calib.fitting.observations import Observations
+from calib.fitting.position_residuals import PositionResiduals
 
 Array = NDArray[np.float64]
 Linearise = Callable[[Array], tuple[Array, Array]]

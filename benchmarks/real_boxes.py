@@ -26,12 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+sys.path.insert(0, str(ROOT))
 
-from calib.corners import find_corner  # noqa: E402
-from calib.intersection import intersect  # noqa: E402
+from calib.corners.intersection import intersect  # noqa: E402
+from calib.corners.search import find_corner  # noqa: E402
 from calib.jig import Jig  # noqa: E402
-from calib.scan import Scan  # noqa: E402
+from calib.scans.scan import Scan  # noqa: E402
 
 FIRST_OBJECT = 20  # labels below are the table's
 SQUARE_DEG = 8.0  # a Kinect bends planes

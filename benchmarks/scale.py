@@ -32,13 +32,13 @@ def child(count: int, residual: str) -> None:
     """One count, in this process: a line of JSON."""
     from simulated import NOISE_MM, anywhere, measured, off_by, random_q
 
-    from calib.calibration import calibrate
-    from calib.model import geometric_model
-    from calib.observations import Observations
-    from calib.residuals import make_residuals
-    from calib.robot_file import builtin_robot
-    from calib.solver import solve
-    from calib.truth import Truth
+    from calib.calibration.calibrate import calibrate
+    from calib.dataset.files.robot_toml import builtin_robot
+    from calib.fitting.model import geometric_model
+    from calib.fitting.observations import Observations
+    from calib.fitting.position_residuals import make_residuals
+    from calib.fitting.trust_region import solve
+    from calib.simulation.truth.equilibrium import Truth
 
     rng = np.random.default_rng(7)
     robot = builtin_robot("rb5")
@@ -77,7 +77,7 @@ def joined(parts: list, train: int):  # type: ignore[no-untyped-def]
     """Datasets of one arm as one; poses beyond the first `train` are for testing."""
     from dataclasses import replace
 
-    from calib.dataset import Points, Poses
+    from calib.dataset.dataset import Points, Poses
 
     q = np.concatenate([part.poses.q for part in parts])
     points = np.concatenate([part.points.xyz_mm for part in parts])

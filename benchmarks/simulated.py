@@ -1,6 +1,7 @@
 """Arms and simulated measurements that several benchmarks share. Not a script.
 
-What a true arm does comes from `calib.truth`, which shares nothing with the kinematics that a fit uses.
+What a true arm does comes from `calib.simulation.truth.equilibrium`, which shares nothing with the kinematics that a
+fit uses.
 """
 
 from __future__ import annotations
@@ -13,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+sys.path.insert(0, str(ROOT))
 
-from arms import park_arm, random_arm  # noqa: E402
 from calib import frames  # noqa: E402
-from calib.dataset import Dataset, Points, Poses, Scanner  # noqa: E402
-from calib.robot import Joint, Robot, Tool  # noqa: E402
-from calib.robot_file import builtin_robot  # noqa: E402
-from calib.truth import Truth, scanner_T_target  # noqa: E402
+from calib.dataset.dataset import Dataset, Points, Poses, Scanner  # noqa: E402
+from calib.dataset.files.robot_toml import builtin_robot  # noqa: E402
+from calib.kinematics.robot import Joint, Robot, Tool  # noqa: E402
+from calib.simulation.truth.equilibrium import Truth, scanner_T_target  # noqa: E402
+from tests.support.arms import park_arm, random_arm  # noqa: E402
 
 Array = NDArray[np.float64]
 

@@ -34,17 +34,17 @@ from simulated import (  # isort: skip  (sets the paths)
 )
 from plain import Outcome, held_out_mm, plain, plain_distances, plain_positions
 
-from arms import park_arm
-from calib import kinematics
-from calib.dataset import Dataset
-from calib.model import Model, geometric_model
-from calib.observations import Observations
-from calib.redundancy import analyse
-from calib.residuals import PositionResiduals, make_residuals
-from calib.robot import Robot, Tool
-from calib.solver import Fit, solve
-from calib.true_loads import JointCompliance
-from calib.truth import Truth
+from calib.dataset.dataset import Dataset
+from calib.fitting.model import Model, geometric_model
+from calib.fitting.observations import Observations
+from calib.fitting.position_residuals import PositionResiduals, make_residuals
+from calib.fitting.trust_region import Fit, solve
+from calib.identifiability.redundancy import analyse
+from calib.kinematics import chain as kinematics
+from calib.kinematics.robot import Robot, Tool
+from calib.simulation.truth.equilibrium import Truth
+from calib.simulation.truth.load_effects import JointCompliance
+from tests.support.arms import park_arm
 
 # ---------------------------------------------------------------- exact data
 

@@ -1,8 +1,67 @@
-"""Robot calibration from scans of a three-faced jig: corners, five-parameter kinematics, what can be known."""
+"""Robot calibration from scans of a three-faced jig: corners, five-parameter kinematics, which effect is missing.
 
-import os
+This is the public face: what a script needs, each loaded when it is first asked for, so that `import calib` is quick.
 
-# Before numpy loads: the matrices here are small, and BLAS threads that wait for each other cost up to ten times what
-# they save, more so beside worker processes. Whoever sets the variable, or loads numpy first, decides.
-for _variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ.setdefault(_variable, "1")
+    import calib
+
+    dataset = calib.load_dataset("my_cell")
+    result = calib.diagnose(dataset)
+    print(result.summary())
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from calib.calibration.calibrate import calibrate
+    from calib.compensation.target_correction import corrected_joints
+    from calib.corners.search import find_corner, find_corners
+    from calib.dataset.files.folder import load_dataset, write_dataset
+    from calib.diagnosis.stepwise import diagnose
+    from calib.effects.effect import Effect, Parameter
+    from calib.errors import CalibError
+    from calib.scans.scan import load_scan
+    from calib.simulation.simulate import simulate_dataset
+
+_HOME = {
+    "CalibError": "calib.errors",
+    "Effect": "calib.effects.effect",
+    "Parameter": "calib.effects.effect",
+    "calibrate": "calib.calibration.calibrate",
+    "corrected_joints": "calib.compensation.target_correction",
+    "diagnose": "calib.diagnosis.stepwise",
+    "find_corner": "calib.corners.search",
+    "find_corners": "calib.corners.search",
+    "load_dataset": "calib.dataset.files.folder",
+    "load_scan": "calib.scans.scan",
+    "simulate_dataset": "calib.simulation.simulate",
+    "write_dataset": "calib.dataset.files.folder",
+}
+
+__all__ = [
+    "CalibError",
+    "Effect",
+    "Parameter",
+    "calibrate",
+    "corrected_joints",
+    "diagnose",
+    "find_corner",
+    "find_corners",
+    "load_dataset",
+    "load_scan",
+    "simulate_dataset",
+    "write_dataset",
+]
+
+
+def __getattr__(name: str) -> object:
+    """What a script needs, from the module that has it (PEP 562)."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

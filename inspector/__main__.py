@@ -4,6 +4,6 @@ from __future__ import annotations
 
 import sys
 
-from inspector.cli import main
+from inspector.cli.parser import main
 
 sys.exit(main())

@@ -22,7 +22,7 @@ settings.load_profile("project")
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
     """A headless Chromium; see browser_support.py for what happens where there is none."""
-    from browser_support import browser  # the browser's driver is needed by few tests
+    from tests.support.browser import browser  # the browser's driver is needed by few tests
 
     with browser() as running:
         yield running

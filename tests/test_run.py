@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from inspector.cli import _parser
+from inspector.cli.parser import _parser
 
 ROOT = Path(__file__).parents[1]
 # All that `run` may need of a system. Not there: python3.12, apt-get, sudo and chromium of the machine that tests it.

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from calib.dataset_file import find_datasets, load_dataset
-from calib.robot_file import builtin_robot
-from calib.scan import load_scan
-from calib.simulation import Simulation
-from calib.true_arm import OUTSIDE_EFFECTS
-from calib.truth import scanner_T_target
+from calib.dataset.files.folder import find_datasets, load_dataset
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.scans.scan import load_scan
+from calib.simulation.simulate import Simulation
+from calib.simulation.truth.arm_sampling import OUTSIDE_EFFECTS
+from calib.simulation.truth.equilibrium import scanner_T_target
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "sample_data"

@@ -7,8 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.dataset import Dataset, Poses
-from calib.effects.base import Effect, family_name
+from calib.dataset.dataset import Dataset, Poses
+from calib.effects.compliance import (
+    BaseCompliance,
+    GravityBacklash,
+    JointCompliance,
+    JointComplianceUnknownMasses,
+    LinkBending,
+    ToolSag,
+)
+from calib.effects.effect import Effect, family_name
 from calib.effects.gravity import has_masses
 from calib.effects.joints import (
     AxisWobble,
@@ -18,18 +26,10 @@ from calib.effects.joints import (
     StrainWave,
     TransmissionError,
 )
-from calib.effects.loads import (
-    BaseCompliance,
-    GravityBacklash,
-    JointCompliance,
-    JointComplianceUnknownMasses,
-    LinkBending,
-    ToolSag,
-)
 from calib.effects.scanner import IncidenceBias, ScannerDistortion, ScannerDrift, ScannerScale
 from calib.effects.thermal import ThermalGrowth
 from calib.errors import CalibError
-from calib.robot import Robot
+from calib.kinematics.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Family:
 def effects_for(dataset: Dataset) -> tuple[Family, ...]:
     """Every family of the catalogue, made for this robot and these conditions; those without data say why.
 
-    Whether poses are rich enough to tell a family from geometry is found by `calib.diagnosis`, not here.
+    Whether poses are rich enough to tell a family from geometry is found by `calib.diagnosis.stepwise`, not here.
     """
     robot, poses = dataset.robot, dataset.poses
     joints = range(robot.n_joints)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import frames
-from calib.robot import Robot
+from calib.kinematics.robot import Robot
 
 if TYPE_CHECKING:
     from calib.effects.state import RobotState  # which calls this module

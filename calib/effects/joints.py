@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.effects.base import Parameter
+from calib.effects.effect import Parameter
 from calib.effects.state import RobotState
 
 

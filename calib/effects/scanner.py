@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.effects.base import Parameter
+from calib.effects.effect import Parameter
 from calib.effects.state import RobotState
 
 Array = NDArray[np.float64]

@@ -9,10 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calib import frames, kinematics
-from calib.dataset import Poses
+from calib import frames
+from calib.dataset.dataset import Poses
 from calib.effects import gravity
-from calib.robot import PARAMETER_KINDS, Robot
+from calib.kinematics import chain as kinematics
+from calib.kinematics.robot import PARAMETER_KINDS, Robot
 
 Array = NDArray[np.float64]
 

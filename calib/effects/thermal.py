@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calib.effects.base import Parameter
+from calib.effects.effect import Parameter
 from calib.effects.state import RobotState
 
 REFERENCE_C = 20.0

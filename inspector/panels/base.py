@@ -9,10 +9,10 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from calib.comparison import LINKS, Version, versions
-from calib.corners import CornerSearch
-from calib.kinds import RESIDUAL_KINDS
-from inspector.session import Session
+from calib.calibration.model_versions import LINKS, Version, versions
+from calib.corners.search import CornerSearch
+from calib.options import RESIDUAL_KINDS
+from inspector.session.transitions import Session
 
 RESIDUALS = RESIDUAL_KINDS
 LOOKS = ("All scans", "Scan", "Planes", "Corner", "All corners", "Distance", "Arm")

@@ -8,16 +8,17 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from calib.comparison import VERSIONS, Version
-from calib.evaluation import Figures
-from calib.sigma_check import noise_floor_mm
-from inspector import colour_map, tables
-from inspector.model_drawing import distance_limit_mm, error_limit_mm
-from inspector.palette import FACE_COLOURS, MODEL_COLOURS
-from inspector.panels import words
+from calib.calibration.evaluation import Figures
+from calib.calibration.model_versions import VERSIONS, Version
+from calib.calibration.noise_check import noise_floor_mm
+from inspector.markup import colour_scale as colour_map
+from inspector.markup import elements as tables
+from inspector.markup import numbers as words
+from inspector.markup.palette import FACE_COLOURS, MODEL_COLOURS
 from inspector.panels.base import BY_ERROR, COLOURINGS, FACTORS, Actions, News, View, by_page
 from inspector.panels.review import roles_legend
-from inspector.server import one_of
+from inspector.scene.draw_model import distance_limit_mm, error_limit_mm
+from inspector.server.viser_server import one_of
 
 NOTE = (
     "The same measured points against the nominal robot, the calibrated link errors, and the model with the effects "

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import viser
 
-from calib.intersection import Corner
-from inspector import tables
-from inspector.palette import DOUBT, FACE_COLOURS
-from inspector.panels import words
+from calib.corners.intersection import Corner
+from inspector.markup import elements as tables
+from inspector.markup import numbers as words
+from inspector.markup.palette import DOUBT, FACE_COLOURS
 from inspector.panels.base import Actions, View, corner_of
 
 NOTE = (

@@ -8,15 +8,15 @@ from collections.abc import Mapping
 import numpy as np
 import viser
 
-from calib.calibration import Calibration
-from calib.corners import CornerSearch
-from inspector import tables
-from inspector.palette import ROLE_COLOURS
-from inspector.panels import words
+from calib.calibration.calibrate import Calibration
+from calib.corners.search import CornerSearch
+from inspector.figures.plots import convergence, outline, parameter_label, pose_residuals
+from inspector.markup import elements as tables
+from inspector.markup import numbers as words
+from inspector.markup.palette import ROLE_COLOURS
 from inspector.panels.base import RESIDUALS, Actions, View, hidden_plot, put
-from inspector.plots import convergence, outline, parameter_label, pose_residuals
-from inspector.server import one_of
-from inspector.session import Session, no_full_poses
+from inspector.server.viser_server import one_of
+from inspector.session.transitions import Session, no_full_poses
 
 NOTE = (
     "Training poses are fitted, test poses only predicted. A test error that stays far above the training error means "

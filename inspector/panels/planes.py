@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import viser
 
-from calib.corners import CornerSearch
-from inspector import tables
-from inspector.palette import FACE_COLOURS, FILTER_COLOURS, REJECTED, group_colour
-from inspector.panels import words
+from calib.corners.search import CornerSearch
+from inspector.markup import elements as tables
+from inspector.markup import numbers as words
+from inspector.markup.palette import FACE_COLOURS, FILTER_COLOURS, REJECTED, group_colour
 from inspector.panels.base import Actions, View
 
 NOTE = (

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 import viser
 
-from calib.redundancy import Redundancy
-from inspector import tables
-from inspector.panels import words
+from calib.identifiability.redundancy import Redundancy
+from inspector.figures.plots import correlation_heatmap, parameter_label
+from inspector.markup import elements as tables
+from inspector.markup import numbers as words
 from inspector.panels.base import RESIDUALS, Actions, View, by_page, hidden_plot
-from inspector.plots import correlation_heatmap, parameter_label
-from inspector.server import one_of
+from inspector.server.viser_server import one_of
 
 NOTE = (
     "Pearson's r of each pair of parameters: dark red or dark blue (r\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}±1) off the "

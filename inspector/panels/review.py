@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import viser
 
-from inspector import tables
-from inspector.palette import DOUBT, FAILED, ROLE_COLOURS, ROLE_WORDS, role_colour
-from inspector.panels import words
+from inspector.markup import elements as tables
+from inspector.markup import numbers as words
+from inspector.markup.palette import DOUBT, FAILED, ROLE_COLOURS, ROLE_WORDS, role_colour
 from inspector.panels.base import FACTORS, LOOKS, POINT_LOOKS, Actions, News, View, by_page, corner_of, put
-from inspector.server import clamped, one_of
+from inspector.server.viser_server import clamped, one_of
 
 LAYER_WORDS = {
     "Scan layers": {

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import viser
 
-from calib.scan import Scan
-from inspector import tables
-from inspector.palette import DOUBT, FAILED, role_colour
-from inspector.panels import words
+from calib.scans.scan import Scan
+from inspector.markup import elements as tables
+from inspector.markup import numbers as words
+from inspector.markup.palette import DOUBT, FAILED, role_colour
 from inspector.panels.base import Actions, View, corner_of
 from inspector.panels.review import roles_legend
 

@@ -1,0 +1,167 @@
+"""How far a model is from the measurements, in millimetres: training and test poses apart.
+
+Positions are compared in the scanner's frame, which is fitted to the training poses of each setup alone; test poses
+have no say in it. Distances run from the reference pose, as Jang 2025 counts them (section 3.2, figure 15).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from calib import frames
+from calib.dataset.dataset import Dataset
+from calib.fitting.model import Model, geometric_model
+from calib.fitting.observations import (
+    Observations,
+    mean_jig_points,
+    place_scanner,
+    predict_points,
+    setup_references,
+)
+from calib.fitting.scanner_frame import fit_scanner_frame
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Errors of a set of poses. `rmse`, `max` and `mean` are of the 3D error; `distance_*` of distances' errors."""
+
+    points: int
+    rmse_mm: float
+    max_mm: float
+    mean_mm: float
+    distance_max_mm: float
+    distance_mean_mm: float
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A model against all M measured points of a dataset."""
+
+    pose: NDArray[np.int64]  # (M,)
+    error_mm: Array  # (M, 3) predicted minus measured, scanner frame
+    distance_pose: NDArray[np.int64]  # (K,) the far pose of each distance
+    distance_error_mm: Array  # (K,) predicted minus measured
+    is_test: NDArray[np.bool_]  # (N,) by pose
+    scanner_T_base: dict[str, Array]  # by setup
+    notes: tuple[str, ...]
+
+    @property
+    def train(self) -> Figures | None:
+        return self._figures(~self.is_test)
+
+    @property
+    def test(self) -> Figures | None:
+        return self._figures(self.is_test)
+
+    def _figures(self, of_pose: NDArray[np.bool_]) -> Figures | None:
+        error = np.linalg.norm(self.error_mm[of_pose[self.pose]], axis=1)
+        distance = np.abs(self.distance_error_mm[of_pose[self.distance_pose]])
+        if len(error) == 0:
+            return None
+        return Figures(
+            points=len(error),
+            rmse_mm=float(np.sqrt(np.mean(error**2))),
+            max_mm=float(error.max()),
+            mean_mm=float(error.mean()),
+            distance_max_mm=float(distance.max(initial=0.0)),
+            distance_mean_mm=float(distance.mean()) if len(distance) else 0.0,
+        )
+
+    def to_frame(self, dataset: Dataset) -> pd.DataFrame:
+        """One row a measured point: pose, role, error in mm, and the distance error of its pose."""
+        poses = dataset.poses
+        distance = dict(zip(self.distance_pose.tolist(), self.distance_error_mm.tolist(), strict=True))
+        return pd.DataFrame(
+            {
+                "pose": [poses.ids[i] for i in self.pose],
+                "role": poses.role[self.pose],
+                "setup": poses.setup[self.pose],
+                **{f"error_{axis}_mm": self.error_mm[:, k] for k, axis in enumerate("xyz")},
+                "error_mm": np.linalg.norm(self.error_mm, axis=1),
+                "distance_error_mm": [distance.get(int(i), float("nan")) for i in self.pose],
+            }
+        )
+
+
+def evaluate(model: Model, x: Array, dataset: Dataset) -> Evaluation:
+    """Hold the model at x against the dataset's points, see `evaluate_all`."""
+    return evaluate_all(model, [x], dataset)[0]
+
+
+def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset) -> list[Evaluation]:
+    """Hold the model at each of several x against the dataset's points, which are prepared once for all.
+
+    A setup without training poses gets its frame from its own test poses, and a note says so: its errors are then the
+    scatter about its own best frame, not a prediction.
+    """
+    observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
+    nominal = geometric_model(dataset.robot)
+    trained = ~dataset.poses.is_test[observed.points.pose]
+    observed = place_scanner(observed, nominal, np.zeros(len(nominal.parameters)), trained)
+    setups, notes = [], []
+    for name in map(str, np.unique(observed.setup)):
+        rows = observed.setup == name
+        fitted = rows & trained
+        if not fitted.any():
+            fitted = rows
+            notes.append(f"setup {name!r} has no training pose: its frame comes from its own test poses")
+        setups.append((name, rows, fitted))
+    distances = _Distances.of(observed)
+
+    def at(x: Array) -> Evaluation:
+        base_mm, scanner_mm = predict_points(model, x, observed), observed.points.xyz_mm
+        error_mm = np.empty_like(base_mm)
+        placements: dict[str, Array] = {}
+        for name, rows, fitted in setups:
+            frame = fit_scanner_frame(base_mm[fitted], scanner_mm[fitted], observed.covariance_mm2[fitted])
+            error_mm[rows] = frames.apply(frame, base_mm[rows]) - scanner_mm[rows]
+            placements[name] = frame
+        return Evaluation(
+            pose=observed.points.pose,
+            error_mm=error_mm,
+            distance_pose=distances.pose,
+            distance_error_mm=distances.error_mm(base_mm),
+            is_test=dataset.poses.is_test,
+            scanner_T_base=placements,
+            notes=tuple(notes),
+        )
+
+    return [at(x) for x in xs]
+
+
+@dataclass(frozen=True)
+class _Distances:
+    """The K distances from each setup's reference to each other pose: which points they run between, and how long."""
+
+    pose: NDArray[np.int64]  # (K,) the far pose
+    far: NDArray[np.int64]  # (K,) a point of that pose
+    near: NDArray[np.int64]  # (K,) a point of the reference
+    measured_mm: Array  # (K,)
+
+    @classmethod
+    def of(cls, observed: Observations) -> _Distances:
+        poses, row = observed.used_poses
+        usable, measured_mm, _ = mean_jig_points(observed)
+        # A training pose is the reference where there is one, so that a test pose is measured against the fit.
+        trained = usable & ~poses.is_test
+        references = setup_references(poses, usable) | setup_references(poses, trained)
+        start = np.full(len(poses), -1)
+        for setup, reference in references.items():
+            start[usable & (poses.setup == setup)] = reference
+        others = np.flatnonzero(usable & (start != np.arange(len(poses))))
+        jig = np.flatnonzero(observed.points.target == "jig")
+        point = np.zeros(len(poses), dtype=np.int64)  # of each pose: repeats are predicted alike, any will do
+        point[row[jig]] = jig
+        length_mm = np.linalg.norm(measured_mm[others] - measured_mm[start[others]], axis=1)
+        return cls(np.unique(observed.points.pose)[others], point[others], point[start[others]], length_mm)
+
+    def error_mm(self, base_mm: Array) -> Array:
+        """Predicted less measured (K,), of predicted points (M, 3)."""
+        return np.asarray(np.linalg.norm(base_mm[self.far] - base_mm[self.near], axis=1) - self.measured_mm)

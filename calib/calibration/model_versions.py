@@ -1,0 +1,83 @@
+"""The states of a model side by side: the nominal robot, its link errors calibrated, and with effects beyond them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.calibration.calibrate import Calibration, calibrate
+from calib.calibration.evaluation import Evaluation
+from calib.fitting.model import Model, geometric_model
+from inspector.scene.arm_shape import ArmShape, arm_shape
+
+Array = NDArray[np.float64]
+
+NOMINAL, LINKS, EFFECTS = "nominal", "link errors", "with effects"
+VERSIONS = (NOMINAL, LINKS, EFFECTS)
+
+
+@dataclass(frozen=True)
+class Version:
+    """One state of the model, held against all measured points of the same dataset as the others."""
+
+    name: str  # of VERSIONS
+    model: Model
+    x: Array  # (P,)
+    evaluation: Evaluation
+    calibration: Calibration
+
+    def pose_errors_mm(self) -> Array:
+        """(N,) RMS of the 3D errors of each pose's points; nan where nothing was measured."""
+        squared = np.sum(self.evaluation.error_mm**2, axis=1)
+        return np.sqrt(_mean_by_pose(self, squared[:, None])[:, 0])
+
+    def pose_error_vectors_mm(self) -> Array:
+        """(N, 3) predicted minus measured, scanner frame, mean over a pose's points; nan where there are none."""
+        return _mean_by_pose(self, self.evaluation.error_mm)
+
+    def arm(self, pose: int) -> ArmShape | None:
+        """The arm at a pose, in the scanner's frame as this model places it; None where its setup has no points."""
+        poses = self.calibration.dataset.poses
+        scanner_T_base = self.evaluation.scanner_T_base.get(str(poses.setup[pose]))
+        if scanner_T_base is None:
+            return None
+        return arm_shape(self.model, self.x, poses, pose).moved(scanner_T_base)
+
+
+def _mean_by_pose(version: Version, values: Array) -> Array:
+    """(M, K) by measured point -> (N, K) by pose."""
+    pose = version.evaluation.pose
+    total = np.zeros((len(version.calibration.dataset.poses), values.shape[1]))
+    np.add.at(total, pose, values)
+    count = np.bincount(pose, minlength=len(total)).astype(float)
+    count[count == 0] = np.nan
+    return np.asarray(total / count[:, None])
+
+
+def versions(calibration: Calibration, links: Calibration | None = None) -> tuple[Version, ...]:
+    """The nominal robot, the link errors alone, and, where the model has effects, with them.
+
+    `links` is the fit of the link errors alone to the same points, where it is known already; else it is made here.
+    """
+    nominal = geometric_model(calibration.dataset.robot)
+    at_zero = np.zeros(len(nominal.parameters))
+    out = [Version(NOMINAL, nominal, at_zero, calibration.before, calibration)]
+    if not calibration.model.family_names:
+        return (*out, _fitted(LINKS, calibration))
+    if links is None or not fits_same_points(links, calibration):
+        links = calibrate(calibration.dataset, residual=calibration.residual)
+    return (*out, _fitted(LINKS, links), _fitted(EFFECTS, calibration))
+
+
+def fits_same_points(one: Calibration, other: Calibration) -> bool:
+    """Whether two fits looked at the same measurements in the same way."""
+    a, b = one.dataset.points, other.dataset.points
+    if one.residual != other.residual or one.dataset.robot != other.dataset.robot or a is None or b is None:
+        return False
+    return np.array_equal(a.pose, b.pose) and np.array_equal(a.xyz_mm, b.xyz_mm)
+
+
+def _fitted(name: str, calibration: Calibration) -> Version:
+    return Version(name, calibration.model, calibration.fit.x, calibration.after, calibration)

@@ -1,0 +1,77 @@
+"""The residual sigma against the declared one: is more left than noise?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.calibration.calibrate import Calibration, declared_sigma_mm
+from calib.dataset.dataset import Dataset
+from calib.distributions import chi2_ppf
+
+
+@dataclass(frozen=True)
+class SigmaCheck:
+    """One coordinate's noise as the residual shows it, against what was declared.
+
+    With nu degrees of freedom nu s^2 / sigma^2 follows chi^2(nu), which gives the 95 % interval.
+    """
+
+    sigma_mm: float  # s, by degrees of freedom; nan where none are left
+    low_mm: float
+    high_mm: float
+    declared_mm: float | None  # None: the dataset declares none
+    degrees_of_freedom: float
+
+    @property
+    def verdict(self) -> str:
+        """ "excess", "as declared", "below", or "unknown" without a declared sigma or degrees of freedom."""
+        if self.declared_mm is None or not np.isfinite(self.sigma_mm):
+            return "unknown"
+        if self.declared_mm < self.low_mm:
+            return "excess"
+        return "below" if self.declared_mm > self.high_mm else "as declared"
+
+    def summary(self) -> str:
+        if not np.isfinite(self.sigma_mm):
+            return "residual sigma: no degree of freedom is left to tell it"
+        found = (
+            f"residual sigma {self.sigma_mm:.4g} mm a coordinate "
+            f"(95 %: {self.low_mm:.4g} to {self.high_mm:.4g}, {self.degrees_of_freedom:.0f} degrees of freedom)"
+        )
+        if self.declared_mm is None:
+            return f"{found}; no sigma is declared, so this holds noise and missing physics together"
+        meaning = {
+            "excess": "more than noise is left: physics is missing from the model, or sigma was declared too small",
+            "as declared": "nothing but noise is left",
+            "below": "less than declared: sigma was declared too large",
+        }[self.verdict]
+        ratio = self.sigma_mm / self.declared_mm
+        return f"{found}, {ratio:.3g} times the declared {self.declared_mm:.4g} mm: {meaning}"
+
+
+def is_declared(dataset: Dataset) -> bool:
+    """Whether a dataset says how noisy its points are."""
+    points = dataset.points
+    return dataset.scanner.point_sigma_mm is not None or (
+        points is not None and points.covariance_mm2 is not None
+    )
+
+
+def check_sigma(calibration: Calibration) -> SigmaCheck:
+    """The residual sigma of a calibration with its 95 % interval, beside the declared one."""
+    dataset, freedom = calibration.dataset, calibration.fit.degrees_of_freedom
+    assert dataset.points is not None
+    sigma = calibration.sigma_mm
+    low = high = float("nan")
+    if np.isfinite(sigma):
+        low, high = (sigma * float(np.sqrt(freedom / chi2_ppf(share, freedom))) for share in (0.975, 0.025))
+    declared = declared_sigma_mm(dataset) if is_declared(dataset) else None
+    return SigmaCheck(sigma, low, high, declared, freedom)
+
+
+def noise_floor_mm(calibration: Calibration) -> float | None:
+    """3D RMSE that the declared noise alone would leave, sqrt(3) sigma; None where the dataset declares none."""
+    declared = check_sigma(calibration).declared_mm
+    return None if declared is None else float(np.sqrt(3.0)) * declared

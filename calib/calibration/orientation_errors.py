@@ -1,0 +1,69 @@
+"""How far a model's attitudes are from measured orientations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.dataset.dataset import Dataset
+from calib.fitting.model import Model, geometric_model
+from calib.fitting.observations import Observations, place_scanner, predict_poses
+from calib.fitting.pose_residuals import PoseResiduals
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class AttitudeFigures:
+    """Errors of the jig's orientation over some measured poses: the angle between predicted and measured."""
+
+    poses: int
+    rmse_rad: float
+    max_rad: float
+
+
+@dataclass(frozen=True)
+class Attitudes:
+    """A model against the measured orientations; the scanner's frames and the jig's seat are of the training poses."""
+
+    train: AttitudeFigures | None
+    test: AttitudeFigures | None
+
+
+def evaluate_attitudes(model: Model, x: Array, dataset: Dataset) -> Attitudes:
+    """Hold the model at x against the dataset's orientations. Setups without training poses are left out.
+
+    Raises FitError where no training pose has an orientation, or orientations have no covariance.
+    """
+    nominal = geometric_model(dataset.robot)
+    zero = np.zeros(len(nominal.parameters))  # the scanner's effects look from where the fit had it look
+    training = place_scanner(Observations.of(dataset), nominal, zero)
+    placed = PoseResiduals(model, training).placement(x)
+    everything = Observations.of(dataset, np.isin(dataset.poses.setup, list(placed.scanner_T_base)))
+    everything = replace(everything, scanner_T_base=training.scanner_T_base)
+    residuals = PoseResiduals(model, everything)
+    base_mm, attitude = predict_poses(model, x, everything)
+    angle = np.linalg.norm(residuals.errors(placed, base_mm, attitude)[:, 3:], axis=1)
+    is_test = dataset.poses.is_test[everything.points.pose]
+
+    def figures(rows: NDArray[np.bool_]) -> AttitudeFigures | None:
+        off = angle[rows & residuals.turned]
+        if len(off) == 0:
+            return None
+        return AttitudeFigures(len(off), float(np.sqrt(np.mean(off**2))), float(off.max()))
+
+    return Attitudes(figures(~is_test), figures(is_test))
+
+
+def attitude_lines(before: Attitudes, after: Attitudes) -> list[str]:
+    """Before and after in words, a line for the training poses and one for the test poses."""
+    lines = []
+    for label, was, now in (("train", before.train, after.train), ("test ", before.test, after.test)):
+        if was is not None and now is not None:
+            lines.append(
+                f"{label} attitude RMSE {1e3 * was.rmse_rad:.4g} -> {1e3 * now.rmse_rad:.4g} mrad, "
+                f"max {1e3 * was.max_rad:.4g} -> {1e3 * now.max_rad:.4g} mrad"
+            )
+    return lines

@@ -1,0 +1,161 @@
+"""Where a model fails: each pose's residual, and the joint motion that would explain it; training and test poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from calib import frames
+from calib.calibration.calibrate import Calibration
+from calib.diagnosis.projected_residual import directions_at
+from calib.diagnosis.residual_tests import inputs_at
+from calib.distributions import chi2_ppf
+from calib.fitting.observations import Observations, place_scanner
+from calib.fitting.scanner_frame import whitener
+
+Array = NDArray[np.float64]
+
+_RANKS = 4  # to either side of a point, whose median is its smooth
+
+
+@dataclass(frozen=True)
+class Failure:
+    """The residual of every measured pose, seen from several sides. N poses, in the dataset's order, n joints.
+
+    Test poses are predicted: no fit saw them. The bands are of the measurement's noise alone, so where test poses leave
+    them more often than training poses do, the model does not carry over.
+    """
+
+    pose_ids: tuple[str, ...]
+    is_test: NDArray[np.bool_]  # (N,)
+    error_mm: Array  # (N, 3) predicted minus measured, scanner frame, mean over a pose's points
+    place_mm: Array  # (N, 3) where the point was measured, base frame as the model places it
+    noise_mm: float  # what one coordinate may be off by noise alone
+    apparent_joint_error: (
+        Array  # (N, n) rad or mm: each joint's own motion that would best explain the residual
+    )
+    inputs: dict[str, Array]  # everything it may depend on, (N,)
+    apparent_joint_noise: (
+        Array  # (N, n) what noise alone does to `apparent_joint_error`; nan where it tells nothing
+    )
+
+    @property
+    def error_length_mm(self) -> Array:
+        """(N,) 3D error."""
+        return np.asarray(np.linalg.norm(self.error_mm, axis=1))
+
+    @property
+    def length_noise_mm(self) -> float:
+        """The 3D error that noise alone exceeds at one pose in twenty (chi of 3 degrees of freedom)."""
+        return self.noise_mm * float(np.sqrt(chi2_ppf(0.95, 3)))
+
+    def joint_noise(self, joint: int) -> float:
+        """One sigma of a joint's apparent motion by noise alone, median over the poses; nan where no pose tells it."""
+        noise = self.apparent_joint_noise[:, joint]
+        return float(np.median(noise[np.isfinite(noise)])) if np.isfinite(noise).any() else float("nan")
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a pose: role, errors, apparent joint errors (rad or mm), place, and every input."""
+        columns: dict[str, object] = {
+            "pose": self.pose_ids,
+            "role": np.where(self.is_test, "test", "train"),
+        }
+        columns |= {f"error_{axis}_mm": self.error_mm[:, k] for k, axis in enumerate("xyz")}
+        columns["error_mm"] = self.error_length_mm
+        columns |= {
+            f"apparent_{j + 1}": self.apparent_joint_error[:, j]
+            for j in range(self.apparent_joint_error.shape[1])
+        }
+        columns |= {f"base_{axis}_mm": self.place_mm[:, k] for k, axis in enumerate("xyz")}
+        return pd.DataFrame(columns | self.inputs)
+
+    def worst(self, count: int = 5) -> tuple[str, ...]:
+        """The poses that are off the most, training and test."""
+        order = np.argsort(-self.error_length_mm, kind="stable")
+        return tuple(self.pose_ids[i] for i in order[:count])
+
+
+def failure_of(calibration: Calibration) -> Failure:
+    """Look at what a calibration left over, at all poses that were measured.
+
+    The apparent error of joint j at a pose is the least-squares motion of that joint alone: d_j . e / |d_j|^2, d_j how
+    the measured point moves with the joint. Joints are taken one at a time, so they do not add up.
+    """
+    dataset, model, x = calibration.dataset, calibration.model, calibration.fit.x
+    everything = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
+    trained = ~dataset.poses.is_test[everything.points.pose]
+    observed = place_scanner(everything, model, x, trained)
+    poses, row = observed.used_poses
+    scanner_T_base = np.stack([calibration.after.scanner_T_base[str(name)] for name in observed.setup])
+    whiten = whitener(observed.covariance_mm2)
+    error_mm = calibration.after.error_mm
+    raw = np.einsum("mij,mj->mi", whiten, error_mm)
+    apparent = np.zeros((len(poses), model.robot.n_joints))
+    noise = np.full_like(apparent, np.nan)
+    for j, direction in enumerate(directions_at(model, x, observed, whiten @ scanner_T_base[:, :3, :3])):
+        along = _per_pose(np.sum(direction * raw, axis=1), row, len(poses))
+        size = _per_pose(np.sum(direction**2, axis=1), row, len(poses))
+        # A joint whose axis passes the point close by explains nothing: its motion would be huge.
+        usable = size > 1e-4 * max(float(size.max()), 1e-300)
+        apparent[usable, j] = -along[usable] / size[usable]
+        noise[usable & (size > 0.0), j] = 1.0 / np.sqrt(size[usable & (size > 0.0)])
+    sigma_mm = np.sqrt(np.trace(observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
+    count = np.bincount(row, minlength=len(poses))[:, None]
+    base_mm = frames.apply(frames.invert(scanner_T_base), observed.points.xyz_mm)
+    return Failure(
+        pose_ids=poses.ids,
+        is_test=poses.is_test,
+        error_mm=_per_pose(error_mm, row, len(poses)) / count,
+        place_mm=_per_pose(base_mm, row, len(poses)) / count,
+        noise_mm=float(np.sqrt(np.mean(sigma_mm**2))),
+        apparent_joint_error=apparent,
+        inputs=inputs_at(model.robot, poses, model.state(x, poses, observed.seen())),
+        apparent_joint_noise=noise,
+    )
+
+
+def _per_pose(values: Array, row: NDArray[np.int64], poses: int) -> Array:
+    """The sum of a pose's points, (M, ...) -> (N, ...)."""
+    out = np.zeros((poses, *values.shape[1:]))
+    np.add.at(out, row, values)
+    return out
+
+
+def running_median(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+    """A smooth of y (N,) over x (N,): at each value of x the median of the points within `_RANKS` ranks of it.
+
+    Over a gap in x nothing is known: the smooth ends before it, a row of nan comes between, and no median takes points
+    from both sides. Where fewer than three points lie between two gaps there is none. Equal x give one value. Towards
+    the ends the window shrinks symmetrically, so that a slope is not bent there.
+    """
+    across, values = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    known = np.isfinite(across) & np.isfinite(values)
+    order = np.argsort(across[known], kind="stable")
+    across, values = across[known][order], values[known][order]
+    out: list[tuple[float, float]] = []
+    for part in np.split(np.arange(len(across)), _gaps(across)):
+        if len(part) < 3:
+            continue
+        if out:
+            out.append((float("nan"), float("nan")))
+        at, first, count = np.unique(across[part], return_index=True, return_counts=True)
+        for place, start, ties in zip(at, first, count, strict=True):
+            half = min(_RANKS, start, len(part) - start - ties)
+            out.append((place, float(np.median(values[part[start - half : start + ties + half]]))))
+    smooth = np.array(out).reshape(-1, 2)
+    return smooth[:, 0], smooth[:, 1]
+
+
+def _gaps(x: Array) -> NDArray[np.int64]:
+    """Where sorted x (N,) jumps: indices of the first point after each gap.
+
+    The largest step among N points spread evenly at random is about ln N / N of their range; half as much again is a
+    gap. Up to four values are levels (of a temperature, a payload), and all between them is a gap.
+    """
+    steps = np.diff(x)
+    levels = np.count_nonzero(steps) + 1
+    share = 0.0 if levels <= 4 else float(np.clip(1.5 * np.log(levels) / levels, 0.05, 0.35))
+    return np.asarray(np.flatnonzero(steps > share * np.sum(steps)) + 1)

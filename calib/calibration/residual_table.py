@@ -1,0 +1,66 @@
+"""What a calibration leaves over as a table: a row a pose, training and test, with everything it may depend on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from calib.calibration.calibrate import Calibration
+from calib.calibration.pose_errors import Failure, failure_of
+from calib.dataset.dataset import Poses
+from calib.fitting.observations import Observations
+
+Array = NDArray[np.float64]
+
+
+def residual_table(calibration: Calibration) -> pd.DataFrame:
+    """One row for each measured pose, in the dataset's order; several points of a pose are averaged.
+
+    Columns: pose, role, setup, points (how many were averaged); error_x_mm ... (predicted minus measured) and its
+    length error_mm; predicted_x_mm ... and measured_x_mm ..., all in the scanner's frame; then every input that varies,
+    angles in degrees, further columns of poses.csv as they are there. An input whose name is taken is called input_...
+    """
+    failure = failure_of(calibration)
+    dataset = calibration.dataset
+    everything = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
+    poses, row = everything.used_poses
+    count = np.bincount(row, minlength=len(poses))
+    measured_mm = np.zeros((len(poses), 3))
+    np.add.at(measured_mm, row, everything.points.xyz_mm)
+    measured_mm /= count[:, None]
+    columns: dict[str, object] = {
+        "pose": poses.ids,
+        "role": poses.role,
+        "setup": poses.setup,
+        "points": count,
+    }
+    for name, values in (
+        ("error", failure.error_mm),
+        ("predicted", measured_mm + failure.error_mm),
+        ("measured", measured_mm),
+    ):
+        columns |= {f"{name}_{axis}_mm": values[:, k] for k, axis in enumerate("xyz")}
+        if name == "error":
+            columns["error_mm"] = np.linalg.norm(values, axis=1)
+    for name, given in _inputs(failure, poses, dataset.robot.is_revolute).items():
+        columns[f"input_{name}" if name in columns else name] = given
+    return pd.DataFrame(columns)
+
+
+def _inputs(failure: Failure, poses: Poses, is_revolute: NDArray[np.bool_]) -> dict[str, object]:
+    """The inputs by the name that a column has; the place of the point is `measured_...` already."""
+    out: dict[str, object] = {}
+    for name, values in failure.inputs.items():
+        stem = name.rstrip("0123456789")
+        joint = name.removeprefix(stem)
+        if name in poses.extra.columns:
+            out[name] = poses.extra[name].to_numpy()  # words as words, not as numbers for them
+        elif stem == "q" and joint:
+            turns = bool(is_revolute[int(joint) - 1])
+            out[f"{name}_{'deg' if turns else 'mm'}"] = np.degrees(values) if turns else values
+        elif stem == "torque" and joint:
+            out[f"{name}_nm"] = values
+        elif name not in ("x", "y", "z"):
+            out[name] = values
+    return out

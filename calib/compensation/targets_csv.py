@@ -1,0 +1,87 @@
+"""Tables of joint targets: what a robot program wants to reach, read; and the corrected ones, written.
+
+The columns are those of poses.csv; only the joints' are needed. `pose` names a target, conditions (payload_kg,
+temperature_c, time_s, approach1 ...) are for effects that depend on them, as any other column may be for effects of the
+user's own; all columns are kept.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.calibration.calibrate import Calibration
+from calib.compensation.target_correction import Correction, needed_columns
+from calib.dataset.dataset import Poses
+from calib.dataset.files.csv_table import TableFile
+from calib.dataset.files.poses_csv import (
+    CONDITIONS,
+    approach_columns,
+    joint_columns,
+    load_conditions,
+    load_joints,
+    names,
+)
+from calib.dataset.files.robot_toml import degrees
+from calib.errors import DatasetError
+from calib.kinematics.robot import Robot
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Joint targets as poses, and the file that they came from."""
+
+    poses: Poses
+    file: TableFile
+
+
+def load_targets(path: Path, robot: Robot) -> Targets:
+    """Read the joint targets of a robot. Raises DatasetError, naming line and column."""
+    if path.is_dir():
+        raise DatasetError(f"{path}: is a folder; name a table of joint targets")
+    if not path.exists():
+        raise DatasetError(
+            f"{path}: no such file; a table with the columns {', '.join(joint_columns(robot))}"
+        )
+    file = TableFile.load(path)
+    columns = joint_columns(robot)
+    file.require(columns)
+    if len(file) == 0:
+        raise DatasetError(f"{path}: no row below the header; one row a target is needed")
+    q = load_joints(file, robot)
+    ids = names(file, "pose") if "pose" in file else [str(i + 1) for i in range(len(file))]
+    poses = Poses(
+        ids=tuple(ids),
+        role=np.full(len(file), "train"),
+        q=np.where(robot.is_revolute, np.radians(q), q),
+        setup=np.full(len(file), ""),
+        scan_names=("",) * len(file),
+        extra=file.rest(["pose", *columns, *CONDITIONS, *approach_columns(robot)]),
+        **load_conditions(file, robot),
+    )
+    return Targets(poses, file)
+
+
+def require_conditions(targets: Targets, calibration: Calibration) -> None:
+    """Raise DatasetError where the table lacks a column that the calibrated arm depends on."""
+    model = calibration.model
+    needed = needed_columns(model, calibration.fit.x, calibration.dataset.poses)
+    missing = [column for column in needed if column not in targets.file]
+    if missing:
+        raise DatasetError(
+            f"{targets.file.path}: line 1: missing column {', '.join(missing)}; the calibrated arm depends on it "
+            f"through its effects ({', '.join(model.family_names)}), so give it for each target, as poses.csv does"
+        )
+
+
+def corrected_table(targets: Targets, correction: Correction) -> str:
+    """The table with corrected joints as CSV text; `reached` says which targets the arm can reach."""
+    robot = correction.robot
+    cells = targets.file.cells.copy()
+    for k, (column, joint) in enumerate(zip(joint_columns(robot), robot.joints, strict=True)):
+        q = correction.q[:, k]
+        cells[column] = [repr(degrees(v) if joint.is_revolute else float(v)) for v in q]
+    cells["reached"] = ["true" if reached else "false" for reached in correction.reached]
+    return cells.to_csv(index=False, lineterminator="\n")

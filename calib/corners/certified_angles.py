@@ -1,0 +1,98 @@
+"""Three fitted planes held to the angles of a certified jig: one rigid body instead of three free planes.
+
+The three angles between the faces are three equations between the nine parameters of the planes. The best linear
+estimate under them moves the parameters by -C J' (J C J')^-1 g, where C is their covariance, g the angles' misfit and J
+its derivative, and leaves C - C J' (J C J')^-1 J C: nine unknowns become six, and the apex better known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.planes.robust_fit import PlaneFit
+
+_PAIRS = ((0, 1), (1, 2), (2, 0))
+MOST_MISFIT = 21.1  # squared, three angles: beyond it once in 10 000 scans of a jig that is as certified
+_CLEARLY = 12.0  # how much better, in squared misfit, one way of naming the faces has to be than the others
+
+
+@dataclass(frozen=True)
+class RigidFit:
+    """What the certified angles make of the planes; where they cannot be used, moves is None and why says so."""
+
+    moves: NDArray | None  # (9,) added to (h, s_1, s_2) of each plane
+    covariance: NDArray  # (9, 9)
+    misfit: float  # squared, of three angles: 3 on average
+    why: str = ""
+
+
+def hold_to_angles(
+    planes: Sequence[PlaneFit], covariance: NDArray, face_angles_deg: tuple[float, float, float]
+) -> RigidFit:
+    """The planes' moves and their covariance under the certified angles between the faces.
+
+    Which found face is which of the certified ones is not known: the six ways are tried, and the best has to be clearly
+    the best unless it comes to the same angles.
+    """
+    ways = sorted({_angles(face_angles_deg, order) for order in permutations(range(3))})
+    fits = sorted((_hold(planes, covariance, np.radians(way)) for way in ways), key=lambda fit: fit.misfit)
+    best = fits[0]
+    if best.misfit > MOST_MISFIT:
+        found = ", ".join(f"{angle:.3f}" for angle in found_angles_deg(planes))
+        return RigidFit(None, covariance, best.misfit, (
+            f"the faces meet at {found} deg, which the certified face_angles_deg do not explain "
+            f"(squared misfit {best.misfit:.0f} of three angles); the planes were left free"
+        ))  # fmt: skip
+    if len(fits) > 1 and fits[1].misfit - best.misfit < _CLEARLY:
+        return RigidFit(None, covariance, best.misfit, (
+            "the certified face_angles_deg are too alike to tell which face is which in this scan; "
+            "the planes were left free"
+        ))  # fmt: skip
+    return best
+
+
+def found_angles_deg(planes: Sequence[PlaneFit]) -> tuple[float, float, float]:
+    """Angles between faces 1-2, 2-3 and 3-1, in the material of a convex jig, in the air of a concave one."""
+    first, second, third = (
+        float(np.degrees(np.arccos(np.clip(-planes[i].normal @ planes[j].normal, -1, 1)))) for i, j in _PAIRS
+    )
+    return first, second, third
+
+
+def angle_derivative(planes: Sequence[PlaneFit]) -> NDArray:
+    """J (3, 9) of n_i . n_j for the pairs 1-2, 2-3, 3-1: a slope s_k turns n into n - s_1 e_1 - s_2 e_2."""
+    derivative = np.zeros((3, 9))
+    for row, (i, j) in enumerate(_PAIRS):
+        derivative[row, 3 * i + 1 : 3 * i + 3] = -planes[i].axes @ planes[j].normal
+        derivative[row, 3 * j + 1 : 3 * j + 3] = -planes[j].axes @ planes[i].normal
+    return derivative
+
+
+def turned_normals(planes: Sequence[PlaneFit], moves: NDArray) -> NDArray:
+    """Unit normals (3, 3) of the planes with their slopes moved. moves  # (9,)"""
+    turned = np.array([p.normal - moves[3 * i + 1 : 3 * i + 3] @ p.axes for i, p in enumerate(planes)])
+    return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
+
+
+def _angles(angles_deg: tuple[float, float, float], order: tuple[int, ...]) -> tuple[float, float, float]:
+    """The certified angles when the found faces 1, 2, 3 are the certified faces of `order`."""
+    between = {frozenset(pair): angle for pair, angle in zip(_PAIRS, angles_deg, strict=True)}
+    first, second, third = (between[frozenset((order[i], order[j]))] for i, j in _PAIRS)
+    return first, second, third
+
+
+def _hold(planes: Sequence[PlaneFit], covariance: NDArray, angles_rad: NDArray) -> RigidFit:
+    derivative = angle_derivative(planes)
+    gain = covariance @ derivative.T @ np.linalg.inv(derivative @ covariance @ derivative.T)
+    moves, misfit = np.zeros(9), 0.0
+    for _ in range(4):
+        normals = turned_normals(planes, moves)
+        off = np.array([normals[i] @ normals[j] for i, j in _PAIRS]) + np.cos(angles_rad)
+        moves = gain @ (derivative @ moves - off)
+        misfit = misfit or float(off @ np.linalg.solve(derivative @ covariance @ derivative.T, off))
+    return RigidFit(moves, covariance - gain @ derivative @ covariance, misfit)

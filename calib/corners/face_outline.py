@@ -1,0 +1,140 @@
+"""A face's outline: the triangle between the two edges that leave the apex, and which points lie where in it.
+
+Coordinates along the two edges, from the apex, follow from the heights over the two other faces. Everything that asks
+how much of a face is seen, or which points of the scan are its own, asks in these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from calib.jig import Jig
+from calib.planes.robust_fit import TUKEY, PlaneFit
+
+_CELLS = 12  # cells along an edge when a face's area is counted
+_TRIANGLE_CELLS = _CELLS * (_CELLS - 1) // 2  # whole cells in the triangle
+_COLLAR = 0.25  # of the edge
+_SOLID = 0.5  # of the points that a cell of a surface has; nobody sees through so many
+_NEAR_POINT = 0.8  # spacings; a square grid leaves no place farther than 0.71 from a point
+# Margins to choose from, of the edge.
+_RINGS = (1 / 200, 1 / 120, 1 / 80, 1 / 60, 1 / 40, 1 / 30, 1 / 20, 1 / 12)
+_RING_SIGMA = 3.5  # mean height of a ring of points along the edges that tells rounding from noise
+_FARTHEST = 4.0  # standard deviations of the points across a face
+_PEELINGS = 4
+
+
+def along_edges(heights: NDArray, face: int, jig: Jig) -> tuple[NDArray, NDArray]:
+    """How far points (K, 3) lie from the apex along the two edges of a face, by their heights over the other faces.
+
+    Along an edge the heights fall (convex) or rise (concave) away from the apex.
+    """
+    one, other = (heights[:, i] for i in range(3) if i != face)
+    return (-one, -other) if jig.convex else (one, other)
+
+
+def face_points(heights: NDArray, face: int, band_mm: float, jig: Jig, margin_mm: float) -> NDArray:
+    """Mask of the points in the band around a face's plane and inside its triangle, the margin taken off all edges.
+
+    heights  # (K, 3) over the three planes
+    """
+    one, other = along_edges(heights, face, jig)
+    inside = (one > margin_mm) & (other > margin_mm)
+    inside &= one + other < jig.edge_mm - np.sqrt(2) * margin_mm
+    return np.asarray(inside & (np.abs(heights[:, face]) <= band_mm))
+
+
+def with_the_rest(along_mm: NDArray) -> NDArray:
+    """Mask of the points of a face that lie where the others do. along_mm  # (K, 2), from the apex along its edges
+
+    Where only a part of a face is seen, a stray point far from it would turn the plane by its lever alone. Measured by
+    the covariance of the points, no point of an evenly covered triangle is farther than sqrt(8) from their middle.
+    """
+    kept = np.ones(len(along_mm), dtype=bool)
+    for _ in range(_PEELINGS):
+        if kept.sum() < 4:
+            break
+        centred = along_mm - along_mm[kept].mean(axis=0)
+        scatter = centred[kept].T @ centred[kept] / kept.sum()
+        scatter += (1e-12 * np.trace(scatter) + 1e-18) * np.eye(2)  # points on a line, or in one place
+        within = np.einsum("ki,ki->k", centred @ np.linalg.inv(scatter), centred) < _FARTHEST**2
+        if np.array_equal(within, kept):
+            break
+        kept = within
+    return kept
+
+
+def flat_margins_mm(heights: Sequence[NDArray], planes: Sequence[PlaneFit], jig: Jig) -> NDArray:
+    """The least margins (3,) beyond which the faces are flat: no ring of points along the edges lies off the planes.
+
+    heights  # of each face's points (K, 3) over all faces. A rounded edge lowers the points beside it, and the ring
+    where the rounding begins lies within the noise point by point, but not as a whole. The rings are tried from the
+    inside out; all faces as one, as an edge's rounding is, and each by itself: pixels that saw across the edge reach
+    far into a face that is seen at a flat angle.
+    """
+    margins_mm = np.array(_RINGS) * jig.edge_mm
+    total, count = np.zeros((2, len(planes), len(margins_mm) + 1))
+    for face, plane in enumerate(planes):
+        one, other = along_edges(heights[face], face, jig)
+        inward = np.minimum(np.minimum(one, other), (jig.edge_mm - one - other) / np.sqrt(2))
+        z = heights[face][:, face] / plane.sigma_mm
+        on = (np.abs(z) < TUKEY) & (inward > margins_mm[0])
+        ring = np.searchsorted(margins_mm, inward[on])
+        total[face] = np.bincount(ring, z[on], len(margins_mm) + 1)
+        count[face] = np.bincount(ring, minlength=len(margins_mm) + 1)
+    common = _innermost_off(total.sum(axis=0), count.sum(axis=0))
+    own = [_innermost_off(total[face], count[face]) for face in range(len(planes))]
+    return np.asarray(margins_mm[np.maximum(common, own)])
+
+
+def _innermost_off(total: NDArray, count: NDArray) -> int:
+    """Index of the least margin past the innermost ring whose mean height is no noise."""
+    off = np.flatnonzero(np.abs(total[1:-1]) > _RING_SIGMA * np.sqrt(count[1:-1]))
+    return int(off[-1]) + 1 if len(off) else 0
+
+
+def outline_shares(
+    along_mm: NDArray, agrees: NDArray, through_mm: NDArray, edge_mm: float, spacing_mm: float = 0.0
+) -> tuple[float, float, float]:
+    """Areas, as shares of a face's triangle, that are filled, spilt over, and seen through.
+
+    along_mm  # (K, 2) coordinates of the plane's points along the face's two edges, from the apex; agrees  # (K,)
+    whether a point's own normal is that of the plane, without which it is not counted as spilt: it may belong to what
+    the plane cuts. What spills does so in a collar around the triangle; farther off the plane may graze something else.
+    through_mm  # (M, 2) where the rays of points behind the plane went through it.
+
+    All areas are counted in cells of a twelfth of the edge, so that the density of the points does not matter. A cell
+    with more points behind it than on it is seen through, unless it has half of the points that a surface has there:
+    what lies behind that was seen from elsewhere, as in a mesh of several views. In a scan whose points are
+    `spacing_mm` apart a cell between two of them is filled too.
+    """
+    on, behind = np.zeros((2, 2 * _CELLS, 2 * _CELLS), dtype=np.int64)
+    a, b = along_mm.T / edge_mm
+    margin = 0.5 / _CELLS
+    spills = agrees & ((a < -margin) | (b < -margin) | (a + b > 1 + 1.5 * margin))
+    spills &= (a > -_COLLAR) & (b > -_COLLAR) & (a + b < 1 + np.sqrt(2) * _COLLAR)
+    spilt = len(np.unique(np.floor(along_mm[spills] / edge_mm * _CELLS).astype(int), axis=0))
+    for table, points in ((on, along_mm), (behind, through_mm)):
+        over = np.all((points >= 0) & (points < edge_mm), axis=1)
+        cell = np.floor(points[over] / edge_mm * _CELLS).astype(int)
+        np.add.at(table, (cell[:, 0], cell[:, 1]), 1)
+    row, column = np.indices(on.shape)
+    inside = row + column <= _CELLS - 2
+    open_ = (behind > on) & (on < _SOLID * (edge_mm / _CELLS / max(spacing_mm, 1e-9)) ** 2)
+    filled = int(np.sum(inside & ((on > 0) | _between(along_mm, edge_mm, spacing_mm)) & ~open_))
+    seen_through = int(np.sum(inside & open_))
+    points_a_cell = float(on[inside].sum()) / max(filled, 1)  # below one, a point stands for several cells
+    spilt_area = spilt / min(1.0, max(points_a_cell, 0.1)) / (_CELLS**2 / 2)
+    return filled / _TRIANGLE_CELLS, spilt_area, seen_through / _TRIANGLE_CELLS
+
+
+def _between(along_mm: NDArray, edge_mm: float, spacing_mm: float) -> NDArray:
+    """Mask (2 cells, 2 cells) of the cells whose middle is as near to a point (K, 2) as points of a surface are."""
+    middles = (np.indices((2 * _CELLS, 2 * _CELLS)).reshape(2, -1).T + 0.5) * edge_mm / _CELLS
+    near = np.zeros(len(middles), dtype=bool)
+    if _NEAR_POINT * spacing_mm > 0.5 * edge_mm / _CELLS and len(along_mm):
+        near = np.asarray(cKDTree(along_mm).query(middles)[0]) < _NEAR_POINT * spacing_mm
+    return near.reshape(2 * _CELLS, 2 * _CELLS)

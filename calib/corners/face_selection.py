@@ -1,0 +1,260 @@
+"""Which three planes are the jig's faces.
+
+Jang chooses three groups with perpendicular normals and near centres. Beside a box, or in a room, several triples are
+perpendicular; what tells the jig is its outline. Seen from the apex each face is a right triangle with legs of the
+jig's edge: a plane of the jig fills its triangle, ends there, and nobody sees through it. Others leave it empty, spill
+over, or show what stands behind. A candidate is worth what its weakest face is worth.
+
+A face that got no group of its own (nearly edge-on, or mostly hidden) is voted for: the two other planes leave one
+direction for its normal, and its points agree on one offset along it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.corners.face_outline import outline_shares
+from calib.corners.intersection import intersect
+from calib.jig import Jig
+from calib.planes.clustering import PlaneGroup
+from calib.planes.normals import Neighbourhoods
+
+_MOST_GROUPS = 60
+_MOST_PEAKS = 4
+_SETS_TO_TELL_OF = 3  # a plane of fewer sets is mostly a splinter of another
+_CLEAR = 0.015  # of the edge: voters keep this distance from the other two faces and the far edge
+_NEAR_END = 0.12  # of the edge: how far from where the two other faces end the third may be
+
+
+@dataclass(frozen=True)
+class ChoiceTolerances:
+    """When three planes are the jig."""
+
+    perpendicular_rad: float
+    member_normal_rad: float  # a point belongs to a plane if its own normal agrees to this
+    height_mm: float  # ... and its height over the plane is below this
+    # What the best, the second and the weakest face have to be worth. A cube's square face, of whatever size, is worth
+    # 0.75 at most as a triangle, so no box passes the first. A jig in plain view reaches 1.0 and 0.92; the second face
+    # may be half hidden.
+    least_worth: tuple[float, float, float] = (0.85, 0.4, 0.04)
+    most_wrong: float = (
+        0.2  # share of a face that may be seen through or spilt over; its edges are never quite sharp
+    )
+    min_votes: int = 6
+
+
+@dataclass(frozen=True)
+class FaceChoice:
+    """The three planes that are taken for the jig's faces."""
+
+    groups: tuple[PlaneGroup, ...]  # all groups; where a face was voted for, it is the last and has no sets
+    chosen: tuple[int, int, int]  # indices into groups
+    worth: NDArray  # (3,) share of the face that has points, less the share that is wrong
+    wrong: NDArray  # (3,) area of what is seen through the face or spills over it, as a share of the face
+
+
+def face_choices(
+    points_mm: NDArray,
+    groups: Sequence[PlaneGroup],
+    around: Neighbourhoods,
+    jig: Jig,
+    tolerances: ChoiceTolerances,
+) -> Iterator[FaceChoice]:
+    """The triples of planes that look like the jig, the likeliest first; those with a voted face come last.
+
+    points_mm  # (N, 3) the whole scan; `around` its thinned points with normals.
+    """
+    planes = _Planes(groups, around, jig, tolerances)
+    yield from _acceptable(planes.triples(), tolerances)
+    yield from _acceptable(_vote_third_faces(points_mm, planes), tolerances)
+
+
+def why_none(
+    groups: Sequence[PlaneGroup], around: Neighbourhoods, jig: Jig, tolerances: ChoiceTolerances
+) -> str:
+    """Why no three planes are the jig, with numbers and a way out."""
+    mirrored = _Planes(groups, around, replace(jig, convex=not jig.convex), tolerances)
+    if _acceptable(mirrored.triples(), tolerances):
+        seen, said = ("away from", "true") if jig.convex else ("toward", "false")
+        return (
+            f"found a corner of the jig's size whose apex points {seen} the scanner, but the jig is described with "
+            f"convex = {said}; check convex in dataset.toml, and that the scanner is the origin of the scan's frame"
+        )
+    planes = _Planes(groups, around, jig, tolerances)
+    return _what_was_found(planes, planes.triples(), jig)
+
+
+class _Planes:
+    """The groups' planes with every thinned point's height over each, which is all that the scoring needs."""
+
+    def __init__(
+        self, groups: Sequence[PlaneGroup], around: Neighbourhoods, jig: Jig, tolerances: ChoiceTolerances
+    ) -> None:
+        self.groups = tuple(groups)
+        large = self.groups[:_MOST_GROUPS]
+        self.normals = np.array([g.normal for g in large]).reshape(-1, 3)
+        self.offsets = np.array([g.offset_mm for g in large])
+        self.heights = around.points_mm @ self.normals.T - self.offsets  # (V, G)
+        self.around = around
+        self.squared_mm2 = np.einsum("vi,vi->v", around.points_mm, around.points_mm)
+        self.tolerances = tolerances
+        self.members = [self.on_plane(n, d) for n, d in zip(self.normals, self.offsets, strict=True)]
+        self.perpendicular = np.abs(self.normals @ self.normals.T) <= np.sin(tolerances.perpendicular_rad)
+        self.edge_mm = jig.edge_mm
+        # Along an edge, away from the apex, the height over the plane that the edge leaves falls on a convex corner.
+        self.sign = -1.0 if jig.convex else 1.0
+
+    def on_plane(self, normal: NDArray, offset_mm: float) -> NDArray:
+        """Indices of the thinned points at a plane whose own normals agree with it."""
+        near = np.abs(self.around.points_mm @ normal - offset_mm) <= self.tolerances.height_mm
+        agree = self.around.normals @ normal >= np.cos(self.tolerances.member_normal_rad)
+        return np.flatnonzero(near & agree)
+
+    def triples(self) -> list[FaceChoice]:
+        """All triples of perpendicular planes with what each is worth."""
+        found = []
+        for i, j in np.argwhere(np.triu(self.perpendicular)).tolist():
+            for k in np.flatnonzero(self.perpendicular[i] & self.perpendicular[j]).tolist():
+                if k > j:
+                    found.append(self.candidate(self.groups, (i, j, k)))
+        return found
+
+    def strip(self, pair: tuple[int, int]) -> NDArray:
+        """Members of the first plane that could be a face which meets the second: from the edge to its length away."""
+        members = self.members[pair[0]]
+        along = self.sign * self.heights[members, pair[1]]
+        return members[(along > -0.1 * self.edge_mm) & (along < self.edge_mm)]
+
+    def could_be_face(self, strip: NDArray) -> bool:
+        """Whether the points `strip` are as many as cover the least share of a face that one of two good ones has."""
+        a_face = 0.5 * self.edge_mm**2 / self.around.spacing_mm(strip) ** 2
+        return len(strip) > 0.5 * self.tolerances.least_worth[1] * a_face
+
+    def candidate(self, groups: tuple[PlaneGroup, ...], chosen: tuple[int, int, int]) -> FaceChoice:
+        """Three planes with what each is worth as the face between the edges that leave the two others."""
+        normals = np.array([groups[g].normal for g in chosen])
+        offsets = np.array([groups[g].offset_mm for g in chosen])
+        apex = intersect(normals, offsets)
+        # |p x a|^2 = |p|^2 |a|^2 - (p . a)^2, so near the ray to the apex is:
+        along_ray = self.around.points_mm @ apex
+        near = along_ray**2 > (self.squared_mm2 - (1.5 * self.edge_mm) ** 2) * (apex @ apex)
+        points, point_normals = self.around.points_mm[near], self.around.normals[near]
+        heights = points @ normals.T - offsets
+        solid = (
+            self.around.thickness_mm[near] < self.tolerances.height_mm
+        )  # part of a surface, no stray point
+        spacing_mm = self.around.spacing_mm(near) if near.any() else 0.0
+        shares = []
+        for face in range(3):
+            others = [i for i in range(3) if i != face]
+            on = np.abs(heights[:, face]) <= self.tolerances.height_mm
+            agrees = point_normals @ normals[face] >= np.cos(self.tolerances.member_normal_rad)
+            # Where the ray of a point behind the plane has gone through it; the scanner is the origin.
+            behind = solid & (heights[:, face] < -2 * self.tolerances.height_mm)
+            way = points[behind] @ normals[face]
+            crossing = points[behind] * (offsets[face] / np.where(way < 0, way, -np.inf))[:, None]
+            through = crossing @ normals[others].T - offsets[others]
+            shares.append(
+                outline_shares(
+                    self.sign * heights[np.ix_(on, others)],
+                    agrees[on],
+                    self.sign * through,
+                    self.edge_mm,
+                    spacing_mm,
+                )
+            )
+        filled, spilt, seen_through = np.array(shares).T
+        # One face may be mostly broken or cut away, where one does see through it.
+        seen_through[np.argmin(filled - spilt - seen_through)] = 0.0
+        wrong = spilt + seen_through
+        return FaceChoice(groups, chosen, filled - wrong, wrong)
+
+
+def _acceptable(candidates: Sequence[FaceChoice], tolerances: ChoiceTolerances) -> list[FaceChoice]:
+    """The candidates whose faces all reach what they have to, the one with the most worth in all first."""
+
+    def is_jig(candidate: FaceChoice) -> bool:
+        enough = np.all(np.sort(candidate.worth)[::-1] >= tolerances.least_worth)
+        return bool(enough and candidate.wrong.max() <= tolerances.most_wrong)
+
+    return sorted(filter(is_jig, candidates), key=lambda c: -float(c.worth.sum()))
+
+
+def _vote_third_faces(points_mm: NDArray, planes: _Planes) -> list[FaceChoice]:
+    """Candidates of two perpendicular planes each, whose third face is voted for by the points of the whole scan."""
+    found = []
+    for i, j in np.argwhere(np.triu(planes.perpendicular)).tolist():
+        found += _vote(points_mm, planes, (i, j))
+    return found
+
+
+def _vote(points_mm: NDArray, planes: _Planes, pair: tuple[int, int]) -> list[FaceChoice]:
+    """Candidates with the two planes `pair`.
+
+    The third normal is n_1 x n_2 on the scanner's side. All points (N, 3) that lie over the third face's triangle
+    vote with their height along it, and the fullest bands are tried as its offset.
+    """
+    edge_mm, height_mm = planes.edge_mm, planes.tolerances.height_mm
+    thinned_mm = planes.around.points_mm
+    members = (planes.strip(pair), planes.strip(pair[::-1]))
+    strips = [thinned_mm[m] for m in members]
+    if min(map(len, strips)) < planes.tolerances.min_votes or not all(map(planes.could_be_face, members)):
+        return []
+    normals, offsets = planes.normals[list(pair)], planes.offsets[list(pair)]
+    third = np.cross(*normals)
+    third /= np.linalg.norm(third)
+    if third @ strips[0].mean(axis=0) > 0:
+        third = -third
+    along = planes.sign * (points_mm @ normals.T - offsets)
+    over = np.all(along > _CLEAR * edge_mm, axis=1) & (along.sum(axis=1) < (1 - _CLEAR) * edge_mm)
+    height = points_mm[over] @ third
+    # The two faces end at the third one, so they tell its offset to a cell or so; its few points tell the rest.
+    ends = [float(np.quantile(planes.sign * (strip @ third), 0.02)) * planes.sign for strip in strips]
+    close = np.abs(height - 0.5 * sum(ends)) < _NEAR_END * edge_mm
+    found = []
+    for offset in _fullest_bands(height[close], height_mm / 2, planes.tolerances.min_votes):
+        on = np.abs(height - offset) <= height_mm / 2
+        voted = PlaneGroup(np.zeros(0, dtype=np.int64), points_mm[over][on].mean(axis=0), third, offset)
+        groups = (*planes.groups, voted)
+        found.append(planes.candidate(groups, (pair[0], pair[1], len(planes.groups))))
+    return found
+
+
+def _fullest_bands(height_mm: NDArray, width_mm: float, min_votes: int) -> list[float]:
+    """Middles of the fullest bands of the given width, the fullest first; none overlaps a fuller one."""
+    order = np.sort(height_mm)
+    bands: list[float] = []
+    count = np.searchsorted(order, order + width_mm, side="right") - np.arange(len(order))
+    for start in np.argsort(-count, kind="stable"):
+        if count[start] < min_votes or len(bands) == _MOST_PEAKS:
+            break
+        middle = float(order[start + count[start] // 2])
+        if all(abs(middle - other) > 2 * width_mm for other in bands):
+            bands.append(middle)
+    return bands
+
+
+def _what_was_found(planes: _Planes, triples: Sequence[FaceChoice], jig: Jig) -> str:
+    """The planes and triples there were, and what to do."""
+    count = sum(len(g.sets) >= _SETS_TO_TELL_OF for g in planes.groups) or len(planes.groups)
+    sizes = [f"{len(m)}" for m in planes.members[: min(count, 3)]]
+    if count < 3:
+        found = f"found {count} plane{'s' * (count != 1)}" + (
+            f" ({' and '.join(sizes)} points)" if sizes else ""
+        )
+        return f"{found}, a corner needs 3; turn the jig so that three faces are seen, or scan it finer"
+    if not triples:
+        return (
+            f"found {count} planes (the largest of {', '.join(sizes)} points), no three of them perpendicular; "
+            "turn the jig so that three faces are seen, or scan it finer"
+        )
+    best = max(triples, key=lambda c: float(np.sort(c.worth)[1]))
+    filled = ", ".join(f"{max(w, 0):.0%}" for w in np.sort(best.worth))
+    return (
+        f"found {len(triples)} triples of perpendicular planes, but none with the outline of a jig of edge "
+        f"{jig.edge_mm:g} mm (the best fills {filled} of its faces); check edge_mm, and that the jig is in full view"
+    )

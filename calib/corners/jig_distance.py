@@ -1,0 +1,82 @@
+"""How far scan points lie from the jig: the jig's model put where its corner was found, and distances to its faces."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calib import frames
+from calib.corners.intersection import Corner
+from calib.errors import ScanError
+from calib.jig import Jig
+from calib.simulation.scene import jig_geometry
+
+Array = NDArray[np.float64]
+
+REACH = 0.05  # of the jig's edge: points farther from every face are no part of the jig
+RIM = 0.02  # of the jig's edge: how far over a face's rim a point may lie
+
+
+def place_jig(corner: Corner, jig: Jig) -> tuple[Array, tuple[int, int, int]]:
+    """scanner_T_jig (4, 4) of the jig's model at an estimated corner, and which of its faces is which.
+
+    The apex lies in the corner; the turn brings the model's face normals to the estimated ones with the least squared
+    error (Kabsch). Which face is which is not known beforehand: of the six ways to pair them the best is taken, and
+    face i of the corner is face `order[i]` of `jig_geometry`.
+    """
+    found = np.array([face.normal for face in corner.faces])
+    _, normals = jig_geometry(jig)
+    best = min(permutations((0, 1, 2)), key=lambda order: _turn(found, normals[list(order)])[1])
+    turn, _ = _turn(found, normals[list(best)])
+    return frames.make_transform(turn, corner.xyz_mm), (best[0], best[1], best[2])
+
+
+def _turn(found: Array, model: Array) -> tuple[Array, float]:
+    """The rotation (3, 3) that brings model normals (3, 3) to those found, and what is left over."""
+    # With their opposites the normals lie about the origin, so that the best motion is a turn alone.
+    turn = frames.best_fit_transform(np.concatenate([model, -model]), np.concatenate([found, -found]))[:3, :3]
+    return turn, float(np.linalg.norm(found - model @ turn.T))
+
+
+def jig_outline(corner: Corner, jig: Jig) -> Array:
+    """The three faces of the jig's model at a corner: triangles (3, 3, 3) in mm, apex first, in the corner's order."""
+    scanner_T_jig, order = place_jig(corner, jig)
+    edges, _ = jig_geometry(jig)
+    faces = [[np.zeros(3), edges[(k + 1) % 3], edges[(k + 2) % 3]] for k in order]
+    return frames.apply(scanner_T_jig, np.array(faces))
+
+
+def face_distances(points_mm: ArrayLike, corner: Corner, jig: Jig) -> tuple[Array, NDArray[np.int64]]:
+    """Signed distance (N,) in mm of each point to the nearest of the three estimated planes, and that face (N,).
+
+    Positive is outside, towards the scanner. nan (and face -1) where a point is no part of the jig: beside the outline
+    of every face, or farther from all than `REACH` of the edge.
+
+    Raises:
+        ScanError: points that are not (N, 3).
+    """
+    points = np.asarray(points_mm, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ScanError(f"distances to the jig: found points of shape {points.shape}; (N, 3) would do")
+    distance = np.full(len(points), np.nan)
+    nearest = np.full(len(points), -1)
+    # Most of a scan is wall and arm: only points in the box around the jig are looked at closely.
+    box_mm = (1.0 + RIM + REACH) * jig.edge_mm
+    near = np.ones(len(points), dtype=bool)
+    for axis in range(3):
+        near &= np.abs(points[:, axis] - corner.xyz_mm[axis]) <= box_mm
+    close = np.flatnonzero(near)
+    around = points[close]
+    limit = np.full(len(around), REACH * jig.edge_mm)
+    for number, (face, outline) in enumerate(zip(corner.faces, jig_outline(corner, jig), strict=True)):
+        height = around @ face.normal - face.offset_mm
+        sides = np.column_stack([outline[1] - outline[0], outline[2] - outline[0], face.normal])
+        to_sides = np.linalg.inv(sides)[:2]
+        u, v = to_sides @ around.T - (to_sides @ outline[0])[:, None]
+        inside = (u > -RIM) & (v > -RIM) & (u + v < 1.0 + RIM)
+        better = inside & (np.abs(height) <= limit)
+        distance[close[better]], nearest[close[better]] = height[better], number
+        limit[better] = np.abs(height[better])
+    return distance, nearest

@@ -1,0 +1,142 @@
+"""The jig's orientation in the scanner's frame, from the three planes whose meeting point is the corner.
+
+**The jig's frame** has its origin in the apex. Its x, y and z axes are the normals of faces 1, 2 and 3, toward the
+scanner's side, which is right-handed for convex and concave jigs alike. Where the faces are not square, their normals N
+(rows) satisfy N N^T = G with G_ij = -cos f_ij of the dihedral angles, and the frame is the right-handed one that lies
+closest to them: N = G^(1/2), the symmetric root, whose closest rotation is the identity.
+
+Three equal faces look alike under turns by a third: `candidates` gives all three, `calib.measurement.face_labels`
+tells which it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from calib import frames
+from calib.corners.intersection import Corner
+from calib.errors import CornerError
+from calib.jig import Jig
+
+Array = NDArray[np.float64]
+
+MOST_MISFIT = 21.1  # squared, of three angles: beyond it once in 10 000 scans of a jig that is as told
+_STEPS = 6
+_NULL = 1e-8  # of a covariance's largest eigenvalue: certified angles leave three of six slopes no freedom
+
+
+@dataclass(frozen=True)
+class Orientation:
+    """Which way the jig stands, one way of naming its faces taken for granted."""
+
+    scanner_R_jig: Array  # (3, 3)
+    covariance_rad2: Array  # (3, 3) of the small turn w in the scanner's frame: true = exp(w) scanner_R_jig
+    cross_mm_rad: (
+        Array  # (3, 3) covariance of the apex's error (rows, mm) with that turn (columns): same points
+    )
+    order: tuple[int, int, int]  # which of the corner's faces are the jig's faces 1, 2, 3
+    misfit: float  # squared, between the faces' angles as found and as told: 3 on average for free planes
+
+    def quaternion(self) -> Array:
+        """(4,) w, x, y, z of scanner_R_jig, w >= 0."""
+        return np.asarray(Rotation.from_matrix(self.scanner_R_jig).as_quat(canonical=True))[[3, 0, 1, 2]]
+
+    def sigma_rad(self) -> float:
+        """Standard deviation of the turn, all three axes together: sqrt(trace of the covariance)."""
+        return float(np.sqrt(np.trace(self.covariance_rad2)))
+
+
+def jig_normals(face_angles_deg: tuple[float, float, float]) -> Array:
+    """The faces' normals (3, 3), one a row, in the jig's frame: the symmetric root of G_ij = -cos f_ij.
+
+    Raises:
+        CornerError: no corner has such angles between faces 1-2, 2-3 and 3-1.
+    """
+    gram = np.eye(3)
+    for (i, j), angle in zip(((0, 1), (1, 2), (2, 0)), np.radians(face_angles_deg), strict=True):
+        gram[i, j] = gram[j, i] = -np.cos(angle)
+    values, vectors = np.linalg.eigh(gram)
+    if values[0] < 1e-6:
+        raise CornerError(
+            f"jig: no corner has faces at {list(face_angles_deg)} degrees; correct face_angles_deg in dataset.toml"
+        )
+    return np.asarray((vectors * np.sqrt(values)) @ vectors.T)
+
+
+def candidates(corner: Corner, jig: Jig) -> tuple[Orientation, Orientation, Orientation]:
+    """The orientation for each of the three ways to name the faces; the first begins with the corner's first face.
+
+    Raises CornerError for angles that no jig can have.
+    """
+    known = jig_normals(jig.face_angles_deg)
+    found = np.array([face.normal for face in corner.faces])
+    one, two, three = (0, 1, 2) if np.linalg.det(found) > 0.0 else (0, 2, 1)
+    first = _orient(corner, known, (one, two, three))
+    if len(set(jig.face_angles_deg)) == 1:  # another name is the same rotation with its axes named anew
+        turned = first.scanner_R_jig
+        return (
+            first,
+            replace(first, scanner_R_jig=turned[:, [1, 2, 0]], order=(two, three, one)),
+            replace(first, scanner_R_jig=turned[:, [2, 0, 1]], order=(three, one, two)),
+        )
+    return (
+        first,
+        _orient(corner, known, (two, three, one)),
+        _orient(corner, known, (three, one, two)),
+    )
+
+
+def oriented(corner: Corner, jig: Jig, order: tuple[int, int, int]) -> Orientation:
+    """The orientation with the corner's faces named in this order, one of those that `candidates` gives.
+
+    Raises CornerError for angles that no jig can have.
+    """
+    return _orient(corner, jig_normals(jig.face_angles_deg), order)
+
+
+def _orient(corner: Corner, known: Array, order: tuple[int, int, int]) -> Orientation:
+    """Least squares on the rotations (a weighted Wahba problem), Gauss-Newton from the unweighted answer.
+
+    A plane's slopes s say that its true normal is n - s_1 e_1 - s_2 e_2. Of a jig that stands at R the slopes would be
+    s_k = -e_k . R m, m the known normal; found are zeros with the planes' covariance. A small turn w changes s_k by
+    -(R m x e_k) . w. Certified angles leave the covariance of rank 3: its pseudo-inverse asks for the rest exactly.
+    """
+    normals = np.array([corner.faces[i].normal for i in order])
+    axes = np.array([corner.faces[i].axes for i in order])  # (3, 2, 3)
+    slopes = np.array([[3 * i + 1, 3 * i + 2] for i in order]).ravel()
+    covariance = corner.plane_covariance[np.ix_(slopes, slopes)]
+    weight = np.linalg.pinv(0.5 * (covariance + covariance.T), rcond=_NULL, hermitian=True)
+    scanner_R_jig = frames.best_fit_transform(
+        np.concatenate([known, -known]), np.concatenate([normals, -normals])
+    )[:3, :3]
+    for _ in range(_STEPS):
+        turned = known @ scanner_R_jig.T
+        slope = -np.einsum("ikj,ij->ik", axes, turned).ravel()
+        by_turn = -np.cross(turned[:, None], axes).reshape(6, 3)
+        information = by_turn.T @ weight @ by_turn
+        step = -np.linalg.solve(information, by_turn.T @ weight @ slope)
+        scanner_R_jig = frames.rotation_from_rotvec(step) @ scanner_R_jig
+        if np.linalg.norm(step) < 1e-13:
+            break
+    left = slope + by_turn @ step
+    misfit = float(left @ weight @ left)
+    # Faces that do not meet as told make the answer depend on the weights: it is as uncertain as they show.
+    wider = misfit / 3.0 if misfit > MOST_MISFIT else 1.0
+    turn_covariance = np.linalg.inv(information)
+    by_planes = (
+        turn_covariance @ by_turn.T @ weight
+    )  # how true slopes other than the found zeros turn the jig
+    cross = _apex_by_planes(corner) @ corner.plane_covariance[:, slopes] @ by_planes.T
+    return Orientation(scanner_R_jig, wider * turn_covariance, np.sqrt(wider) * cross, order, misfit)
+
+
+def _apex_by_planes(corner: Corner) -> Array:
+    """(3, 9) mm: how the planes' (h, s_1, s_2) move the apex, each by its height there."""
+    lever = np.zeros((3, 9))
+    for i, face in enumerate(corner.faces):
+        lever[i, 3 * i : 3 * i + 3] = 1.0, *(face.axes @ (corner.xyz_mm - face.centre_mm))
+    return np.linalg.solve(np.array([face.normal for face in corner.faces]), lever)

@@ -1,0 +1,293 @@
+"""The corner from all points of the three faces: robust total least squares, where the accuracy comes from.
+
+Sample sets find the planes but throw the data away; a corner from group fits does not get better with more points.
+Here every scan point of a face takes part, weighted by Tukey's biweight, and the residuals say how well the apex is
+known. The outline of each face follows from the three planes, so planes and outlines are refined in turns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.corners.certified_angles import angle_derivative, found_angles_deg, hold_to_angles, turned_normals
+from calib.corners.correlated_noise import PlaneUncertainty, plane_uncertainty
+from calib.corners.face_outline import (
+    along_edges,
+    face_points,
+    flat_margins_mm,
+    outline_shares,
+    with_the_rest,
+)
+from calib.corners.intersection import Corner, Face, intersect, intersection_covariance, packed
+from calib.corners.quality import CornerQuality, FaceQuality, angle_errors
+from calib.jig import Jig
+from calib.planes.clustering import PlaneGroup
+from calib.planes.robust_fit import PlaneFit, fit_plane_robustly
+
+_ROUNDS = 6
+_LAST_ROUNDS = 2
+_POINTS_AT_FIRST = 20_000
+_POINTS_TO_TELL_A_LINE = 3_000
+_BAND_SIGMA = 12.0
+_LESS_MARGIN = (1.0, 0.5, 0.2)
+_MARGIN_SIGMA = 3.0  # a face's own noise must not carry its points over the edge into the other face's band
+_LEAST_SPREAD = 1 / 200  # standard deviation across the strip of points on a face, of the edge
+SQUARENESS_DEG = 1.0
+MOST_INCIDENCE_DEG = 84.0
+_DEEP = 0.035  # of the edge: nine of ten points nearer to an edge than this are no face's
+_ROUGHEST = 10.0  # times the scatter of the other faces; a face seen at 84 deg scatters some 6 times as much
+_ROUGH = 1 / 3000  # of the edge: below this the scatter tells nothing
+
+
+@dataclass(frozen=True)
+class RefinementOptions:
+    """Which points take part."""
+
+    # Kept away from every edge of a face: rounding, blurred and flying pixels. None: found from the points' heights.
+    edge_margin_mm: float | None = None
+    min_face_points: int = 6
+
+
+def refine(
+    points_mm: NDArray,
+    groups: Sequence[PlaneGroup],
+    chosen: tuple[int, int, int],
+    jig: Jig,
+    sigma_mm: float,
+    options: RefinementOptions,
+    scan_sigma_mm: float | None = None,
+) -> tuple[Corner | None, str]:
+    """The corner of three plane groups refined on all inliers, or None and the reason.
+
+    points_mm  # (N, 3) the whole scan; sigma_mm is the noise along the normals, which sets the first, wide bands;
+    scan_sigma_mm is what the scanner is said to have, for the quality figures only.
+    """
+    normals = np.array([groups[g].normal for g in chosen])
+    start_offsets = np.array([groups[g].offset_mm for g in chosen])
+    origin = intersect(normals, start_offsets)
+    way = points_mm - origin
+    near = np.flatnonzero(np.einsum("ni,ni->n", way, way) < (1.1 * jig.edge_mm) ** 2)
+    local = way[near]  # small numbers: the planes are fitted around the first apex
+    planes, margin_mm, failure = _fit_faces(
+        local, near, normals, start_offsets - normals @ origin, jig, sigma_mm, options
+    )
+    if failure:
+        return None, failure
+    known = plane_uncertainty(planes, jig.edge_mm, origin / max(float(np.linalg.norm(origin)), 1e-9))
+    failure = _doubt(planes, known.covariance, origin, jig)
+    if failure:
+        return None, failure
+    covariance, moves = known.covariance, np.zeros(9)
+    notes: tuple[str, ...] = ()
+    if jig.certified:
+        rigid = hold_to_angles(planes, known.covariance, jig.face_angles_deg)
+        if rigid.moves is None:
+            notes = (rigid.why,)
+        else:
+            covariance, moves = rigid.covariance, rigid.moves
+    normals = turned_normals(planes, moves)
+    offsets = np.array([normals[i] @ p.centre_mm + moves[3 * i] for i, p in enumerate(planes)])
+    apex = intersect(normals, offsets)
+    corner = Corner(
+        origin + apex,
+        intersection_covariance(normals, height_covariance(planes, covariance, apex)),
+        tuple(_face(p, normals[i], offsets[i], origin, group, covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3],
+                    len(points_mm))
+            for i, (p, group) in enumerate(zip(planes, chosen, strict=True))),  # type: ignore[arg-type]
+        covariance,
+        _quality(planes, known, covariance, origin, apex, jig, margin_mm, scan_sigma_mm, notes),
+    )  # fmt: skip
+    return corner, ""
+
+
+def _fit_faces(
+    local: NDArray,
+    near: NDArray,
+    normals: NDArray,
+    offsets: NDArray,
+    jig: Jig,
+    sigma_mm: float,
+    options: RefinementOptions,
+) -> tuple[list[PlaneFit], float, str]:
+    """Planes and outlines in turns: the three fits, the widest margin along the edges, and why they cannot be made."""
+    bands = np.full(3, _BAND_SIGMA * max(sigma_mm, jig.edge_mm / 1800))
+    margins_mm = np.full(3, options.edge_margin_mm or jig.edge_mm / 40)
+    planes: list[PlaneFit] = []
+    step = max(1, len(local) // _POINTS_AT_FIRST)  # at first some thousands of points tell enough
+    members = [(local[::step], near[::step])] * 3
+    for turn in range(_ROUNDS):
+        if turn == _ROUNDS - _LAST_ROUNDS:  # from here on all points that may be a face's, and no others
+            heights = (local @ normals.T - offsets).T
+            at_plane = [np.flatnonzero(np.abs(h) <= 2 * band) for h, band in zip(heights, bands, strict=True)]
+            members = [(local[on], near[on]) for on in at_plane]
+        heights = [points @ normals.T - offsets for points, _ in members]
+        if turn == _ROUNDS - 1 and options.edge_margin_mm is None:
+            # Not before: planes of some of the points would look off by themselves.
+            margins_mm = flat_margins_mm(heights, planes, jig)
+        margins_mm = np.maximum(margins_mm, _MARGIN_SIGMA * bands.max() / _BAND_SIGMA)
+        planes = []
+        for face, (points, indices) in enumerate(members):
+            for share in _LESS_MARGIN:  # a narrow strip of few points cannot spare its rim
+                on = np.flatnonzero(
+                    face_points(heights[face], face, bands[face], jig, share * margins_mm[face])
+                )
+                on = on[with_the_rest(np.column_stack(along_edges(heights[face][on], face, jig)))]
+                failure = _too_little(points[on], jig, options)
+                if not failure:
+                    break
+            if failure:
+                return [], 0.0, failure
+            planes.append(fit_plane_robustly(points[on], indices[on], normals[face], offsets[face]))
+        normals = np.array([p.normal for p in planes])
+        offsets = np.array([p.offset_mm for p in planes])
+        bands = np.array([max(_BAND_SIGMA * p.sigma_mm, 1e-6) for p in planes])
+    return planes, float(margins_mm.max()), ""
+
+
+def height_covariance(planes: Sequence[PlaneFit], covariance: NDArray, point_mm: NDArray) -> NDArray:
+    """Covariance (3, 3) in mm^2 of the three planes' heights at one point (3,). covariance  # (9, 9)"""
+    lever = np.zeros((3, 9))
+    for i, plane in enumerate(planes):
+        lever[i, 3 * i : 3 * i + 3] = plane.design(point_mm[None])[0]
+    return np.asarray(lever @ covariance @ lever.T)
+
+
+def _too_little(points: NDArray, jig: Jig, options: RefinementOptions) -> str:
+    """Why a face's points (K, 3) do not define a plane, or ""."""
+    if len(points) < options.min_face_points:
+        return (
+            f"only {len(points)} points on one of the faces, at least {options.min_face_points} are needed; "
+            "turn the jig toward the scanner, or scan it finer"
+        )
+    some = points[:: max(1, len(points) // _POINTS_TO_TELL_A_LINE)]
+    centred = some - some.mean(axis=0)
+    # Of points on one line the eigenvalue is zero but for rounding, which may fall below it.
+    across = np.sqrt(max(np.linalg.eigvalsh(centred.T @ centred)[1], 0.0) / len(some))
+    if across < _LEAST_SPREAD * jig.edge_mm:
+        return (
+            f"the {len(points)} points on one of the faces lie along a line ({across:.2g} mm wide); "
+            "turn the jig toward the scanner, or scan it finer"
+        )
+    return ""
+
+
+def _doubt(planes: Sequence[PlaneFit], covariance: NDArray, origin: NDArray, jig: Jig) -> str:
+    """Why the three refined planes are not to be trusted, or ""."""
+    for plane in planes:
+        seen_at_deg = incidence_deg(plane, origin)
+        if seen_at_deg > MOST_INCIDENCE_DEG:
+            return (
+                f"the third face would be seen edge-on ({len(plane.indices)} points, {seen_at_deg:.1f} deg off its "
+                f"normal; beyond {MOST_INCIDENCE_DEG:g} deg stray points along an edge look the same); "
+                "turn the jig so that three faces are seen"
+            )
+    for plane in planes:
+        legs_mm = [np.abs(plane.points_mm @ p.normal - p.offset_mm) for p in planes if p is not plane]
+        deep_mm = float(np.quantile(np.min(legs_mm, axis=0), 0.9))
+        if deep_mm < _DEEP * jig.edge_mm:
+            return (
+                f"the {len(plane.indices)} points taken for one of the faces lie within {deep_mm:.2g} mm of its edges, "
+                "as those of a bevel do; turn the jig so that three faces are seen"
+            )
+    scatter = np.array([plane.sigma_mm for plane in planes])
+    usual_mm = max(float(np.median(scatter)), _ROUGH * jig.edge_mm)
+    if scatter.max() > _ROUGHEST * usual_mm:
+        rough = planes[int(np.argmax(scatter))]
+        return (
+            f"the {len(rough.indices)} points taken for one of the faces scatter {rough.sigma_mm:.2g} mm, those of the "
+            f"others {usual_mm:.2g} mm: they are no plane; turn the jig so that three faces are seen"
+        )
+    slopes = [covariance[3 * i + 1 : 3 * i + 3, 3 * i + 1 : 3 * i + 3] for i in range(3)]
+    tilt_deg = [np.degrees(np.sqrt(np.linalg.eigvalsh(slope)[-1])) for slope in slopes]
+    nominal_slack_deg = SQUARENESS_DEG + max(abs(a - 90) for a in jig.face_angles_deg)
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        off_deg = float(np.degrees(np.arcsin(np.clip(planes[i].normal @ planes[j].normal, -1, 1))))
+        slack_deg = nominal_slack_deg + 3 * np.hypot(tilt_deg[i], tilt_deg[j])
+        if abs(off_deg) > slack_deg:
+            return (
+                f"two of the faces meet {abs(off_deg):.2f} deg out of square, more than {slack_deg:.2f} deg; "
+                "look at the chosen planes, and check face_angles_deg in dataset.toml"
+            )
+    return ""
+
+
+def _face(
+    plane: PlaneFit,
+    normal: NDArray,
+    offset_mm: float,
+    origin: NDArray,
+    group: int,
+    covariance: NDArray,
+    scan_points: int,
+) -> Face:
+    centre = plane.centre_mm + (offset_mm - normal @ plane.centre_mm) * normal
+    return Face(
+        normal=normal,
+        offset_mm=float(offset_mm + normal @ origin),
+        centre_mm=centre + origin,
+        points=len(plane.indices),
+        rms_mm=plane.sigma_mm,
+        inlier_bits=packed(plane.indices, scan_points),
+        group=group,
+        axes=plane.axes - np.outer(plane.axes @ normal, normal),
+        covariance=covariance,
+    )
+
+
+def _quality(
+    planes: Sequence[PlaneFit],
+    known: PlaneUncertainty,
+    covariance: NDArray,
+    origin: NDArray,
+    apex: NDArray,
+    jig: Jig,
+    margin_mm: float,
+    scan_sigma_mm: float | None,
+    notes: tuple[str, ...],
+) -> CornerQuality:
+    normals = np.array([p.normal for p in planes])
+
+    def apex_sigma_mm(plane_covariance: NDArray) -> float:
+        heights = height_covariance(planes, plane_covariance, apex)
+        return float(np.sqrt(np.trace(intersection_covariance(normals, heights))))
+
+    def face(index: int) -> FaceQuality:
+        plane = planes[index]
+        slopes = known.covariance[3 * index + 1 : 3 * index + 3, 3 * index + 1 : 3 * index + 3]
+        others = [p for p in planes if p is not plane]
+        along = np.column_stack([np.abs(plane.points_mm @ p.normal - p.offset_mm) for p in others])
+        filled, _, _ = outline_shares(along, np.zeros(len(along), dtype=bool), along[:0], jig.edge_mm)
+        told = None if not scan_sigma_mm else plane.sigma_mm / scan_sigma_mm
+        return FaceQuality(
+            len(plane.indices), incidence_deg(plane, origin), filled, plane.sigma_mm, told,
+            float(np.degrees(np.sqrt(np.linalg.eigvalsh(slopes)[-1]))),
+        )  # fmt: skip
+
+    angles = found_angles_deg(planes)
+    derivative = angle_derivative(planes) / np.sin(np.radians(angles))[:, None]
+    sigmas = np.degrees(np.sqrt(np.diag(derivative @ known.covariance @ derivative.T)))
+    middles = np.sqrt(sum(known.covariance[3 * i, 3 * i] for i in range(3)))
+    return CornerQuality(
+        faces=(face(0), face(1), face(2)),
+        angles_deg=angles,
+        angle_sigmas_deg=tuple(sigmas.tolist()),
+        angle_errors_deg=tuple(angle_errors(angles, jig.face_angles_deg).tolist()),
+        condition=float(np.linalg.cond(normals)),
+        amplification=apex_sigma_mm(covariance) / float(middles),
+        smooth_error_mm=known.smooth_mm,
+        smooth_length_mm=known.smooth_length_mm,
+        smooth_factor=apex_sigma_mm(known.covariance) / apex_sigma_mm(known.white_covariance),
+        rigid=jig.certified and not notes,
+        margin_mm=margin_mm,
+        notes=notes,
+    )
+
+
+def incidence_deg(plane: PlaneFit, origin: NDArray) -> float:
+    """Angle between the line of sight to the middle of the plane's points and its normal."""
+    way = plane.centre_mm + origin
+    return float(np.degrees(np.arccos(np.abs(plane.normal @ way) / np.linalg.norm(way))))

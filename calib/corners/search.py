@@ -1,0 +1,314 @@
+"""From a scan to the corner of the jig, the whole way (Jang 2025, section 2, and the refinement on all inliers)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import BrokenExecutor, Executor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from hashlib import blake2b
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.blas_threads import one_blas_thread
+from calib.corners.face_selection import ChoiceTolerances, face_choices, why_none
+from calib.corners.intersection import Corner
+from calib.corners.refinement import RefinementOptions, refine
+from calib.corners.unit_check import MOST_EDGES, extent_of, with_unit
+from calib.dataset.dataset import Dataset
+from calib.errors import CornerError, DatasetError, ScanError
+from calib.jig import Jig
+from calib.parallel import as_they_come
+from calib.planes.clustering import ClusterTolerances, PlaneGroup, cluster
+from calib.planes.filters import FilterTolerances, SampleSets, apply_filters, draw_sample_sets, walk_for
+from calib.planes.normals import NEIGHBOURS, Neighbourhoods, estimate_normals, finite_rows, thin_to_voxels
+from calib.scans.scan import Scan, load_scan
+from calib.scans.scan_counts import PointCount
+
+MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
+MOST_CHOICES = 4  # triples of planes that are refined before the search gives up
+_EDGE_VOXELS = 28  # voxels along the jig's edge
+_POINTS_A_SET = 8  # thinned points: a wide scene takes more sets, or few would fall on the jig
+# Where the first look at a scan finds no jig, others follow: neighbours of a normal, how many times the sample sets.
+# Few neighbours fit into a narrow or sparsely seen face, many sets meet a jig that is a small part of the scan.
+_LOOKS = ((NEIGHBOURS, 1), (9, 4), (NEIGHBOURS, 12))
+
+
+@dataclass(frozen=True)
+class CornerOptions:
+    """What one may want to turn. Lengths that are not here follow from the jig's edge and the noise."""
+
+    sample_sets: int = 5000
+    local_sets: bool = True  # False: four points from the whole scan, as in the paper
+    refinement: RefinementOptions = field(default_factory=RefinementOptions)
+
+
+@dataclass(frozen=True)
+class CornerSearch:
+    """Every intermediate product of one search, success or not, so that it can be looked at."""
+
+    scan: str
+    voxel_points_mm: NDArray  # (V, 3) the points that the sample sets were drawn from
+    voxel_normals: NDArray  # (V, 3) toward the scanner
+    sets: SampleSets
+    groups: tuple[
+        PlaneGroup, ...
+    ]  # the one with the most sets first; a voted third face is the last, without sets
+    chosen: tuple[int, ...]  # indices of the three chosen groups, () where none were
+    corner: Corner | None
+    failure: str  # "" or the reason, with numbers and a way out
+    seconds: float
+    unreadable: bool = False  # the scan's file could not be read at all
+    count: PointCount | None = None  # of the scan's file, where it was read from one
+    looks: int = 1  # how often the scan was looked at, each time with other neighbours and more sample sets
+
+    def filter_counts(self) -> dict[str, int]:
+        """How many sets were drawn, rejected by each filter, and passed."""
+        passed, first, second, third = np.bincount(self.sets.rejected_by, minlength=4).tolist()
+        return {
+            "drawn": len(self.sets), "filter1": first, "filter2": second, "filter3": third, "passed": passed,
+        }  # fmt: skip
+
+    def summary(self) -> str:
+        """One line: the corner with its uncertainty and faces, or why there is none."""
+        if self.corner is None:
+            return f"{self.scan}: no corner: {self.failure}"
+        x, y, z = self.corner.xyz_mm
+        faces = ", ".join(str(f.points) for f in self.corner.faces)
+        return (
+            f"{self.scan}: corner ({x:.4f}, {y:.4f}, {z:.4f}) mm, sigma {self.corner.sigma_mm():.4f} mm, "
+            f"faces of {faces} points, {len(self.groups)} plane groups, {self.seconds:.2f} s"
+        )
+
+
+@one_blas_thread()
+def find_corner(
+    scan: Scan,
+    jig: Jig,
+    *,
+    scan_sigma_mm: float | None = None,
+    rng: np.random.Generator | None = None,
+    options: CornerOptions | None = None,
+) -> CornerSearch:
+    """Find the jig's apex in one scan.
+
+    The noise is the larger of `scan_sigma_mm` and what the scan itself shows. Without `rng` the draws are seeded by the
+    scan's points, so the same scan gives the same corner whenever, wherever and under whatever name it is processed.
+
+    Never raises on a scan: where there is no corner, the search's `failure` says why, and whether the scan is in
+    another unit than the millimetre. No scan is scaled.
+    """
+    options = options or CornerOptions()
+    started = time.perf_counter()
+
+    def search_in(points_mm: NDArray) -> CornerSearch:
+        draws = rng or _generator(points_mm)
+        return _search(Scan(scan.name, points_mm), jig, scan_sigma_mm, draws, options)
+
+    search = search_in(scan.points_mm)
+    if search.corner is None and len(scan.points_mm) >= MIN_POINTS:
+        failure = with_unit(
+            search.failure, scan.points_mm, jig, lambda points_mm: search_in(points_mm).corner is not None
+        )
+        search = replace(search, failure=failure)
+    return replace(search, seconds=time.perf_counter() - started)
+
+
+def _search(
+    scan: Scan, jig: Jig, scan_sigma_mm: float | None, rng: np.random.Generator, options: CornerOptions
+) -> CornerSearch:
+    """As many looks as it takes, at a scan taken to be in millimetres."""
+    failure = _unworkable(scan, jig)
+    if failure:
+        return _failed(scan.name, failure, 0.0)
+    thinned = thin_to_voxels(scan.points_mm, jig.edge_mm / _EDGE_VOXELS)
+    if len(thinned) < NEIGHBOURS:
+        failure = (
+            f"the scan's points lie in {len(thinned)} spots of {jig.edge_mm / _EDGE_VOXELS:.2g} mm, a corner needs "
+            f"{NEIGHBOURS} at the very least; scan the pose again"
+        )
+        return _failed(scan.name, failure, 0.0)
+    searches: list[CornerSearch] = []
+    for neighbours, times in _LOOKS:
+        around = estimate_normals(scan.points_mm[thinned], neighbours)
+        more = replace(options, sample_sets=times * options.sample_sets)
+        searches.append(_look(scan, around, jig, scan_sigma_mm, rng, more))
+        if searches[-1].corner is not None:
+            break
+    # Of a failure the first look tells, unless a later one got as far as a choice.
+    told = max(searches, key=lambda search: (search.corner is not None, len(search.chosen)))
+    return replace(told, looks=len(searches))
+
+
+def _look(
+    scan: Scan,
+    around: Neighbourhoods,
+    jig: Jig,
+    scan_sigma_mm: float | None,
+    rng: np.random.Generator,
+    options: CornerOptions,
+) -> CornerSearch:
+    """One look at the scan's thinned points: sample sets, groups, choice and refinement."""
+    tolerances = _Tolerances.of(around, jig, max(scan_sigma_mm or 0.0, around.noise_mm()))
+    drawn = draw_sample_sets(
+        around.neighbours,
+        max(options.sample_sets, len(around.points_mm) // _POINTS_A_SET),
+        rng,
+        long_walk=walk_for(2 * tolerances.filters.distance_mm[0], float(np.median(around.radius_mm))),
+        local=options.local_sets,
+    )
+    sets = apply_filters(around.points_mm[drawn], around.normals[drawn], tolerances.filters)
+    groups = cluster(sets, tolerances.clusters)
+    chosen: tuple[int, ...] = ()
+    corner, all_groups, failure = None, groups, ""
+    for choice in islice(face_choices(scan.points_mm, groups, around, jig, tolerances.choice), MOST_CHOICES):
+        sigma_mm = tolerances.clusters.sigma_mm
+        corner, said = refine(
+            scan.points_mm, choice.groups, choice.chosen, jig, sigma_mm, options.refinement, scan_sigma_mm
+        )
+        if not chosen or corner is not None:  # what is told of a failure is that of the likeliest
+            all_groups, chosen, failure = choice.groups, choice.chosen, said
+        if corner is not None:
+            break
+    if not chosen:
+        failure = why_none(groups, around, jig, tolerances.choice)
+    return CornerSearch(
+        scan.name, around.points_mm, around.normals, sets, all_groups, chosen, corner, failure, 0.0
+    )
+
+
+def find_corners(
+    dataset: Dataset,
+    *,
+    on_progress: Callable[[int, int, str], None] | None = None,
+    executor: Executor | None = None,
+    in_flight: int = 64,
+    intermediate: bool = True,
+) -> dict[str, CornerSearch]:
+    """The corner of every pose's scan, by pose id, in the dataset's order.
+
+    `on_progress(done, total, pose_id)` is called after each scan. With an `executor` (threads, processes, Dask's
+    `Client.get_executor()`: any `concurrent.futures.Executor`) the scans are processed by it, `in_flight` with it at a
+    time, which should be twice its workers or more; the result is the same to the bit, save the last digits of the
+    covariance where BLAS has another number of threads there (OPENBLAS_NUM_THREADS; Dask's workers have 1). Each job
+    loads its own scan, so no more scans are in memory than jobs run at a time. A scan that cannot be read becomes a
+    failed search with `unreadable` set. Without `intermediate` the searches come back without the arrays that are only
+    looked at (some 2 MB a scan of 200,000 points): with the corner, the counts and the reason.
+
+    Raises DatasetError where the dataset has no scans; CornerError where a process of the executor died.
+    """
+    ids = dataset.poses.ids
+    paths = [dataset.scan_path(i) for i in range(len(ids))]
+    scans = [path for path in paths if path is not None]
+    if len(scans) < len(ids) or not scans:
+        raise DatasetError(
+            f"dataset {dataset.name!r} has no scans to find corners in; name them with scans = ..."
+        )
+    search = partial(
+        search_file,
+        jig=dataset.jig,
+        scan_sigma_mm=dataset.scanner.scan_sigma_mm,
+        intermediate=intermediate,
+    )
+    found: dict[int, CornerSearch] = {}
+    try:
+        for pose, result in as_they_come(search, scans, executor, in_flight):
+            found[pose] = result
+            if on_progress is not None:
+                on_progress(len(found), len(ids), ids[pose])
+    except BrokenExecutor:
+        raise CornerError(
+            f"dataset {dataset.name!r}: a process died after {len(found)} of {len(ids)} scans, perhaps for want of "
+            "memory; search with fewer processes"
+        ) from None
+    return {pose_id: found[pose] for pose, pose_id in enumerate(ids)}
+
+
+@one_blas_thread()
+def search_file(
+    path: Path, jig: Jig, scan_sigma_mm: float | None = None, *, intermediate: bool = True
+) -> CornerSearch:
+    """`find_corner` in a scan file; one that cannot be read becomes a failed search with `unreadable` set."""
+    try:
+        scan = load_scan(path)
+    except ScanError as error:
+        return _failed(path.stem, str(error), 0.0, unreadable=True)
+    search = find_corner(scan, jig, scan_sigma_mm=scan_sigma_mm)
+    search = replace(search, count=PointCount(len(scan.points_mm), scan.dropped))
+    return search if intermediate else _brief(search)
+
+
+def _brief(search: CornerSearch) -> CornerSearch:
+    """The search without its points: what is found, counted and said stays."""
+    none, no_bits = np.zeros((0, 3)), np.zeros(0, dtype=np.uint8)
+    corner = search.corner
+    if corner is not None:
+        one, two, three = (replace(face, inlier_bits=no_bits) for face in corner.faces)
+        corner = replace(corner, faces=(one, two, three))
+    sets = SampleSets(np.zeros((0, 4, 3)), none, none, search.sets.rejected_by)
+    return replace(search, voxel_points_mm=none, voxel_normals=none, sets=sets, corner=corner)
+
+
+@dataclass(frozen=True)
+class _Tolerances:
+    """The stages' tolerances, from the jig's edge and the scan's noise; the factors were found by experiment."""
+
+    filters: FilterTolerances
+    clusters: ClusterTolerances
+    choice: ChoiceTolerances
+
+    @staticmethod
+    def of(around: Neighbourhoods, jig: Jig, sigma_mm: float) -> _Tolerances:
+        edge_mm = jig.edge_mm
+        normals_rad = float(np.clip(5 * np.median(around.normal_sigma_rad), np.radians(8), np.radians(25)))
+        height_mm = max(min(15 * sigma_mm, max(5 * sigma_mm, edge_mm / 24)), edge_mm / 120)
+        out_of_square_rad = np.radians(max(abs(angle - 90) for angle in jig.face_angles_deg))
+        return _Tolerances(
+            FilterTolerances(
+                distance_mm=(max(edge_mm / 40, min(12 * sigma_mm, edge_mm / 15)), edge_mm / 3),
+                point_normals_rad=normals_rad,
+                triangle_normals_rad=max(np.radians(3), 0.6 * normals_rad),
+            ),
+            ClusterTolerances(
+                parallel_rad=np.radians(4), in_plane_rad=np.radians(4), height_mm=height_mm, sigma_mm=sigma_mm
+            ),
+            ChoiceTolerances(
+                perpendicular_rad=np.radians(1.5) + out_of_square_rad + 12 * sigma_mm / edge_mm,
+                member_normal_rad=max(normals_rad, np.radians(15)),
+                height_mm=height_mm,
+            ),
+        )
+
+
+def _unworkable(scan: Scan, jig: Jig) -> str:
+    """Why this scan cannot hold the jig, or "": too few points, or a size that no scan of the jig has."""
+    finite = np.flatnonzero(finite_rows(scan.points_mm))
+    if len(finite) < MIN_POINTS:
+        return f"the scan holds {len(finite)} points, a corner needs at least {MIN_POINTS}; scan the pose again, finer"
+    extent, edge = extent_of(scan.points_mm), jig.edge_mm
+    if extent < edge / 10:
+        return f"the scan spans {extent:.3g} mm only, the jig's edge is {edge:g} mm; scan the pose again"
+    if extent > MOST_EDGES * edge:
+        return (
+            f"the scan spans {extent:.4g} mm, {extent / edge:.0f} times the jig's edge of {edge:g} mm; "
+            "check that the scan and edge_mm in dataset.toml are both in millimetres"
+        )
+    return ""
+
+
+def _failed(name: str, failure: str, seconds: float, *, unreadable: bool = False) -> CornerSearch:
+    """A search that ended before the first sample set."""
+    none = np.zeros((0, 3))
+    sets = SampleSets(np.zeros((0, 4, 3)), none, none, np.zeros(0, np.uint8))
+    return CornerSearch(name, none, none, sets, (), (), None, failure, seconds, unreadable)
+
+
+def _generator(points_mm: NDArray) -> np.random.Generator:
+    """A generator that these points have: that of some ten thousand of them, and their number."""
+    some = points_mm[:: max(1, len(points_mm) // 10_000)]
+    content = np.ascontiguousarray(some, dtype=np.float64).tobytes() + str(len(points_mm)).encode()
+    return np.random.default_rng(int.from_bytes(blake2b(content, digest_size=8).digest(), "big"))

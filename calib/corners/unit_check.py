@@ -1,0 +1,58 @@
+"""In which unit a scan is that shows no jig: told where the jig is found in another, and never scaled in silence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.dataset.files.points_checks import UNITS_MM
+from calib.jig import Jig
+from calib.planes.normals import finite_rows
+
+MOST_EDGES = 400.0  # across, in edges of the jig: a hall; what is larger is not searched
+_LEAST_EDGES = 0.5  # what is smaller than a face is not searched either
+# Across in edges, of a scan in millimetres that shows the jig; beyond, where no jig is found, its unit is in doubt.
+_USUAL_EDGES = (1.0, 200.0)
+
+
+def extent_of(points_mm: NDArray) -> float:
+    """The longest side of the box about points (N, 3), the outer 2 % left out: stray points do not tell the unit.
+
+    Zero where there are none.
+    """
+    finite = np.flatnonzero(finite_rows(points_mm))
+    if len(finite) == 0:
+        return 0.0
+    points = points_mm[finite[:: max(1, len(finite) // 5000)]]
+    low, high = np.quantile(points, (0.02, 0.98), axis=0)
+    return float(np.max(high - low))
+
+
+def with_unit(failure: str, points_mm: NDArray, jig: Jig, is_found: Callable[[NDArray], bool]) -> str:
+    """Why a scan (N, 3) has no corner, with what its size says of its unit.
+
+    Of a scan that is smaller than the jig or far larger, the other units are tried in which its size would do;
+    `is_found` searches points for the jig. A jig has the outline that edge_mm gives it in one unit only, so where it is
+    found that is the unit.
+    """
+    extent, edge = extent_of(points_mm), jig.edge_mm
+    if _USUAL_EDGES[0] * edge <= extent <= _USUAL_EDGES[1] * edge or extent <= 0.0:
+        return failure
+    tried = []
+    for unit, factor in UNITS_MM.items():
+        if _LEAST_EDGES * edge <= factor * extent <= MOST_EDGES * edge:
+            if is_found(factor * points_mm):
+                return (
+                    f"the scan spans {extent:.3g} mm, the jig's edge is {edge:g} mm: the scan seems to be in {unit}, "
+                    f"for with coordinates times {factor:g} the jig is found; multiply them by {factor:g}, or "
+                    "correct edge_mm in dataset.toml"
+                )
+            tried.append(unit)
+    if not tried:
+        return failure
+    units = " or ".join(tried)
+    return (
+        f"{failure}; it spans {extent:.3g} mm, and taken for {units} it shows no jig either: check its unit"
+    )

@@ -1,0 +1,1 @@
+"""What was measured: the robot, its poses, the measured points, and their repeats."""

@@ -1,0 +1,182 @@
+"""A dataset: one robot, its poses, and what was measured at them. All values are frozen.
+
+Files and their reading are in `calib.dataset.files.folder`. Lengths mm, angles rad, masses kg, times s, temperatures
+Celsius.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from calib.errors import DatasetError
+from calib.jig import Jig
+from calib.kinematics.robot import Robot
+
+Array = NDArray[np.float64]
+
+ROLES = ("reference", "train", "test")
+
+
+@dataclass(frozen=True)
+class Scanner:
+    """What is known of the instrument. None: not known."""
+
+    point_sigma_mm: float | None = None  # one measured point, each axis
+    scan_sigma_mm: float | None = None  # one scan point, along the ray
+    extra: Mapping[str, Any] = field(default_factory=dict)
+    orientation_sigma_rad: float | None = None  # one measured orientation, about each axis
+
+
+@dataclass(frozen=True)
+class Poses:
+    """N poses of an arm with n joints, as commanded, with the conditions that were written down."""
+
+    ids: tuple[str, ...]  # (N,)
+    role: NDArray[np.str_]  # (N,) of ROLES; exactly one reference
+    q: Array  # (N, n) rad, mm for prismatic joints
+    setup: NDArray[np.str_]  # (N,) which placement of the scanner; "" where there is only one
+    scan_names: tuple[str, ...]  # (N,) file names in the scan folder
+    payload_kg: Array | None = None  # (N,)
+    temperature_c: Array | None = None  # (N,)
+    time_s: Array | None = None  # (N,)
+    approach: Array | None = None  # (N, n) of -1, 1
+    extra: pd.DataFrame = field(default_factory=pd.DataFrame)  # unknown columns, kept and offered as inputs
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @property
+    def reference(self) -> int:
+        """Index of the reference pose."""
+        return int(np.flatnonzero(self.role == "reference")[0])
+
+    @property
+    def is_test(self) -> NDArray[np.bool_]:
+        """(N,) poses that no fit may see. All others, the reference too, are for training."""
+        return np.asarray(self.role == "test")
+
+    def select(self, rows: NDArray[np.int64]) -> Poses:
+        """Some of the poses, in the order of `rows` (K,)."""
+
+        def pick(values: Array | None) -> Array | None:
+            return None if values is None else values[rows]
+
+        return Poses(
+            ids=tuple(self.ids[i] for i in rows),
+            role=self.role[rows],
+            q=self.q[rows],
+            setup=self.setup[rows],
+            scan_names=tuple(self.scan_names[i] for i in rows),
+            payload_kg=pick(self.payload_kg),
+            temperature_c=pick(self.temperature_c),
+            time_s=pick(self.time_s),
+            approach=pick(self.approach),
+            extra=self.extra.iloc[rows] if len(self.extra.columns) else self.extra,
+        )
+
+    def index(self, pose_id: str) -> int:
+        try:
+            return self.ids.index(pose_id)
+        except ValueError:
+            raise DatasetError(
+                f"no pose named {pose_id!r}; the first of {len(self)} is {self.ids[0]!r}"
+            ) from None
+
+
+@dataclass(frozen=True)
+class Orientations:
+    """How the jig stood at M measured points, in the scanner's frame; NaN where that is not known.
+
+    The covariances are of the small turn w about the scanner's axes: true = exp(w) scanner_R_jig.
+    """
+
+    scanner_R_jig: Array  # (M, 3, 3)
+    covariance_rad2: Array | None = None  # (M, 3, 3)
+    cross_mm_rad: Array | None = None  # (M, 3, 3) of the point's error (rows) with the turn (columns)
+    named: str = ""  # what named the jig's faces, in words; "" where points.csv tells
+    lack: str = ""  # why the faces have no names at some poses, and what would help
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(M,)"""
+        return np.asarray(np.isfinite(self.scanner_R_jig).all(axis=(1, 2)))
+
+    def select(self, keep: ArrayLike) -> Orientations:
+        """As `Points.select`."""
+        keep = np.asarray(keep)
+        covariance, cross = self.covariance_rad2, self.cross_mm_rad
+        return Orientations(
+            self.scanner_R_jig[keep],
+            None if covariance is None else covariance[keep],
+            None if cross is None else cross[keep],
+            self.named,
+            self.lack,
+        )
+
+
+@dataclass(frozen=True)
+class Points:
+    """M measured points in the scanner's frame of their pose's setup. Several rows a pose are repeats."""
+
+    pose: NDArray[np.int64]  # (M,) index into Poses
+    xyz_mm: Array  # (M, 3)
+    target: NDArray[np.str_]  # (M,) "jig", or the name of one of the robot's further targets
+    covariance_mm2: Array | None = None  # (M, 3, 3)
+    orientations: Orientations | None = None  # full poses, where the instrument tells more than points
+
+    def __len__(self) -> int:
+        return len(self.pose)
+
+    def select(self, keep: ArrayLike) -> Points:
+        """The rows where `keep` (M,) bool, or which `keep` (K,) int names."""
+        keep = np.asarray(keep)
+        covariance = None if self.covariance_mm2 is None else self.covariance_mm2[keep]
+        turned = None if self.orientations is None else self.orientations.select(keep)
+        return Points(self.pose[keep], self.xyz_mm[keep], self.target[keep], covariance, turned)
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """What belongs together. Either `points` is there, or scans to find them in, or both (then points win)."""
+
+    name: str
+    robot: Robot
+    poses: Poses
+    points: Points | None = None
+    folder: Path | None = None
+    scan_folder: str | None = None
+    description: str = ""
+    scanner: Scanner = field(default_factory=Scanner)
+    jig: Jig = field(default_factory=Jig)
+    warnings: tuple[str, ...] = ()
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+    def scan_path(self, pose: int) -> Path | None:
+        """Where the scan of a pose lies; None where the dataset has no scans."""
+        if self.folder is None or self.scan_folder is None:
+            return None
+        return self.folder / self.scan_folder / self.poses.scan_names[pose]
+
+    def with_points(self, points: Points) -> Dataset:
+        return replace(self, points=points)
+
+
+def points_from_corners(
+    dataset: Dataset, xyz_mm: Mapping[str, ArrayLike], covariance_mm2: Mapping[str, ArrayLike]
+) -> Points:
+    """Corners that were found in scans, by pose id, as the dataset's measured points; other poses have none."""
+    found = [i for i, pose_id in enumerate(dataset.poses.ids) if pose_id in xyz_mm]
+    ids: Sequence[str] = [dataset.poses.ids[i] for i in found]
+    return Points(
+        pose=np.array(found, dtype=np.int64),
+        xyz_mm=np.array([np.asarray(xyz_mm[i], float) for i in ids]).reshape(-1, 3),
+        target=np.full(len(ids), "jig"),
+        covariance_mm2=np.array([np.asarray(covariance_mm2[i], float) for i in ids]).reshape(-1, 3, 3),
+    )

@@ -1,0 +1,1 @@
+"""The dataset folder: TOML and CSV files read, checked and written."""

@@ -1,0 +1,257 @@
+"""The dataset folder, read, checked and written. Format version 1: dataset.toml, robot.toml, poses.csv, points.csv."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from calib.corners.orientation import jig_normals
+from calib.dataset.dataset import Dataset, Poses, Scanner
+from calib.dataset.files.csv_table import TableFile
+from calib.dataset.files.points_csv import (
+    LEAST_SIGMA_DEG,
+    LEAST_SIGMA_MM,
+    MOST_SIGMA_DEG,
+    MOST_SIGMA_MM,
+    load_points,
+    points_frame,
+)
+from calib.dataset.files.poses_csv import is_one_line, load_poses, poses_frame
+from calib.dataset.files.robot_checks import refuse_beyond
+from calib.dataset.files.robot_toml import load_robot, robot_to_toml
+from calib.dataset.files.toml_table import TomlTable, write_text_atomically
+from calib.errors import CornerError, DatasetError
+from calib.jig import Jig
+
+FORMAT = 1
+_LONGEST_EDGE_MM = 1e4
+
+
+def find_datasets(folder: Path) -> list[Path]:
+    """The folder itself where it holds a dataset.toml, else the datasets right below it, by name."""
+    if folder.is_file():
+        raise DatasetError(f"{folder}: is a file; give a dataset folder or one that holds datasets")
+    if not folder.is_dir():
+        raise DatasetError(f"{folder}: no such folder; give a dataset folder or one that holds datasets")
+    if (folder / "dataset.toml").is_file():
+        return [folder]
+    below = sorted(path.parent for path in folder.glob("*/dataset.toml"))
+    if not below:
+        raise DatasetError(
+            f"{folder}: found no dataset.toml here nor one folder below; a dataset folder has one"
+        )
+    return below
+
+
+def load_dataset(folder: str | Path) -> Dataset:
+    """Read a dataset folder. Raises DatasetError; what is odd but possible stands in `warnings`."""
+    folder = Path(folder)
+    top = TomlTable.load(folder / "dataset.toml")
+    version = top.number("format")
+    if version != FORMAT:
+        found = "the key is missing" if version is None else f"found {version:g}"
+        raise top.error("format", found, f"this program reads format = {FORMAT}")
+    name = top.text("name") or folder.resolve().name
+    if not is_one_line(name):
+        raise top.error("name", f"found {name!r}", "a name is one line without control characters")
+    description = top.text("description", "") or ""
+    robot_path = _inside(folder, top.text("robot", "robot.toml") or "", top, "robot")
+    robot = load_robot(robot_path)
+    refuse_beyond(robot, robot_path)
+    poses_path = _inside(folder, top.text("poses", "poses.csv") or "", top, "poses")
+    poses, warnings = load_poses(poses_path, robot)
+    points_name, scan_folder = top.text("points"), top.text("scans")
+    if points_name is None and scan_folder is None:
+        raise top.error(
+            "points", "neither points nor scans is given", 'add points = "points.csv" or scans = "scans"'
+        )
+    points = None
+    if points_name is not None:
+        points, point_warnings = load_points(_inside(folder, points_name, top, "points"), robot, poses)
+        warnings += point_warnings
+    if scan_folder is not None:
+        scans = _inside(folder, scan_folder, top, "scans")
+        if not scans.is_dir():
+            missing = top.error(
+                "scans", f"found {scan_folder!r}, no such folder", "name the folder of the scans"
+            )
+            if points is None:
+                raise missing
+            warnings.append(str(missing))
+        _check_scans(folder, scans, poses, poses_path, needed=points is None)
+    jig, jig_extra = _jig(top.table("jig"))
+    scanner_table = top.table("scanner")
+    scanner = _scanner(scanner_table)
+    if scanner.scan_sigma_mm is not None and scanner.scan_sigma_mm > jig.edge_mm / 10.0:
+        raise scanner_table.error(
+            "scan_sigma_mm",
+            f"found {scanner.scan_sigma_mm:g} mm",
+            f"of a jig whose edge is {jig.edge_mm:g} mm nothing is seen above {jig.edge_mm / 10.0:g} mm",
+        )
+    return Dataset(
+        name=name,
+        robot=robot,
+        poses=poses,
+        points=points,
+        folder=folder,
+        scan_folder=scan_folder,
+        description=description,
+        scanner=scanner,
+        jig=jig,
+        warnings=tuple(warnings),
+        extra=dict(top.unread()) | ({"jig": jig_extra} if jig_extra else {}),
+    )
+
+
+def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
+    """Every file that belongs to a dataset, scans included, whether or not a fit reads it."""
+    if dataset.folder is None:
+        return ()
+    top = TomlTable.load(dataset.folder / "dataset.toml")
+    names = [top.text("robot", "robot.toml"), top.text("poses", "poses.csv"), top.text("points")]
+    scans = [dataset.scan_path(i) for i in range(len(dataset.poses))]
+    return (
+        dataset.folder / "dataset.toml",
+        *(dataset.folder / name for name in names if name),
+        *(path for path in scans if path is not None),
+    )
+
+
+def _inside(folder: Path, name: str, top: TomlTable, key: str) -> Path:
+    """A path below the folder; one that leaves it is refused."""
+    if not name or not _is_below(folder, folder / name):
+        raise top.error(
+            key, f"found {name!r}, which is not below the dataset's folder", "use a relative path below it"
+        )
+    return folder / name
+
+
+def _is_below(folder: Path, path: Path) -> bool:
+    """Whether a path leads to a place in the folder; one that leads nowhere, such as a link to itself, does not."""
+    try:
+        return path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError, ValueError):  # a circle of links, a zero character
+        return False
+
+
+def _scanner(table: TomlTable) -> Scanner:
+    sigma_deg = _sigma(table, "orientation_sigma_deg", LEAST_SIGMA_DEG, MOST_SIGMA_DEG, "deg")
+    return Scanner(
+        orientation_sigma_rad=None if sigma_deg is None else math.radians(sigma_deg),
+        point_sigma_mm=_sigma(table, "point_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
+        scan_sigma_mm=_sigma(table, "scan_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
+        extra=table.unread(),
+    )
+
+
+def _sigma(table: TomlTable, key: str, least: float, most: float, unit: str) -> float | None:
+    """A standard deviation that an instrument may have; None where the key is absent."""
+    sigma = table.number(key, positive=True)
+    if sigma is not None and not least <= sigma <= most:
+        raise table.error(
+            key,
+            f"found {sigma:g} {unit}",
+            f"a sigma lies between {least:g} and {most:g} {unit}; leave the line out where it is not known",
+        )
+    return sigma
+
+
+def _jig(table: TomlTable) -> tuple[Jig, dict[str, Any]]:
+    default = Jig()
+    edge_mm = table.number("edge_mm", default.edge_mm, positive=True) or default.edge_mm
+    if edge_mm > _LONGEST_EDGE_MM:
+        raise table.error("edge_mm", f"found {edge_mm:g} mm", f"an edge has {_LONGEST_EDGE_MM:g} mm at most")
+    if edge_mm < 1.0:
+        raise table.error("edge_mm", f"found {edge_mm:g} mm, which looks like metres", "multiply it by 1000")
+    angles = table.vector("face_angles_deg") or default.face_angles_deg
+    if not all(10.0 < angle < 170.0 for angle in angles):
+        raise table.error(
+            "face_angles_deg", f"found {list(angles)}", "angles between faces lie between 10 and 170"
+        )
+    try:
+        jig_normals(angles)
+    except CornerError:
+        raise table.error(
+            "face_angles_deg", f"found {list(angles)}", "no corner has such faces, a cube's has [90, 90, 90]"
+        ) from None
+    jig = Jig(
+        shape=table.text("shape", default.shape, choices=(default.shape,)) or default.shape,
+        edge_mm=edge_mm,
+        convex=table.flag("convex", default.convex),
+        face_angles_deg=angles,
+        certified=table.flag("certified", default.certified),
+    )
+    return jig, table.unread()
+
+
+def _check_scans(folder: Path, scan_folder: Path, poses: Poses, poses_path: Path, *, needed: bool) -> None:
+    """Each pose's scan lies below the folder and, where `needed`, is there. Raises DatasetError with its line."""
+    for row, name in enumerate(poses.scan_names):
+        path = scan_folder / name
+        outside = not _is_below(folder, path)
+        if not outside and (not needed or path.is_file()):
+            continue
+        file = TableFile.load(poses_path)  # once more, for the line
+        column = "scan" if "scan" in file else "pose"
+        if outside:
+            found = f"{name!r} leaves the dataset's folder"
+            raise file.error(row, column, found, "use a file name below the scan folder")
+        found = f"{path} is a folder, no scan" if path.is_dir() else f"no such scan as {path}"
+        raise file.error(row, column, found, f"add it or remove the pose {poses.ids[row]!r}")
+
+
+def write_dataset(dataset: Dataset, folder: str | Path) -> None:
+    """Write the folder; `load_dataset` gives the same dataset back. Scans are copied where they lie elsewhere."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    if dataset.scan_folder is not None:
+        (folder / dataset.scan_folder).mkdir(exist_ok=True)
+        if dataset.folder is not None and dataset.folder.resolve() != folder.resolve():
+            for i, name in enumerate(dataset.poses.scan_names):
+                source = dataset.scan_path(i)
+                if source is not None and source.is_file():
+                    shutil.copyfile(source, folder / dataset.scan_folder / name)
+    write_text_atomically(folder / "robot.toml", robot_to_toml(dataset.robot))
+    write_text_atomically(
+        folder / "poses.csv",
+        poses_frame(dataset.poses, dataset.robot).to_csv(index=False, lineterminator="\n"),
+    )
+    if dataset.points is not None:
+        text = points_frame(dataset.poses, dataset.points).to_csv(index=False, lineterminator="\n")
+        write_text_atomically(folder / "points.csv", text)
+    # dataset.toml last: a folder without it is not taken for a dataset.
+    write_text_atomically(folder / "dataset.toml", tomli_w.dumps(_dataset_document(dataset)))
+
+
+def _dataset_document(dataset: Dataset) -> dict[str, Any]:
+    extra = dict(dataset.extra)
+    jig_extra = extra.pop("jig", {})
+    document: dict[str, Any] = {"format": FORMAT, "name": dataset.name}
+    if dataset.description:
+        document["description"] = dataset.description
+    document |= {"robot": "robot.toml", "poses": "poses.csv"}
+    if dataset.points is not None:
+        document["points"] = "points.csv"
+    if dataset.scan_folder is not None:
+        document["scans"] = dataset.scan_folder
+    document |= extra
+    sigmas = {
+        "point_sigma_mm": dataset.scanner.point_sigma_mm,
+        "scan_sigma_mm": dataset.scanner.scan_sigma_mm,
+    }
+    if dataset.scanner.orientation_sigma_rad is not None:
+        sigmas["orientation_sigma_deg"] = math.degrees(dataset.scanner.orientation_sigma_rad)
+    document["scanner"] = {k: v for k, v in sigmas.items() if v is not None} | dict(dataset.scanner.extra)
+    jig = dataset.jig
+    document["jig"] = {
+        "shape": jig.shape,
+        "edge_mm": jig.edge_mm,
+        "convex": jig.convex,
+        "face_angles_deg": list(jig.face_angles_deg),
+        "certified": jig.certified,
+    } | dict(jig_extra)
+    return document

@@ -1,0 +1,56 @@
+"""What is odd about measured points and yet possible: another unit than the millimetre, rows that were copied."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.dataset.dataset import Points, Poses
+from calib.kinematics import chain as kinematics
+from calib.kinematics.robot import Robot
+
+UNITS_MM = {"metres": 1000.0, "centimetres": 10.0, "inches": 25.4, "micrometres": 0.001}
+_ALIKE = 0.2  # of the logarithm: an arm and its table are never that far apart, units are farther
+_FEWEST_POINTS = 3
+_LEAST_SPREAD_MM = 20.0  # of the nominal arm's points; below it noise would have a say
+
+
+def unit_doubt(robot: Robot, poses: Poses, points: Points) -> str:
+    """In which other unit the points seem to be, in words; "" where they are millimetres or none can be told.
+
+    Neither turn nor shift of the scanner changes how far points spread about their mean. Each setup's spread is held
+    against that of the nominal arm at the same poses; a ratio of 1 / 25.4 is that of inches.
+    """
+    nominal_mm = kinematics.target_points(robot, poses.q)[points.pose]
+    measured = nominal = 0.0
+    for setup in np.unique(poses.setup):
+        of = (poses.setup[points.pose] == setup) & (points.target == "jig")
+        if np.count_nonzero(of) >= _FEWEST_POINTS:
+            measured += _square_spread(points.xyz_mm[of])
+            nominal += _square_spread(nominal_mm[of])
+    if nominal < np.count_nonzero(points.target == "jig") * _LEAST_SPREAD_MM**2 or measured <= 0.0:
+        return ""
+    ratio = float(np.sqrt(measured / nominal))
+    for unit, in_mm in UNITS_MM.items():
+        if abs(np.log(ratio * in_mm)) < _ALIKE:
+            return (
+                f"the points spread {ratio:.3g} times as far as the arm of robot.toml moves; columns are mm, these "
+                f"look like {unit}, multiply them by {in_mm:g}"
+            )
+    return ""
+
+
+def _square_spread(points_mm: NDArray[np.float64]) -> float:
+    return float(np.sum((points_mm - points_mm.mean(axis=0)) ** 2))
+
+
+def copied_rows(poses: Poses, points: Points) -> list[tuple[int, int]]:
+    """Rows that have an earlier one's setup, target and coordinates to the last bit: (that one, this one)."""
+    first: dict[tuple[str, str, bytes], int] = {}
+    pairs = []
+    for row, (pose, target) in enumerate(zip(points.pose, points.target, strict=True)):
+        place = (str(poses.setup[pose]), str(target), points.xyz_mm[row].tobytes())
+        earlier = first.setdefault(place, row)
+        if earlier != row:
+            pairs.append((earlier, row))
+    return pairs

@@ -1,0 +1,183 @@
+"""poses.csv, read, checked and written: one row a pose, angles in degrees."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+from unicodedata import category
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from calib.dataset.dataset import ROLES, Poses
+from calib.dataset.files.csv_table import TableFile
+from calib.dataset.files.robot_toml import degrees
+from calib.errors import DatasetError
+from calib.kinematics.robot import Robot
+
+CONDITIONS = ("payload_kg", "temperature_c", "time_s")
+_LIMITS = {  # beyond lies no arm's, but another unit's: milliseconds since 1970, grams
+    "payload_kg": (0.0, 1e5),
+    "temperature_c": (-273.15, 5e3),
+    "time_s": (-1e11, 1e11),
+    "deg": (-1e5, 1e5),
+    "mm": (-1e6, 1e6),
+}
+
+
+def joint_columns(robot: Robot) -> list[str]:
+    """The columns of a joint vector: q1_deg ..., q3_mm for a prismatic joint."""
+    return [f"q{i + 1}_{'deg' if joint.is_revolute else 'mm'}" for i, joint in enumerate(robot.joints)]
+
+
+def load_joints(file: TableFile, robot: Robot) -> NDArray[np.float64]:
+    """(N, n) the joints' columns as they stand in the file, degrees or mm. Raises DatasetError."""
+    columns = joint_columns(robot)
+    file.require(columns)
+    return np.column_stack([_within(file, column, _LIMITS[column.rpartition("_")[2]]) for column in columns])
+
+
+def _within(file: TableFile, column: str, limits: tuple[float, float]) -> NDArray[np.float64]:
+    """(N,) a column of numbers; DatasetError where one is beyond what there is."""
+    values = file.numbers([column])[:, 0]
+    beyond = np.flatnonzero((values < limits[0]) | (values > limits[1]))
+    if len(beyond):
+        row = int(beyond[0])
+        found = f"found {values[row]:g}, beyond {limits[0]:g} to {limits[1]:g}"
+        raise file.error(row, column, found, "correct it; the unit stands in the column's name")
+    return values
+
+
+def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
+    """The poses, and what is odd about them yet possible. Raises DatasetError."""
+    file = TableFile.load(path)
+    q_columns = joint_columns(robot)
+    file.require(["pose", "role", *q_columns])
+    if len(file) == 0:
+        raise DatasetError(f"{path}: no row below the header; one row a pose is needed")
+    ids = names(file, "pose")
+    first: dict[str, int] = {}
+    for row, pose_id in enumerate(ids):
+        if first.setdefault(pose_id, row) != row:
+            line = file.line(first[pose_id])
+            raise file.error(
+                row, "pose", f"{pose_id!r} stands in line {line} too", "each pose needs its own id"
+            )
+    role = file.choices("role", ROLES)
+    references = [row for row, value in enumerate(role) if value == "reference"]
+    if len(references) != 1:
+        where = ", ".join(f"line {file.line(row)}" for row in references) or "none"
+        raise DatasetError(
+            f"{path}: column role: found {len(references)} reference poses ({where}); set exactly one"
+        )
+    q_file = load_joints(file, robot)
+    warnings = [*_angle_warnings(file, q_file, robot)]
+    conditions = load_conditions(file, robot)
+    known = ["pose", "role", *q_columns, *CONDITIONS, "setup", "scan", *approach_columns(robot)]
+    poses = Poses(
+        ids=tuple(ids),
+        role=np.array(role),
+        q=np.where(robot.is_revolute, np.radians(q_file), q_file),
+        setup=np.array(names(file, "setup", allow_empty=True) if "setup" in file else [""] * len(ids)),
+        scan_names=tuple(names(file, "scan") if "scan" in file else [f"{pose_id}.ply" for pose_id in ids]),
+        extra=file.rest(known),
+        **conditions,
+    )
+    return poses, warnings
+
+
+def names(file: TableFile, column: str, *, allow_empty: bool = False) -> list[str]:
+    """A column of names, each of one line. Raises DatasetError."""
+    found = file.text(column, allow_empty=allow_empty)
+    for row, name in enumerate(found):
+        if not is_one_line(name):
+            raise file.error(
+                row, column, f"found {short(name)}", "a name is one line without control characters"
+            )
+    return found
+
+
+def is_one_line(name: str) -> bool:
+    """Whether a name can stand in a line of output: without line ends and control characters."""
+    return not any(category(c) in ("Cc", "Zl", "Zp") for c in name)
+
+
+def short(text: str, most: int = 60) -> str:
+    """A text in quotes as an error shows it; of a whole file that an open quote has swallowed, the beginning."""
+    return repr(text) if len(text) <= most else f"{text[:most]!r} ..."
+
+
+def approach_columns(robot: Robot) -> list[str]:
+    """The columns of the direction that each joint came from."""
+    return [f"approach{i + 1}" for i in range(robot.n_joints)]
+
+
+def load_conditions(file: TableFile, robot: Robot) -> dict[str, NDArray[np.float64]]:
+    """What a table says of the conditions at its poses, by the names of `Poses`; what has no column is left out."""
+    found = {name: _within(file, name, _LIMITS[name]) for name in CONDITIONS if name in file}
+    columns = approach_columns(robot)
+    if any(column in file for column in columns):
+        file.require(columns)
+        found["approach"] = file.numbers(columns)
+        wrong = np.argwhere(~np.isin(found["approach"], (-1.0, 1.0)))
+        if len(wrong):
+            row, k = map(int, wrong[0])
+            raise file.error(row, columns[k], f"found {found['approach'][row, k]:g}", "expected -1 or 1")
+    return found
+
+
+def _angle_warnings(file: TableFile, q_file: NDArray[np.float64], robot: Robot) -> list[str]:
+    """Angles that look like radians, and angles beyond the limits: odd, yet not impossible."""
+    turning = robot.is_revolute
+    warnings = []
+    if turning.any():
+        largest = float(np.abs(q_file[:, turning]).max())
+        spans = [
+            j.max - j.min for j in robot.joints if j.is_revolute and j.min is not None and j.max is not None
+        ]
+        wide = not spans or max(spans) > math.radians(30.0)
+        if wide and 0.0 < largest < 6.4:
+            warnings.append(
+                f"{file.path}: every joint angle is below 6.4 (largest {largest:.3g}); "
+                "these look like radians, not degrees"
+            )
+    for i, joint in enumerate(robot.joints):
+        low, high = (
+            (math.degrees(v) if joint.is_revolute else v) if v is not None else None
+            for v in (joint.min, joint.max)
+        )
+        beyond = np.zeros(len(q_file), dtype=bool)
+        if low is not None:
+            beyond |= q_file[:, i] < low - 1e-9
+        if high is not None:
+            beyond |= q_file[:, i] > high + 1e-9
+        if beyond.any():
+            row = int(np.flatnonzero(beyond)[0])
+            warnings.append(
+                f"{file.path}: {int(beyond.sum())} poses lie beyond the limits of {joint.name}, the first in line "
+                f"{file.line(row)} ({q_file[row, i]:g})"
+            )
+    return warnings
+
+
+def poses_frame(poses: Poses, robot: Robot) -> pd.DataFrame:
+    """poses.csv as a table: degrees for angles."""
+    columns: dict[str, Any] = {"pose": poses.ids, "role": poses.role}
+    if any(poses.setup):
+        columns["setup"] = poses.setup
+    for k, (name, joint) in enumerate(zip(joint_columns(robot), robot.joints, strict=True)):
+        columns[name] = [degrees(v) for v in poses.q[:, k]] if joint.is_revolute else poses.q[:, k]
+    for name in CONDITIONS:
+        values = getattr(poses, name)
+        if values is not None:
+            columns[name] = values
+    if poses.approach is not None:
+        columns |= {name: poses.approach[:, k].astype(int) for k, name in enumerate(approach_columns(robot))}
+    if poses.scan_names != tuple(f"{pose_id}.ply" for pose_id in poses.ids):
+        columns["scan"] = poses.scan_names
+    frame = pd.DataFrame(columns)
+    return (
+        pd.concat([frame, poses.extra.reset_index(drop=True)], axis=1) if len(poses.extra.columns) else frame
+    )

@@ -1,0 +1,175 @@
+"""robot.toml, read and written: the one place where a robot's angles are degrees."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from calib.dataset.files.toml_table import TomlTable
+from calib.errors import DatasetError
+from calib.kinematics.robot import Joint, Robot, Target, Tool
+from calib.options import BUILTIN_ROBOTS
+
+
+def builtin_robot(name: str) -> Robot:
+    """One of the arms that come with the package: "rb5" (RB5-850, Jang's Table 2) or "panda" (Franka Panda)."""
+    if name not in BUILTIN_ROBOTS:
+        raise DatasetError(
+            f"no built-in robot {name!r}; there are {', '.join(BUILTIN_ROBOTS)}, or give a robot.toml"
+        )
+    with resources.as_file(resources.files("calib") / "robots" / f"{name}.toml") as path:
+        return load_robot(path)
+
+
+def load_robot(path: Path) -> Robot:
+    """Read a robot.toml. Raises DatasetError that names the key and what would do."""
+    top = TomlTable.load(path)
+    joints = tuple(_joint(table, number + 1) for number, table in enumerate(top.tables("joints")))
+    if not joints:
+        raise DatasetError(
+            f"{path}: found no [[joints]]; a robot needs one [[joints]] table a joint, in order"
+        )
+    tool = _tool(top.table("tool"))
+    targets: list[Target] = []
+    for table in top.tables("targets"):
+        name, xyz_mm = table.required_text("name"), table.vector("xyz_mm")
+        if xyz_mm is None:
+            raise table.error(
+                "xyz_mm", "the key is missing", "add xyz_mm = [x, y, z] in the last joint's frame"
+            )
+        if name == "jig" or name in {target.name for target in targets}:
+            raise table.error(
+                "name", f"found {name!r} a second time", 'each target needs its own ("jig" is the tool)'
+            )
+        targets.append(Target(name, xyz_mm))
+    robot = Robot(
+        name=top.text("name") or path.stem,
+        joints=joints,
+        tool=tool,
+        gravity_m_s2=top.vector("gravity_m_s2") or (0.0, 0.0, -9.81),
+        targets=tuple(targets),
+    )
+    _refuse_metres(robot, path)
+    return replace(robot, extra=top.unread())
+
+
+def _refuse_metres(robot: Robot, path: Path) -> None:
+    lengths_mm = [abs(v) for link in (*robot.joints, robot.tool) for v in (link.a_mm, link.d_mm)]
+    longest_mm = max(lengths_mm)
+    if 0 < longest_mm < 5.0:
+        raise DatasetError(
+            f"{path}: the longest of all a_mm and d_mm is {longest_mm:g} mm, which looks like metres; "
+            "multiply the lengths by 1000"
+        )
+
+
+def _link(table: TomlTable) -> dict[str, Any]:
+    return {
+        "a_mm": table.required_number("a_mm"),
+        "alpha_rad": math.radians(table.required_number("alpha_deg")),
+        "d_mm": table.required_number("d_mm"),
+        "theta_rad": math.radians(table.required_number("theta_deg")),
+        "beta_rad": math.radians(table.number("beta_deg", 0.0) or 0.0),
+    }
+
+
+def _joint(table: TomlTable, number: int) -> Joint:
+    type_ = table.text("type", "revolute", choices=("revolute", "prismatic")) or "revolute"
+    unit, scale = ("deg", math.radians(1.0)) if type_ == "revolute" else ("mm", 1.0)
+    low, high = table.number(f"min_{unit}"), table.number(f"max_{unit}")
+    if low is not None and high is not None and low >= high:
+        raise table.error(
+            f"max_{unit}", f"found {high:g}, not above min_{unit} = {low:g}", "swap or mend the limits"
+        )
+    mass_kg = table.number("mass_kg")
+    if mass_kg is not None and mass_kg < 0:
+        raise table.error("mass_kg", f"found {mass_kg:g}", "a mass is 0 or more")
+    return Joint(
+        **_link(table),
+        name=table.text("name") or f"J{number}",
+        type=type_,
+        min=None if low is None else low * scale,
+        max=None if high is None else high * scale,
+        mass_kg=mass_kg,
+        com_mm=table.vector("com_mm"),
+        gear_ratio=table.number("gear_ratio", positive=True),
+        mesh=table.text("mesh"),
+        extra=table.unread(),
+    )
+
+
+def _tool(table: TomlTable) -> Tool:
+    if not table.data:
+        raise DatasetError(
+            f"{table.file}: found no [tool]; the measured point needs its own row (a_mm, alpha_deg, d_mm, theta_deg)"
+        )
+    return Tool(
+        **_link(table),
+        mass_kg=table.number("mass_kg"),
+        com_mm=table.vector("com_mm"),
+        payload_com_mm=table.vector("payload_com_mm"),
+        extra=table.unread(),
+    )
+
+
+def degrees(angle_rad: float) -> float:
+    """Radians to degrees at 15 digits, so that 90.012 comes back as 90.012."""
+    return float(f"{math.degrees(angle_rad):.15g}")
+
+
+def robot_to_toml(robot: Robot) -> str:
+    """The robot as the text of a robot.toml; `load_robot` gives the same robot back."""
+    document: dict[str, Any] = {"name": robot.name, "gravity_m_s2": list(robot.gravity_m_s2), **robot.extra}
+    document["joints"] = [_joint_document(joint) for joint in robot.joints]
+    tool = robot.tool
+    document["tool"] = _present(
+        {
+            **_link_document(tool),
+            "mass_kg": tool.mass_kg,
+            "com_mm": tool.com_mm,
+            "payload_com_mm": tool.payload_com_mm,
+        }
+    ) | dict(tool.extra)
+    if robot.targets:
+        document["targets"] = [{"name": t.name, "xyz_mm": list(t.xyz_mm)} for t in robot.targets]
+    return tomli_w.dumps(document)
+
+
+def _link_document(link: Joint | Tool) -> dict[str, Any]:
+    return {
+        "a_mm": link.a_mm,
+        "alpha_deg": degrees(link.alpha_rad),
+        "d_mm": link.d_mm,
+        "theta_deg": degrees(link.theta_rad),
+        "beta_deg": degrees(link.beta_rad),
+    }
+
+
+def _joint_document(joint: Joint) -> dict[str, Any]:
+    unit = "deg" if joint.is_revolute else "mm"
+
+    def limit(value: float | None) -> float | None:
+        return degrees(value) if value is not None and joint.is_revolute else value
+
+    document = {
+        "name": joint.name,
+        "type": joint.type,
+        **_link_document(joint),
+        f"min_{unit}": limit(joint.min),
+        f"max_{unit}": limit(joint.max),
+        "mass_kg": joint.mass_kg,
+        "com_mm": joint.com_mm,
+        "gear_ratio": joint.gear_ratio,
+        "mesh": joint.mesh,
+    }
+    return _present(document) | dict(joint.extra)
+
+
+def _present(document: dict[str, Any]) -> dict[str, Any]:
+    """Without the keys that have no value; tuples as lists, which is what TOML knows."""
+    return {k: list(v) if isinstance(v, tuple) else v for k, v in document.items() if v is not None}

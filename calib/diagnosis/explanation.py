@@ -1,0 +1,272 @@
+"""A diagnosis in plain words, built from its numbers: what was compared, what is left, which cause, how sure, what next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from calib.calibration.calibrate import Calibration
+from calib.calibration.noise_check import is_declared
+from calib.calibration.plausibility import does_not_belong
+from calib.diagnosis.decision_rules import MARGIN
+from calib.diagnosis.parameter_meaning import meaning
+from calib.diagnosis.pose_recommendation import in_words, splitting_poses
+from calib.diagnosis.residual_tests import Remains
+from calib.diagnosis.screening import Candidate
+from calib.diagnosis.stepwise import Diagnosis, Step
+
+HARDLY = 0.03  # a change of the held-out error below this share is none to speak of
+
+MEASURE_NEXT: Mapping[str, str] = {
+    "joint_compliance": "the same poses with and without a payload: compliance grows with the load, nothing else does",
+    "link_bending": "the same poses with and without a payload; bending also shifts the link's end, so reach far out",
+    "base_compliance": "a dial gauge at the foot while the arm swings round stretched out: it sees the base alone",
+    "gravity_backlash": "poses on both sides of the angle where gravity's torque changes sign",
+    "backlash": "each pose twice, coming from the one side and from the other",
+    "transmission_error": "one joint alone over a whole turn in small steps",
+    "strain_wave": "one joint alone in steps of a tenth of a motor turn",
+    "joint_scale": "one joint alone from end to end of its range: a scale error grows with the angle, harmonics come back",
+    "joint_coupling": "the driving joint alone with the driven one held still",
+    "thermal_growth": "the same poses cold and warmed up",
+    "axis_wobble": "one joint alone over a whole turn, with points at two distances from its axis",
+    "scanner_distortion": "the same poses from a second place of the scanner (a second setup)",
+    "scanner_drift": "the first pose again at the end, and in between",
+    "tool_sag": "one place reached with the tool in different attitudes",
+    "incidence_bias": "one place with the jig turned in steps toward and away from the scanner",
+}
+"""A controlled change that shows one cause and leaves the others as they are."""
+
+
+def explain(diagnosis: Diagnosis) -> str:
+    """Several short paragraphs."""
+    parts = [_compared(diagnosis.steps[0].calibration)]
+    parts += [
+        _step(before, after) for before, after in zip(diagnosis.steps, diagnosis.steps[1:], strict=False)
+    ]
+    if diagnosis.ambiguous_set:
+        parts.append(_ambiguous(diagnosis))
+    if diagnosis.refused:
+        parts.append(
+            f"{diagnosis.refused} explains the training poses well, but with it the test poses are predicted worse: it was "
+            "not added. Either it stands in for another cause, or the test poses differ from the others."
+        )
+    if diagnosis.simpler is not None:
+        parts.append(
+            f"Outside the catalogue a simpler story says more than any effect in it, by {MARGIN:g} in log evidence at least: "
+            f"{diagnosis.simpler.words}. No effect was named in its place."
+        )
+    parts.append(remains_words(diagnosis.remains))
+    parts.append(verdict_words(diagnosis))
+    return "\n\n".join(part for part in parts if part)
+
+
+def _compared(calibration: Calibration) -> str:
+    fit, dataset = calibration.fit, calibration.dataset
+    train, test = calibration.after.train, calibration.after.test
+    names = calibration.model.family_names
+    with_effects = f" with {' and '.join(names)}" if names else ""
+    words = (
+        f"The five-parameter model{with_effects} was fitted to {train.points if train else 0} measured points of {dataset.robot.name} with the "
+        f"scanner's place unknown. It leaves {calibration.sigma_mm:.4g} mm a coordinate"
+    )
+    words += (
+        f", {fit.noise:.2g} times the declared noise" if is_declared(dataset) else "; no noise is declared"
+    )
+    if test is not None and train is not None:
+        words += f"; the training poses are off by {train.rmse_mm:.4g} mm (3D RMSE), the test poses by {test.rmse_mm:.4g} mm"
+    return f"{words}."
+
+
+def _step(before: Step, after: Step) -> str:
+    candidate = after.candidate
+    assert candidate is not None  # only the first step has none
+    second = next((c for c in before.screening.candidates if c.name != candidate.name), None)
+    words = f"Missing: {candidate.name}. It explains {100 * candidate.explained_share:.0f} % of what was left (p = {candidate.p_holm:.1g})"
+    if second is not None and after.log_evidence_margin is not None:
+        words += (
+            f" and leads the next, {second.name}, by {after.log_evidence_margin:.0f} in log evidence "
+            f"(more than 3 is asked for)"
+        )
+    old, new = before.calibration.after, after.calibration.after
+    if old.test is not None and new.test is not None:
+        change = new.test.rmse_mm / old.test.rmse_mm - 1.0 if old.test.rmse_mm > 0.0 else 0.0
+        go = "hardly change," if abs(change) < HARDLY else ("fall" if change < 0.0 else "rise")
+        words += f". With it the test poses, which it never saw, {go} from {old.test.rmse_mm:.4g} to {new.test.rmse_mm:.4g} mm"
+    elif old.train is not None and new.train is not None:
+        words += (
+            f". With it the training poses fall from {old.train.rmse_mm:.4g} to {new.train.rmse_mm:.4g} mm; "
+            "no test poses confirm it"
+        )
+    note = candidate.family.note
+    return f"{words}. {_meaning(candidate, after.calibration)}{' Note: ' + note + '.' if note else ''}"
+
+
+def _meaning(candidate: Candidate, calibration: Calibration) -> str:
+    """The fitted parameters that matter, as an engineer would say them."""
+    fitted = {
+        p.name: (x, sigma)
+        for p, x, sigma in zip(
+            calibration.fit.parameters, calibration.fit.x, calibration.fit.sigma, strict=True
+        )
+    }
+    rows = []
+    for value in candidate.values:
+        size, sigma = map(float, fitted.get(value.name, (0.0, np.inf)))
+        if abs(size) > 2.0 * sigma:
+            rows.append((abs(size) / sigma, _say(value.name, size, sigma, value.unit, calibration)))
+    rows.sort(reverse=True)
+    if not rows:
+        return "None of its parameters is known to better than half its size by itself; together they are."
+    more = f", and {len(rows) - 4} more" if len(rows) > 4 else ""
+    return "Fitted: " + "; ".join(words for _, words in rows[:4]) + more + "."
+
+
+def _say(name: str, size: float, sigma: float, unit: str, calibration: Calibration) -> str:
+    words = f"{name} = {size:.3g} +- {sigma:.1g} {unit}"
+    means = meaning(name, size, unit, calibration)
+    return f"{words} ({means})" if means else words
+
+
+def _ambiguous(diagnosis: Diagnosis) -> str:
+    names = diagnosis.ambiguous_set
+    ranking = diagnosis.steps[-1].screening.candidates
+    first = ranking[0]
+    overlap = ", ".join(f"{n}: {100 * s:.0f} %" for n, s in first.overlaps.items() if n in names)
+    words = (
+        f"Something is missing, and these data cannot tell which of {', '.join(names)}: their log evidences lie within 3 of "
+        "each other."
+    )
+    if overlap:
+        words += f" Of what {first.name} explains, others could explain as much ({overlap})."
+    advice = [f"for {name}, {MEASURE_NEXT[name]}" for name in names if name in MEASURE_NEXT]
+    words += f" To tell them apart, measure: {'; '.join(advice)}." if advice else ""
+    poses = splitting_poses(diagnosis, count=3)
+    if poses:
+        robot = diagnosis.calibration.dataset.robot
+        words += f" Poses at which they differ most, joints in degrees: {in_words(poses, robot.is_revolute)}."
+    return words
+
+
+def input_in_words(name: str) -> str:
+    """ "torque4" as one says it; a column of the user's own stays as it is."""
+    stem = name.rstrip("0123456789")
+    number = name.removeprefix(stem)
+    if number and stem in ("q", "torque", "approach"):
+        return {
+            "q": f"joint {number} (q{number})",
+            "torque": f"gravity's torque on joint {number}",
+            "approach": f"the approach of joint {number}",
+        }[stem]
+    if name in ("x", "y", "z"):
+        return f"{name} of the scanner's frame"
+    return {
+        "payload_kg": "the payload",
+        "temperature_c": "the temperature",
+        "time_s": "time",
+        "order": "the order of measuring",
+    }.get(name, name)
+
+
+def left_in_short(remains: Remains) -> str:
+    """What a fit leaves, in a few words: noise, a pattern and against what, or more than noise."""
+    if remains.fault is not None:
+        return remains.fault.words
+    if remains.structured:
+        more = len(remains.structured) - 3
+        named = ", ".join(input_in_words(name) for name in remains.structured[:3])
+        return f"a pattern against {named}" + (f" and {more} more" if more > 0 else "")
+    if remains.too_large:
+        return "more than noise, without a pattern"
+    if remains.outlier_poses:
+        return f"noise, apart from single poses ({', '.join(remains.outlier_poses)})"
+    return "noise"
+
+
+def remains_words(remains: Remains) -> str:
+    """What a fit leaves, with the figures that it was judged by."""
+    source = {
+        "repeats": "by repeated measurements",
+        "dataset": "as dataset.toml declares it, believed to 25 %",
+        "fit": "which no one declared",
+    }[remains.noise_from]
+    words = f"What is left is {remains.residual_mm:.4g} mm a coordinate; the noise is {remains.noise_mm:.4g} mm, {source}."
+    if remains.structured:
+        first = remains.inputs[0]
+        place = (
+            f"the motion of {first.where}"
+            if first.where.startswith("joint")
+            else f"the {first.where} of the scanner's frame"
+        )
+        words += (
+            f" It has order against {', '.join(remains.structured)} (p = {first.p_value:.2g}), most in {place} against "
+            f"{first.input}: it is not noise."
+        )
+    elif remains.inputs:
+        closest = remains.inputs[0]
+        words += f" It shows no order against any of {len(remains.inputs)} inputs (closest: {closest.input}, p = {closest.p_value:.2g})."
+    if remains.too_large:
+        words += " It is more than noise."
+    if remains.fault is not None:
+        words += f" It looks as if {remains.fault.words} (log evidence {remains.fault.log_evidence:.0f})."
+    if remains.outlier_poses:
+        words += f" Single poses stand out: {', '.join(remains.outlier_poses)}."
+    return words
+
+
+def _unconfirmed(diagnosis: Diagnosis) -> str:
+    """A warning where the test poses, within their scatter, speak against what was named."""
+    first, last = diagnosis.steps[0].calibration.after.test, diagnosis.calibration.after.test
+    if first is None or last is None or last.rmse_mm < (1.0 + HARDLY) * first.rmse_mm:
+        return ""
+    return (
+        f" But the {last.points} test points do not confirm it: they got worse, though by no more than their scatter. Take it "
+        "for a lead, and measure more poses."
+    )
+
+
+def verdict_words(diagnosis: Diagnosis) -> str:
+    """The verdict alone, a sentence or two."""
+    named = " and ".join(diagnosis.missing)
+    doubt = does_not_belong(diagnosis.steps[0].calibration)
+    were = "was" if len(diagnosis.missing) == 1 else "were"
+    return {
+        "adequate": f"Verdict: adequate. {_nothing(diagnosis)}, and nothing else shows.",
+        "named": f"Verdict: {named} {were} missing, and with {'it' if were == 'was' else 'them'} nothing else shows."
+        + _unconfirmed(diagnosis),
+        "ambiguous": "Verdict: ambiguous"
+        + (f" after {named}" if named else "")
+        + ". The set above holds the cause if the catalogue does.",
+        "unexplained": f"Verdict: unexplained. {doubt[:1].upper()}{doubt[1:]}."
+        if doubt
+        else "Verdict: unexplained. "
+        + (
+            f"{named} {'helps' if were == 'was' else 'help'}, yet "
+            if named
+            else "No effect of the catalogue fits: "
+        )
+        + (
+            "what is left tells of something else, said above. Look at that joint."
+            if diagnosis.simpler or diagnosis.remains.fault
+            else "something with a pattern is left. Look at the inputs named above; a loose part or a hose would show so."
+            if diagnosis.remains.structured
+            else "more than noise is left, without a pattern against any input."
+            if diagnosis.remains.too_large
+            else "what was found makes the test poses worse."
+        ),
+        "outliers": "Verdict: outliers. "
+        + (f"{named} {were} missing; " if named else "")
+        + "apart from single poses nothing is left. Measure those poses again before you leave them out.",
+    }[diagnosis.verdict]
+
+
+def _nothing(diagnosis: Diagnosis) -> str:
+    """What `adequate` covers: a family that these data cannot test is not found absent."""
+    if not diagnosis.candidates:
+        return "These data can test none of the catalogue's effects; what is left is no more than noise"
+    blind = [
+        u.name for u in diagnosis.untestable if u.name != "scanner_scale"
+    ]  # which hardly any data can test
+    return "Nothing in the catalogue is missing beyond noise" + (
+        f", as far as these data can tell ({', '.join(blind)}: not testable)" if blind else ""
+    )

@@ -1,0 +1,98 @@
+"""Which poses to measure next: those at which the causes in doubt predict the most different places."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib import frames
+from calib.calibration.calibrate import Calibration, calibrate
+from calib.diagnosis.decision_rules import RIVAL
+from calib.diagnosis.screening import Candidate, Screening
+from calib.diagnosis.stepwise import Diagnosis
+from calib.fitting.observations import conditions_at
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class NextPose:
+    """A joint vector, and how far apart the causes put the tool there: the least difference of any two."""
+
+    q: Array  # (n,) rad or mm
+    separation_mm: float
+
+
+def splitting_poses(diagnosis: Diagnosis, *, count: int = 5) -> tuple[NextPose, ...]:
+    """Poses that best split the ambiguous set of a diagnosis, far from each other; () where nothing is ambiguous.
+
+    Each cause is fitted by itself; at random joint vectors within the range of the measured ones, the fitted models
+    are asked where the tool is, seen from the scanner. Payload, temperature and the like are as at the first pose.
+    """
+    ranking = diagnosis.steps[-1].screening.candidates
+    doubted = [c for c in ranking if c.name in diagnosis.ambiguous_set]
+    return poses_between(diagnosis.calibration, doubted, count=count)
+
+
+def poses_between(
+    calibration: Calibration, causes: Sequence[Candidate], *, count: int = 5, tried: int = 400
+) -> tuple[NextPose, ...]:
+    """As `splitting_poses`, for any causes beyond a calibration's model; () for fewer than two that show at all."""
+    doubted = [c for c in causes if c.members]
+    if len(doubted) < 2:
+        return ()
+    rng = np.random.default_rng(0)
+    measured = calibration.dataset.poses.q
+    q = rng.uniform(measured.min(axis=0), measured.max(axis=0), (tried, measured.shape[1]))
+    places = [_places(calibration, candidate, q) for candidate in doubted]
+    apart = np.min([np.linalg.norm(a - b, axis=1) for a, b in combinations(places, 2)], axis=0)
+    return _spread(q, apart, count)
+
+
+def nearest_rival(screening: Screening, name: str) -> Candidate | None:
+    """The candidate to tell this one from: the best that could make most of what it explains, else the best of all."""
+    ranked = screening.candidates
+    chosen = next((c for c in ranked if c.name == name), None)
+    if chosen is None or not chosen.members:
+        return None
+    others = [c for c in ranked if c.name != name and c.members]
+    likely = [c for c in others if chosen.overlaps.get(c.name, 0.0) > RIVAL]
+    return next(iter((*likely, *others)), None)
+
+
+def _places(calibration: Calibration, candidate: Candidate, q: Array) -> Array:
+    """Where a model with one more cause puts the tool (N, 3), in the first setup's scanner frame."""
+    already = calibration.model.effects[1:]
+    fitted = calibrate(
+        calibration.dataset,
+        effects=[*already, *candidate.members],
+        sizes={**calibration.model.sizes, **candidate.sizes},
+    )
+    scanner_T_base = next(iter(fitted.after.scanner_T_base.values()))
+    poses = conditions_at(calibration.dataset.poses, q)
+    return frames.apply(scanner_T_base, fitted.model.predict(fitted.fit.x, poses))
+
+
+def _spread(q: Array, apart: Array, count: int) -> tuple[NextPose, ...]:
+    """The best poses, each at least a tenth of the joints' range from those before it."""
+    span = np.maximum(np.ptp(q, axis=0), 1e-9)
+    chosen: list[int] = []
+    for i in np.argsort(-apart):
+        if all(np.max(np.abs((q[i] - q[j]) / span)) > 0.1 for j in chosen):
+            chosen.append(int(i))
+        if len(chosen) == count:
+            break
+    return tuple(NextPose(q[i], float(apart[i])) for i in chosen)
+
+
+def in_words(poses: Sequence[NextPose], is_revolute: NDArray[np.bool_]) -> str:
+    """The poses as a person types them: degrees, or mm for prismatic joints."""
+    lines = []
+    for pose in poses:
+        values = np.where(is_revolute, np.degrees(pose.q), pose.q)
+        lines.append(f"({', '.join(f'{v:.0f}' for v in values)}): {pose.separation_mm:.2g} mm apart")
+    return "; ".join(lines)

@@ -1,0 +1,115 @@
+"""What a fit left over, without anything that the fit could have absorbed; and how each joint would show in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.calibration.calibrate import Calibration
+from calib.effects.state import RobotState
+from calib.errors import FitError
+from calib.fitting.model import Model, point_by_state
+from calib.fitting.observations import Observations, place_scanner
+from calib.fitting.position_residuals import PositionResiduals
+
+Array = NDArray[np.float64]
+
+_KNOWN = 0.1  # a direction counts as fitted where the data know it ten times worse than the prior, or better
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """What a fit left over, in whitened units, and the directions that it could have absorbed."""
+
+    residuals: PositionResiduals
+    x: Array  # (P,)
+    states: Mapping[str, RobotState]  # by target, of the used poses
+    by_state: Mapping[str, Array]  # by target (N, 3, S): the point's derivative by the state
+    base_to_residual: Array  # (M, 3, 3)
+    residual: Array  # (R,) projected
+    basis: Array  # (R, rank) orthonormal: fitted parameters and frames
+    freedom: int
+
+    @property
+    def state(self) -> RobotState:
+        """The state at the used poses, as the first target sees it."""
+        return next(iter(self.states.values()))
+
+    @property
+    def sigma(self) -> float:
+        """Residual sigma over the declared one."""
+        return float(np.sqrt(self.residual @ self.residual / self.freedom))
+
+    def project(self, columns: Array) -> Array:
+        """Columns (R, K) without what the fit could have absorbed."""
+        return np.asarray(columns - self.basis @ (self.basis.T @ columns))
+
+    def motion_columns(self, direction: Array, motion: Array) -> Array:
+        """(R, K) projected columns of motions (N, K) at the used poses; a unit motion moves the points (M, 3) so."""
+        row = self.residuals.observed.used_poses[1]
+        moved = direction[:, :, None] * motion[row][:, None, :]
+        return self.project(moved.reshape(-1, motion.shape[1]))
+
+
+def leftover_of(calibration: Calibration) -> Leftover:
+    """What a calibration left over, seen as positions whatever residual it was fitted by.
+
+    Raises FitError where no degree of freedom is left.
+    """
+    model, x, dataset = calibration.model, calibration.fit.x, calibration.dataset
+    observed = place_scanner(Observations.of(dataset), model, x)
+    residuals = PositionResiduals(model, observed)
+    at = residuals.linearise(x)
+    frames = residuals.frame_directions(x)
+    scaled = at.jacobian * model.scales
+    q, triangle = np.linalg.qr(scaled)
+    turn, s, _ = np.linalg.svd(triangle)  # of a few rows, however many poses there are
+    noise = calibration.fit.noise if np.isfinite(calibration.fit.noise) else 1.0
+    known = s > max(_KNOWN * noise, 1e-9 * float(s[0]))
+    basis = np.linalg.qr(np.concatenate([frames, q @ turn[:, known]], axis=1))[0]
+    freedom = len(at.residual) - basis.shape[1]
+    if freedom < 3:
+        raise FitError(
+            f"dataset {dataset.name}: {len(at.residual)} equations and {basis.shape[1]} fitted directions leave "
+            "nothing to judge a further cause by; measure more poses"
+        )
+    residual = at.residual - basis @ (basis.T @ at.residual)
+    poses = observed.used_poses[0]
+    targets = list(map(str, np.unique(observed.points.target)))
+    states = {target: model.state(x, poses, observed.seen(target)) for target in targets}
+    return Leftover(
+        residuals=residuals,
+        x=x,
+        states=states,
+        by_state={target: point_by_state(state, target)[1] for target, state in states.items()},
+        base_to_residual=residuals.base_to_residual(x),
+        residual=residual,
+        basis=basis,
+        freedom=freedom,
+    )
+
+
+def joint_directions(leftover: Leftover) -> list[Array]:
+    """For each joint (M, 3): how its motion moves the measured points, whitened, mm (or mm/rad) over sigma."""
+    residuals = leftover.residuals
+    return directions_at(residuals.model, leftover.x, residuals.observed, leftover.base_to_residual)
+
+
+def directions_at(model: Model, x: Array, observed: Observations, base_to_residual: Array) -> list[Array]:
+    """As `joint_directions`, of any observations whose scanner is placed. base_to_residual  # (M, 3, 3)"""
+    poses, row = observed.used_poses
+    by_x = model.linearise(x, poses, seen=observed.seen())[1]
+    names = [p.name for p in model.parameters]
+    out = []
+    for j, joint in enumerate(model.robot.joints):
+        kind = "theta" if joint.is_revolute else "d"
+        name = f"{kind}{j + 1}"
+        if name in names:
+            column = by_x[row][:, :, [names.index(name)]]
+            out.append((base_to_residual @ column)[..., 0])
+        else:
+            out.append(np.zeros((len(row), 3)))
+    return out

@@ -1,0 +1,297 @@
+"""What is left at the end: structure against any input, lone outliers, and more noise than repeats allow.
+
+A residual that is noise has no order. For each input (a joint angle, a torque, the temperature, the place, any column
+of poses.csv) smooth bumps over it are laid against the residual's components; the largest response over all inputs
+and widths is held against the same of simulated noise that went through the same fit (Westfall and Young 1993), so
+that looking in many places is paid for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from calib.blas_threads import one_blas_thread
+from calib.dataset.dataset import Dataset, Poses
+from calib.dataset.repeats import find_repeats, pooled_sigma_mm
+from calib.diagnosis.fault_models import LocalFault, fault_of
+from calib.diagnosis.projected_residual import Leftover, joint_directions
+from calib.distributions import chi2_sf, f_sf
+from calib.effects.gravity import has_masses
+from calib.effects.state import RobotState
+from calib.kinematics.robot import Robot
+
+Array = NDArray[np.float64]
+
+DRAWS = 999
+STRUCTURE_LEVEL = 0.01
+OUTLIER_LEVEL = 0.002
+FAULT_EVIDENCE = 3.0  # log evidence from which a simple story outside the catalogue is told
+SIGMA_DOUBT = 1.25  # a sigma that was declared, not measured, is believed to this factor
+_WIDTHS = (0.04, 0.12, 0.35)  # of the bumps, in shares of an input's range
+_CENTRES = 25
+_BLOCK = 3_000_000  # numbers of noise held at once
+
+
+@dataclass(frozen=True)
+class InputTest:
+    """Structure of the residual against one input; p is corrected for all that was looked at."""
+
+    input: str
+    p_value: float
+    where: str  # in what it shows most: an axis of the scanner's frame, or the motion of a joint
+
+
+@dataclass(frozen=True)
+class Remains:
+    """What the last fit left over, judged."""
+
+    lack_of_fit_p: (
+        float | None
+    )  # of the residual's sigma against the noise; None where the noise is not known
+    noise_mm: float  # a coordinate's sigma that the residual was held against
+    noise_from: str  # "repeats", "dataset" or "fit"
+    residual_mm: float  # a coordinate's sigma of the residual
+    inputs: tuple[InputTest, ...]  # the most structured first
+    outlier_poses: tuple[str, ...]
+    fault: LocalFault | None = None  # a simple story, outside the catalogue, that what is left tells
+
+    @property
+    def structured(self) -> tuple[str, ...]:
+        """Inputs against which the residual has order beyond noise."""
+        return tuple(test.input for test in self.inputs if test.p_value < STRUCTURE_LEVEL)
+
+    @property
+    def too_large(self) -> bool:
+        """Whether more is left than noise, with a declared sigma believed to a factor only."""
+        return self.lack_of_fit_p is not None and self.lack_of_fit_p < 0.01
+
+
+def inputs_of(leftover: Leftover) -> dict[str, Array]:
+    """Everything a residual may depend on, by name, one value a used pose (N,)."""
+    poses, _ = leftover.residuals.observed.used_poses
+    return inputs_at(leftover.residuals.model.robot, poses, leftover.state)
+
+
+def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]:
+    """As `inputs_of`, of any poses (N) with the arm's state there; what never changes is left out."""
+    inputs = {f"q{j + 1}": poses.q[:, j] for j in range(robot.n_joints)}
+    if has_masses(robot):
+        torques = state.gravity_torques_nm
+        inputs |= {f"torque{j + 1}": torques[:, j] for j in range(robot.n_joints)}
+    for name in ("payload_kg", "temperature_c", "time_s"):
+        values = getattr(poses, name)
+        if values is not None:
+            inputs[name] = values
+    if poses.approach is not None:
+        inputs |= {f"approach{j + 1}": poses.approach[:, j] for j in range(robot.n_joints)}
+    seen = state.seen
+    if seen is not None:
+        inputs |= {axis: seen.scanner_mm[:, k] for k, axis in enumerate("xyz")}
+    inputs["order"] = np.arange(len(poses), dtype=float)
+    for name in poses.extra.columns:
+        column = poses.extra[name]
+        inputs[str(name)] = (
+            column.to_numpy(dtype=float)
+            if column.dtype.kind in "fiub"
+            else column.factorize()[0].astype(float)
+        )
+    return {name: v for name, v in inputs.items() if len(np.unique(v)) > 1}
+
+
+@one_blas_thread()
+def examine(dataset: Dataset, leftover: Leftover, *, draws: int = DRAWS) -> Remains:
+    """Outliers first; then structure, with the outliers left out; then the size of what remains."""
+    noise = _noise_again(leftover, draws)
+    outliers = _outliers(leftover, noise)
+    lack, noise_mm, source, residual_mm = _lack_of_fit(dataset, leftover)
+    poses, row = leftover.residuals.observed.used_poses
+    return Remains(
+        lack_of_fit_p=lack,
+        noise_mm=noise_mm,
+        noise_from=source,
+        residual_mm=residual_mm,
+        inputs=_structure(leftover, outliers[row], noise),
+        outlier_poses=tuple(poses.ids[i] for i in np.flatnonzero(outliers)),
+        fault=fault_of(_without(leftover, outliers[row]), FAULT_EVIDENCE),
+    )
+
+
+def _noise(leftover: Leftover, draws: int) -> Iterator[Array]:
+    """Simulated noise (R, D) that went through the same fit, as large as the residual; `draws` in all, in blocks.
+
+    The same data give the same noise and so the same verdict.
+    """
+    rng = np.random.default_rng(0)
+    rows, size = len(leftover.residual), float(np.linalg.norm(leftover.residual))
+    block = max(_BLOCK // rows, 1)
+    for first in range(0, draws, block):
+        noise = leftover.project(rng.standard_normal((rows, min(block, draws - first))))
+        yield noise * (size / np.linalg.norm(noise, axis=0))
+
+
+def _noise_again(leftover: Leftover, draws: int) -> Callable[[], Iterable[Array]]:
+    """`_noise` as often as it is asked for: kept where it is one block, else drawn again."""
+    if draws * len(leftover.residual) > _BLOCK:
+        return lambda: _noise(leftover, draws)
+    kept = list(_noise(leftover, draws))
+    return lambda: kept
+
+
+def _without(leftover: Leftover, outlier: NDArray[np.bool_]) -> Leftover:
+    """Nothing left at the points (M,) that stand out: one wrong pose must not pass for a dent."""
+    residual = leftover.residual.copy()
+    residual[np.repeat(outlier, 3)] = 0.0
+    return replace(leftover, residual=residual)
+
+
+def _outliers(leftover: Leftover, noise: Callable[[], Iterable[Array]]) -> NDArray[np.bool_]:
+    """(N,) poses whose residual is larger than the largest of a whole dataset of noise should be."""
+    of_pose = _sum_by_pose(leftover)
+    numbers = 3.0 * np.asarray(of_pose.sum(axis=1))  # (N, 1) coordinates at each pose
+
+    def mean_square(values: Array) -> Array:
+        return np.asarray(of_pose @ np.sum(values.reshape(of_pose.shape[1], 3, -1) ** 2, axis=1) / numbers)
+
+    ours = mean_square(leftover.residual)[:, 0]
+    largest = [np.max(theirs / np.median(theirs, axis=0), axis=0) for theirs in map(mean_square, noise())]
+    # A large outlier swells the common scale, so each is compared with the median of its own dataset.
+    limit = np.quantile(np.concatenate(largest), 1.0 - OUTLIER_LEVEL)
+    return np.asarray(ours / np.median(ours) > limit)
+
+
+def _sum_by_pose(leftover: Leftover) -> csr_matrix:
+    """(N, M) sums what the points of a pose say."""
+    poses, row = leftover.residuals.observed.used_poses
+    points = np.arange(len(row))
+    return csr_matrix((np.ones(len(row)), (row, points)), shape=(len(poses), len(row)))
+
+
+def _structure(
+    leftover: Leftover, outlier: NDArray[np.bool_], noise: Callable[[], Iterable[Array]]
+) -> tuple[InputTest, ...]:
+    """Westfall-Young corrected p of each input."""
+    look = _Look.at(leftover, outlier)
+    ours = look.scores(leftover.residual[:, None])
+    blocks = [look.scores(block) for block in noise()]
+    standard, where = {}, {}
+    for name, channels in look.channels_of.items():
+        theirs = np.concatenate([scores[name] for scores in blocks], axis=1)
+        mean, spread = (
+            theirs.mean(axis=1, keepdims=True),
+            np.maximum(theirs.std(axis=1, keepdims=True), 1e-300),
+        )
+        score = (np.column_stack([ours[name], theirs]) - mean) / spread
+        standard[name] = np.max(score, axis=0)
+        where[name] = channels[int(np.argmax(score[:, 0])) // (len(score) // len(channels))]
+    largest = np.max(np.stack([s[1:] for s in standard.values()]), axis=0)
+    tests = [
+        InputTest(name, float((1 + np.sum(largest >= score[0])) / (len(largest) + 1)), where[name])
+        for name, score in standard.items()
+    ]
+    order = sorted(range(len(tests)), key=lambda i: -list(standard.values())[i][0])
+    return tuple(tests[i] for i in order)
+
+
+@dataclass(frozen=True)
+class _Look:
+    """Where structure is looked for: bumps over each input, laid against scalars a pose ("channels").
+
+    Channels are the three axes and each joint's apparent motion.
+    """
+
+    of_pose: csr_matrix  # (N, M)
+    kept: Array  # (R, 1) 0 at outliers
+    directions: dict[str, Array]  # (M, 3) by channel
+    bumps: dict[str, list[Array]]  # by input, for each width (C, N)
+    channels_of: dict[str, list[str]]  # by input
+
+    @classmethod
+    def at(cls, leftover: Leftover, outlier: NDArray[np.bool_]) -> _Look:
+        directions = {}
+        for axis, name in enumerate("xyz"):
+            directions[name] = np.broadcast_to(np.eye(3)[axis], (len(outlier), 3))
+        for j, direction in enumerate(joint_directions(leftover)):
+            size = max(float(np.sqrt(np.mean(direction**2))), 1e-300)
+            directions[f"joint {j + 1}"] = direction / size
+        inputs = inputs_of(leftover)
+        return cls(
+            _sum_by_pose(leftover),
+            np.where(np.repeat(outlier, 3), 0.0, 1.0)[:, None],
+            directions,
+            {name: _bumps(values) for name, values in inputs.items()},
+            {name: _relevant(name, directions) for name in inputs},
+        )
+
+    def scores(self, values: Array) -> dict[str, Array]:
+        """For each input (S, D) responses of residuals (R, D), each scaled to length 1: channels times widths."""
+        values = values * self.kept
+        values /= np.maximum(np.linalg.norm(values, axis=0), 1e-300)
+        rows = values.reshape(self.of_pose.shape[1], 3, -1)
+        seen = {name: self.of_pose @ np.einsum("mi,mid->md", d, rows) for name, d in self.directions.items()}
+        return {
+            name: np.stack([_squares(bump @ seen[c]) for c in channels for bump in self.bumps[name]])
+            for name, channels in self.channels_of.items()
+        }
+
+
+def _bumps(values: Array) -> list[Array]:
+    """For each width normalised Gaussian bumps over an input's range, as C <= 25 rows of the same Gram matrix (C, N).
+
+    Wide bumps are much alike, so that a few rows do; what is dropped adds less than 1e-12 to a sum of squares.
+    """
+    low, high = float(values.min()), float(values.max())
+    u = (values - low) / (high - low)
+    levels = np.unique(u)
+    centres = levels if len(levels) <= _CENTRES else np.linspace(0.0, 1.0, _CENTRES)
+    out = []
+    for width in _WIDTHS if len(levels) > 4 else (1e-3,):
+        bump = np.exp(-0.5 * ((u[:, None] - centres) / width) ** 2)
+        bump = bump[:, bump.sum(axis=0) > 0.3]
+        left, s, _ = np.linalg.svd(bump / np.linalg.norm(bump, axis=0), full_matrices=False)
+        shown = s > 1e-6 * s[0]
+        out.append(s[shown, None] * left[:, shown].T)
+    return out
+
+
+def _squares(values: Array) -> Array:
+    """(D,) sums of squares of the columns of (C, D)."""
+    return np.asarray(np.einsum("cd,cd->d", values, values))
+
+
+def _relevant(name: str, channels: Iterable[str]) -> list[str]:
+    """The axes for every input; a joint's own motion for its own inputs, every joint's for time, load and the like."""
+    axes = [key for key in channels if not key.startswith("joint")]
+    stem = name.rstrip("0123456789")
+    if stem in ("q", "torque", "approach") and name != stem:
+        return [*axes, f"joint {name.removeprefix(stem)}"]
+    return axes if name in "xyz" else list(channels)
+
+
+COPY_MM = 1e-9  # repeats that scatter less are rows written twice, which tell nothing of the noise
+
+
+def _lack_of_fit(dataset: Dataset, leftover: Leftover) -> tuple[float | None, float, str, float]:
+    """p of the residual's size, the noise it was held against, where that came from, and the residual's sigma; mm."""
+    observed = leftover.residuals.observed
+    declared_mm = float(np.sqrt(np.mean(np.trace(observed.covariance_mm2, axis1=1, axis2=2)) / 3.0))
+    residual_mm = leftover.sigma * declared_mm
+    square = float(leftover.residual @ leftover.residual)
+    repeats = find_repeats(dataset)
+    freedom = sum(3 * (r.count - 1) for r in repeats)
+    noise_mm = pooled_sigma_mm(repeats) if freedom >= 12 else 0.0
+    if noise_mm > COPY_MM:
+        # Repeats are part of the residual; what exceeds them is compared with them.
+        pure = freedom * (noise_mm / declared_mm) ** 2
+        left = leftover.freedom - freedom
+        if left > 0:
+            ratio = max(square - pure, 0.0) / left / (noise_mm / declared_mm) ** 2
+            return f_sf(ratio, left, freedom), noise_mm, "repeats", residual_mm
+    if observed.points.covariance_mm2 is not None or dataset.scanner.point_sigma_mm is not None:
+        doubted = square / SIGMA_DOUBT**2
+        return chi2_sf(doubted, leftover.freedom), declared_mm, "dataset", residual_mm
+    return None, residual_mm, "fit", residual_mm

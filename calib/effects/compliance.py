@@ -1,0 +1,148 @@
+"""Effects of load: joints, links, base and tool that yield under gravity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.effects import gravity
+from calib.effects.effect import Parameter
+from calib.effects.state import RobotState
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JointCompliance:
+    """A joint that yields to the gravity torque about it: theta += c tau (a prismatic one: d += c force)."""
+
+    joint: int
+    name = "joint_compliance"
+    linear = True
+    parameters = (
+        Parameter("c_rad_per_nm", "rad/Nm", 5e-5, "compliance; its inverse is the stiffness", positive=True),
+    )
+
+    def apply(self, state: RobotState, *, c_rad_per_nm: float) -> RobotState:
+        """The joint's error added, for the torque at the state that comes in."""
+        return state.add_joint_error(
+            self.joint, c_rad_per_nm * state.loaded.gravity_torques_nm[:, self.joint]
+        )
+
+
+@dataclass(frozen=True)
+class JointComplianceUnknownMasses:
+    """The same where masses are not known: theta += sum over frames beyond of (c m) x torque of 1 kg there.
+
+    Linear still: each parameter is compliance times the mass that hangs at one frame. A payload that varies is known,
+    so its torque comes with the compliance alone.
+    """
+
+    joint: int
+    places: int  # frames beyond the joint, the tool point included
+    payload: bool  # whether it varies
+    name = "joint_compliance"
+    linear = True
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """One for each frame beyond the joint, and the compliance where the payload tells it."""
+        masses = tuple(
+            Parameter(
+                f"cm_at_{self.joint + 1 + k}", "rad kg/Nm", 2e-4, "compliance times the mass at a frame"
+            )
+            for k in range(self.places)
+        )
+        return (*masses, *(JointCompliance.parameters if self.payload else ()))
+
+    def apply(self, state: RobotState, **values: float) -> RobotState:
+        """The joint's error added."""
+        torques = gravity.unit_torques(state.loaded, self.joint)  # (N, K)
+        if self.payload:
+            torques = np.column_stack([torques, gravity.payload_torque(state.loaded, self.joint)])
+        return state.add_joint_error(self.joint, torques @ np.array(list(values.values())))
+
+
+@dataclass(frozen=True)
+class GravityBacklash:
+    """Play that gravity takes up: theta += b / 2 sign(tau)."""
+
+    joint: int
+    name = "gravity_backlash"
+    linear = True
+    parameters = (Parameter("b_rad", "rad", 5e-4, "width of the play", positive=True),)
+
+    def apply(self, state: RobotState, *, b_rad: float) -> RobotState:
+        """The joint's error added."""
+        return state.add_joint_error(
+            self.joint, 0.5 * b_rad * np.sign(state.loaded.gravity_torques_nm[:, self.joint])
+        )
+
+
+@dataclass(frozen=True)
+class LinkBending:
+    """A link that bends under what hangs beyond it and its own weight: a cantilever with c = L / EI, `gravity.bending`.
+
+    The part that turns about the next joint's axis is close to what compliance of that joint does; only the shift tells
+    them apart.
+    """
+
+    joint: int  # the joint that moves the link
+    name = "link_bending"
+    linear = True
+    parameters = (
+        Parameter(
+            "c_rad_per_nm", "rad/Nm", 2e-5, "L / EI: turn of the link's end by a unit moment", positive=True
+        ),
+    )
+
+    def apply(self, state: RobotState, *, c_rad_per_nm: float) -> RobotState:
+        """Turn about x, y and z of the link's end (alpha and beta of its row, theta of the next), and its shift."""
+        link = self.joint
+        turn, shift_mm = state.loaded.bendings[link]
+        in_link = c_rad_per_nm * turn
+        return (
+            state.add_link_error(link, "alpha", in_link[:, 0])
+            .add_link_error(link, "beta", in_link[:, 1])
+            .add_link_error(link + 1, "theta", in_link[:, 2])
+            .displace(c_rad_per_nm * shift_mm)
+        )
+
+
+@dataclass(frozen=True)
+class BaseCompliance:
+    """A pedestal that tilts under the overturning moment of the whole arm: the base turns by C M(q)."""
+
+    name = "base_compliance"
+    linear = True
+    parameters = (
+        Parameter("cx_rad_per_nm", "rad/Nm", 2e-6, "tilt about x a unit moment", positive=True),
+        Parameter("cy_rad_per_nm", "rad/Nm", 2e-6, "tilt about y a unit moment", positive=True),
+    )
+
+    def apply(self, state: RobotState, *, cx_rad_per_nm: float, cy_rad_per_nm: float) -> RobotState:
+        """The base turned."""
+        moment = gravity.moment_about(state.loaded, np.zeros((len(state.poses), 3)), 0)
+        return state.turn_base(moment * np.array([cx_rad_per_nm, cy_rad_per_nm, 0.0]))
+
+
+@dataclass(frozen=True)
+class ToolSag:
+    """A tool that hangs: it moves by R diag(c) R^T g, R the flange's attitude and g gravity's direction."""
+
+    name = "tool_sag"
+    linear = True
+    parameters = tuple(
+        Parameter(f"{a}_mm", "mm", 0.1, f"sag with gravity along the tool's {a}") for a in "xyz"
+    )
+
+    def apply(self, state: RobotState, *, x_mm: float, y_mm: float, z_mm: float) -> RobotState:
+        """The target displaced."""
+        rotation = state.loaded.chain.base_T_flange[:, :3, :3]
+        gravity_vector = np.array(state.robot.gravity_m_s2)
+        down = gravity_vector / max(float(np.linalg.norm(gravity_vector)), 1e-12)
+        in_tool = np.einsum("nji,j->ni", rotation, down) * np.array([x_mm, y_mm, z_mm])
+        return state.displace(np.einsum("nij,nj->ni", rotation, in_tool))

@@ -1,0 +1,110 @@
+"""What an effect is: named parameters with units, and one pure function from the robot's state to the robot's state.
+
+Calibration is a list of effects with unknown parameters, simulation the same list with known ones. Every effect obeys
+one law: **zero means absent**. At zero parameters `apply` returns the state bit for bit.
+
+A user's own effect needs no more than this::
+
+    @dataclass(frozen=True)
+    class EncoderEccentricity:
+        \"\"\"Once-per-turn encoder error of one joint: dq = c cos(q) + s sin(q).\"\"\"
+
+        joint: int
+        parameters = (
+            Parameter("cos_rad", unit="rad", scale=1e-4, doc="cosine amplitude"),
+            Parameter("sin_rad", unit="rad", scale=1e-4, doc="sine amplitude"),
+        )
+
+        def apply(self, state, *, cos_rad, sin_rad):
+            q_rad = state.q_rad[:, self.joint]
+            return state.add_joint_error(self.joint, cos_rad * np.cos(q_rad) + sin_rad * np.sin(q_rad))
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.effects.checked_apply import guarded, is_own
+from calib.effects.state import RobotState
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One unknown number. `scale` is its size in practice: the prior's sigma and the solver's unit for it."""
+
+    name: str
+    unit: str
+    scale: float
+    doc: str = ""
+    nominal: float = 0.0  # what is reported is nominal + the fitted value
+    positive: bool = False  # whether nature has it with this sign only, such as a compliance
+
+
+@runtime_checkable
+class Effect(Protocol):
+    """The contract. `apply` takes a value for each parameter, by its name."""
+
+    @property
+    def parameters(self) -> Sequence[Parameter]:
+        """What is unknown about it; names are Python identifiers."""
+        ...
+
+    @property
+    def apply(self) -> Callable[..., RobotState]:
+        """`apply(state, **values)`: the state with the effect in it."""
+        ...
+
+
+def family_name(effect: Effect) -> str:
+    """The name that the command line takes: the effect's own, else its class's in lower case with underscores."""
+    name = getattr(effect, "name", None)
+    return str(name) if name else re.sub(r"(?<!^)(?=[A-Z])", "_", type(effect).__name__).lower()
+
+
+def full_name(effect: Effect, parameter: Parameter) -> str:
+    """A parameter's name among all: `family.parameter`, with the joint, counted from 1, where the effect has one."""
+    joint = getattr(effect, "joint", None)
+    middle = "" if joint is None else f".J{int(joint) + 1}"
+    return f"{family_name(effect)}{middle}.{parameter.name}"
+
+
+def apply_values(effect: Effect, state: RobotState, values: Array) -> RobotState:
+    """`apply` with the values in the order of the effect's parameters.
+
+    Raises CalibError where an effect from outside this package fails.
+    """
+    named: dict[str, Any] = {p.name: float(v) for p, v in zip(effect.parameters, values, strict=True)}
+    return guarded(effect, state, named) if is_own(effect) else effect.apply(state, **named)
+
+
+def is_linear(effect: Effect) -> bool:
+    """Whether the effect says, by `linear = True`, that it adds to the state a multiple of each parameter's value."""
+    return getattr(effect, "linear", False) is True
+
+
+def state_derivative(effect: Effect, state: RobotState, values: Array) -> Iterator[Array]:
+    """d state.vector / d value for each parameter of an effect that acts on `state`, one by one: (1 or N, S).
+
+    Differences of the effect's own map, which is cheap; the chain's part of the derivative is analytic. A linear effect
+    has the same derivative everywhere: one step of a parameter's scale from zero, where the effect is absent. Others
+    take central differences, steps of 1e-3 of the scale.
+    """
+    linear = is_linear(effect)
+    for k, parameter in enumerate(effect.parameters):
+        step = np.zeros(len(values))
+        if linear:
+            step[k] = parameter.scale
+            yield (apply_values(effect, state, step).vector - state.vector) / step[k]
+        else:
+            step[k] = 1e-3 * parameter.scale
+            high = apply_values(effect, state, values + step).vector
+            low = apply_values(effect, state, values - step).vector
+            yield (high - low) / (2.0 * step[k])

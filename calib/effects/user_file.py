@@ -1,0 +1,182 @@
+"""A user's own effects, from a file of theirs, checked before they are used.
+
+The file is Python. Either it has `EFFECTS`, a tuple of effects, or every class in it that has `parameters` and `apply`
+is taken: a dataclass with a field `joint` once for each joint, one without fields once.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import math
+import sys
+import traceback
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from calib.dataset.dataset import Dataset
+from calib.effects.catalogue import Family, families_from
+from calib.effects.checked_apply import error_words
+from calib.effects.descriptions import FAMILY_NAMES
+from calib.effects.effect import Effect, Parameter, apply_values
+from calib.effects.state import RobotState
+from calib.errors import CalibError
+from calib.fitting.model import geometric_model
+from calib.fitting.observations import Observations, place_scanner
+
+
+def load_effects(path: Path, dataset: Dataset) -> tuple[Family, ...]:
+    """The families of an effects file, made for a dataset's robot. Raises CalibError in one line."""
+    module = _load(path)
+    effects = _effects(path, module, dataset.robot.n_joints)
+    if not effects:
+        raise CalibError(
+            f"{path}: found no effect; define a class with `parameters` and `apply`, or a tuple EFFECTS"
+        )
+    return check_effects(effects, dataset, str(path))
+
+
+def check_effects(effects: Iterable[Effect], dataset: Dataset, where: str = "effects") -> tuple[Family, ...]:
+    """The effects as families, after a trial on the dataset's poses. Raises CalibError in one line."""
+    effects = tuple(effects)
+    state = _trial_state(dataset)
+    for effect in effects:
+        _check(effect, state, where)
+    families = families_from(effects)
+    for family in families:
+        if family.name in FAMILY_NAMES:
+            raise CalibError(
+                f"{where}: effect {family.name!r} has the name of one in the catalogue; give it another `name`"
+            )
+    return families
+
+
+def _load(path: Path) -> ModuleType:
+    if not path.is_file():
+        raise CalibError(f"{path}: no such effects file")
+    spec = importlib.util.spec_from_file_location(f"_effects_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise CalibError(f"{path}: not a Python file; an effects file ends in .py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    try:
+        # Not by the loader: a file that was saved twice within a second would come out of its cache as it was before.
+        code = compile(path.read_bytes(), str(path), "exec")
+        with _siblings(path.resolve().parent):
+            exec(code, module.__dict__)
+    except SyntaxError as error:
+        where = f"line {error.lineno}: " if error.lineno else ""
+        raise CalibError(f"{path}: {where}{error.msg}; mend the syntax") from None
+    except (Exception, SystemExit) as error:  # a file that calls exit() must not end the server
+        raise CalibError(f"{path}: line {_line(error, path)}: {error_words(error)}") from None
+    return module
+
+
+@contextmanager
+def _siblings(folder: Path) -> Iterator[None]:
+    """Let a file import others from its folder; they are read afresh the next time, and nothing is written there."""
+    before, wrote = set(sys.modules), sys.dont_write_bytecode
+    sys.path.append(str(folder))  # last: a neighbour of any name hides nothing that is installed
+    sys.dont_write_bytecode = True
+    try:
+        yield
+    finally:
+        sys.dont_write_bytecode = wrote
+        sys.path.remove(str(folder))
+        for name in set(sys.modules) - before:
+            if folder in Path(getattr(sys.modules[name], "__file__", None) or "/").parents:
+                del sys.modules[name]
+
+
+def _effects(path: Path, module: ModuleType, joints: int) -> tuple[Effect, ...]:
+    """What EFFECTS holds, else what the module's classes give."""
+    if not hasattr(module, "EFFECTS"):
+        return tuple(_instances(path, module, joints))
+    given = module.EFFECTS
+    if not isinstance(given, tuple | list):
+        raise CalibError(
+            f"{path}: EFFECTS is a {type(given).__name__}; make it a tuple of effects, (MyEffect(joint=1),)"
+        )
+    for effect in given:
+        if isinstance(effect, type):
+            raise CalibError(
+                f"{path}: EFFECTS holds the class {effect.__name__}; put effects in, such as {effect.__name__}(...)"
+            )
+    return tuple(given)
+
+
+def _instances(path: Path, module: ModuleType, joints: int) -> Iterable[Effect]:
+    for value in vars(module).values():
+        if not isinstance(value, type) or value.__module__ != module.__name__:
+            continue
+        if not (hasattr(value, "apply") and hasattr(value, "parameters")):
+            continue
+        needed = [
+            f.name
+            for f in (dataclasses.fields(value) if dataclasses.is_dataclass(value) else ())
+            if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+        ]
+        if needed not in ([], ["joint"]):
+            raise CalibError(
+                f"{path}: {value.__name__} needs {', '.join(needed)}; only `joint` is filled in, use EFFECTS for more"
+            )
+        try:
+            yield from (value(joint=j) for j in range(joints)) if needed else (value(),)
+        except Exception as error:
+            raise CalibError(
+                f"{path}: {value.__name__} cannot be made, {error_words(error)}; a dataclass with the field `joint` or "
+                "without fields is, others go into EFFECTS"
+            ) from None
+
+
+def _trial_state(dataset: Dataset) -> RobotState:
+    nominal = geometric_model(dataset.robot)
+    observed = place_scanner(Observations.of(dataset), nominal, np.zeros(len(nominal.parameters)))
+    return RobotState.nominal(dataset.robot, observed.used_poses[0], observed.seen())
+
+
+def _check(effect: Any, state: RobotState, where: str) -> None:
+    label = f"{where}: effect {type(effect).__name__}"
+    parameters = getattr(effect, "parameters", None)
+    if not isinstance(parameters, tuple | list) or not parameters:
+        raise CalibError(f"{label}: `parameters` is {parameters!r}; a tuple of Parameter is needed")
+    for p in parameters:
+        if (
+            not isinstance(p, Parameter)
+            or not all(isinstance(text, str) for text in (p.name, p.unit, p.doc))
+            or not p.name.isidentifier()
+            or not isinstance(p.scale, int | float)
+            or not 0.0 < p.scale < math.inf
+        ):
+            raise CalibError(
+                f"{label}: {p!r} is no Parameter with an identifier for a name, text for unit and doc, a scale above 0"
+            )
+    if len({p.name for p in parameters}) < len(parameters):
+        raise CalibError(f"{label}: two parameters have the same name")
+    zero = np.zeros(len(parameters))
+    after = _applied(effect, state, zero, where)
+    if not np.array_equal(np.broadcast_to(state.vector, after.shape), after):
+        raise CalibError(
+            f"{label}: with all parameters zero it still changes the state; zero has to mean absent"
+        )
+    for k, p in enumerate(parameters):
+        one = zero.copy()
+        one[k] = p.scale
+        _applied(effect, state, one, where)
+
+
+def _applied(effect: Effect, state: RobotState, values: np.ndarray, where: str) -> np.ndarray:
+    try:
+        return apply_values(effect, state, values).vector
+    except CalibError as error:
+        raise CalibError(f"{where}: {error}") from None
+
+
+def _line(error: BaseException, path: Path) -> int | str:
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) == path]
+    return frames[-1].lineno or "?" if frames else "?"

@@ -1,0 +1,229 @@
+"""The model: a robot, a list of effects, and the one bridge between parameter names and the solver's vector.
+
+The vector x holds corrections, zero for the nominal robot. Parameters named in `fixed` stay at zero and are invisible
+to the solver. Jacobians follow by the chain rule: d point / d state (analytic) x d state / d parameter (the effect's).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calib import frames
+from calib.dataset.dataset import Poses
+from calib.effects.effect import (
+    Array,
+    Effect,
+    Parameter,
+    apply_values,
+    family_name,
+    full_name,
+    state_derivative,
+)
+from calib.effects.link_errors import LinkErrors
+from calib.effects.state import RobotState, Seen
+from calib.errors import FitError
+from calib.kinematics import chain as kinematics
+from calib.kinematics.robot import Robot
+
+
+@dataclass(frozen=True)
+class Model:
+    """A robot with effects. Build it with `geometric_model` for the five-parameter model alone."""
+
+    robot: Robot
+    effects: tuple[Effect, ...]
+    fixed: frozenset[str] = frozenset()
+    sizes: Mapping[str, float] = field(
+        default_factory=dict
+    )  # of parameters, by name, in place of their usual scale
+    loads_of: Robot | None = None  # whose links decide what gravity does; None: those of the state itself
+    _loaded: list[RobotState] = field(default_factory=list, init=False, compare=False, repr=False)
+
+    @cached_property
+    def _all_parameters(self) -> tuple[Parameter, ...]:
+        return tuple(
+            p if isinstance(effect, LinkErrors) else self._named(full_name(effect, p), p)
+            for effect in self.effects
+            for p in effect.parameters
+        )
+
+    def _named(self, name: str, parameter: Parameter) -> Parameter:
+        return replace(parameter, name=name, scale=self.sizes.get(name, parameter.scale))
+
+    @cached_property
+    def _is_free(self) -> NDArray[np.bool_]:
+        return np.array([p.name not in self.fixed for p in self._all_parameters], dtype=bool)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """What the solver may move, in the order of x."""
+        return tuple(p for p in self._all_parameters if p.name not in self.fixed)
+
+    @property
+    def family_names(self) -> tuple[str, ...]:
+        """The effects beyond the link errors, in the order they were added; a family of several joints once."""
+        names = [family_name(effect) for effect in self.effects if not isinstance(effect, LinkErrors)]
+        return tuple(dict.fromkeys(names))
+
+    @property
+    def scales(self) -> Array:
+        """(P,) the size of each parameter in practice."""
+        return np.array([p.scale for p in self.parameters])
+
+    def hold(self, names: ArrayLike) -> Model:
+        """The same model with further parameters held at zero. Raises FitError on an unknown name."""
+        wanted = frozenset(str(name) for name in np.atleast_1d(np.asarray(names, dtype=str)))
+        unknown = sorted(wanted - {p.name for p in self._all_parameters})
+        if unknown:
+            raise FitError(
+                f"no parameter named {unknown[0]!r}; there are {self._all_parameters[0].name} ... "
+                f"{self._all_parameters[-1].name}"
+            )
+        return replace(self, fixed=self.fixed | wanted)
+
+    def _values_by_effect(self, x: ArrayLike) -> list[Array]:
+        full = np.zeros(len(self._is_free))
+        full[self._is_free] = np.asarray(x, dtype=float)
+        ends = np.cumsum([len(effect.parameters) for effect in self.effects])
+        return np.split(full, ends[:-1])
+
+    def with_loads_at(self, x: ArrayLike) -> Model:
+        """The same model, loads worked out once at the links as they are at x.
+
+        Else they would change with every link error that is tried, which a derivative would have to follow.
+        """
+        return replace(self, loads_of=self.calibrated_robot(x))
+
+    def _start(self, poses: Poses, seen: Seen | None) -> RobotState:
+        start = RobotState.nominal(self.robot, poses, seen)
+        if self.loads_of is None:
+            return start
+        if (
+            not self._loaded or self._loaded[0].poses is not poses
+        ):  # a fit asks for the same poses again and again
+            self._loaded[:] = [RobotState.nominal(self.loads_of, poses)]
+        return start.with_loads_at(self._loaded[0])
+
+    def _states(self, x: ArrayLike, poses: Poses, seen: Seen | None) -> list[RobotState]:
+        """The state before each effect, in order, and after all of them."""
+        states = [self._start(poses, seen)]
+        for effect, values in zip(self.effects, self._values_by_effect(x), strict=True):
+            states.append(apply_values(effect, states[-1], values))
+        return states
+
+    def state(self, x: ArrayLike, poses: Poses, seen: Seen | None = None) -> RobotState:
+        """The chain's parameters at every pose, all effects applied in order."""
+        return self._states(x, poses, seen)[-1]
+
+    def predict(self, x: ArrayLike, poses: Poses, target: str = "jig", seen: Seen | None = None) -> Array:
+        """A target's place at every pose (N, 3), mm in the base frame.
+
+        With `seen`, as the scanner reports it: effects of the scanner need to know where it looks. Without, as it is.
+        """
+        state = self.state(x, poses, seen)
+        return state.place(_target_mm(state, target))
+
+    def linearise(
+        self, x: ArrayLike, poses: Poses, target: str = "jig", seen: Seen | None = None
+    ) -> tuple[Array, Array]:
+        """A target's place (N, 3) and its derivative by the free parameters (N, 3, P).
+
+        How a later effect changes with an earlier one's parameters is left out. Nothing in the catalogue does, once the
+        model says at what links its loads are worked out.
+        """
+        *before, last = self._states(x, poses, seen)
+        points_mm, by_state = point_by_state(last, target)
+        return points_mm, self._by_parameters(x, before, by_state)
+
+    def linearise_pose(
+        self, x: ArrayLike, poses: Poses, seen: Seen | None = None
+    ) -> tuple[Array, Array, Array]:
+        """The jig's place (N, 3), the tool's attitude base_R_tool (N, 3, 3), and their derivative (N, 6, P).
+
+        The last three rows are the small turn about the base's axes, rad: attitude changes to exp(turn) attitude.
+        """
+        *before, last = self._states(x, poses, seen)
+        points_mm, by_state = point_by_state(last)
+        both = np.concatenate([by_state, turn_by_state(last)], axis=1)
+        return points_mm, last.attitude, self._by_parameters(x, before, both)
+
+    def _by_parameters(self, x: ArrayLike, before: list[RobotState], by_state: Array) -> Array:
+        """(N, K, P) of a derivative by the last state (N, K, S): the chain rule, effect by effect."""
+        columns = [
+            effect_columns(by_state, effect, state, values)
+            for effect, state, values in zip(self.effects, before, self._values_by_effect(x), strict=True)
+        ]
+        return np.concatenate(columns, axis=-1)[..., self._is_free]
+
+    def calibrated_robot(self, x: ArrayLike) -> Robot:
+        """The robot with its link errors built into the table; other effects have no place in robot.toml."""
+        table = self.robot.table
+        for effect, values in zip(self.effects, self._values_by_effect(x), strict=True):
+            if isinstance(effect, LinkErrors):
+                table = table + values.reshape(table.shape)
+        return self.robot.with_table(table)
+
+
+def geometric_model(robot: Robot) -> Model:
+    """The five-parameter model: link errors and nothing else."""
+    return Model(robot, (LinkErrors(robot),))
+
+
+def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array]:
+    """A target's place (N, 3) and its derivative by `state.vector` (N, 3, S): the chain's analytic Jacobian."""
+    chain_mm = _target_mm(state, target)
+    by_table = kinematics.jacobian(state.chain, chain_mm)  # (N, 3, n + 1, 5)
+    if target != "jig":
+        by_table[:, :, -1] = 0.0  # further targets do not ride on the tool row
+    by_table = by_table.reshape(*by_table.shape[:2], -1)
+    turned_mm = state.place(chain_mm) - state.displacement_mm
+    by_turn = -frames.skew(turned_mm)
+    if np.any(state.base_rotvec_rad):
+        by_table = frames.rotation_from_rotvec(state.base_rotvec_rad) @ by_table
+        # d exp(w) p / dw = -skew(exp(w) p) J(w), and J = 1 + skew(w) / 2 for the small turns that bases make
+        by_turn = by_turn @ (np.eye(3) + 0.5 * frames.skew(state.base_rotvec_rad))
+    eye = np.broadcast_to(np.eye(3), (len(chain_mm), 3, 3))
+    still = np.zeros_like(eye)  # the target's turn about itself moves no point
+    return turned_mm + state.displacement_mm, np.concatenate([by_table, by_turn, eye, still], axis=-1)
+
+
+def turn_by_state(state: RobotState) -> Array:
+    """The tool's small turn about the base's axes by `state.vector` (N, 3, S), rad."""
+    by_table = kinematics.turn_jacobian(state.chain)
+    by_table = by_table.reshape(*by_table.shape[:2], -1)
+    eye = np.broadcast_to(np.eye(3), (len(by_table), 3, 3))
+    by_base, by_target = eye, eye
+    if np.any(state.base_rotvec_rad):
+        by_table = frames.rotation_from_rotvec(state.base_rotvec_rad) @ by_table
+        by_base = eye @ (np.eye(3) + 0.5 * frames.skew(state.base_rotvec_rad))  # as in `point_by_state`
+    if np.any(state.target_rotvec_rad):
+        turned = frames.rotation_from_rotvec(state.target_rotvec_rad)
+        by_table, by_base = turned @ by_table, turned @ by_base
+        by_target = eye @ (np.eye(3) + 0.5 * frames.skew(state.target_rotvec_rad))
+    return np.concatenate([by_table, by_base, np.zeros_like(eye), by_target], axis=-1)
+
+
+def _target_mm(state: RobotState, target: str) -> Array:
+    if target == "jig":
+        return state.chain.target_mm
+    flange = state.chain.base_T_flange
+    return flange[:, :3, :3] @ state.target_offsets_mm[target] + flange[:, :3, 3]
+
+
+def effect_columns(by_state: Array, effect: Effect, state: RobotState, values: Array) -> Array:
+    """A point's derivative by an effect's parameters (N, 3, K), the effect acting on `state`: the chain rule.
+
+    by_state  # (N, 3, S), of `point_by_state`
+    """
+    if isinstance(effect, LinkErrors):  # it adds to the table, which comes first in the state's vector
+        return by_state[..., : len(values)]
+    out = np.empty((*by_state.shape[:2], len(values)))
+    for k, derivative in enumerate(state_derivative(effect, state, values)):
+        touched = np.flatnonzero(derivative.any(axis=0))  # a few entries of the state's vector
+        out[..., k] = np.sum(by_state[..., touched] * derivative[:, None, touched], axis=-1)
+    return out

@@ -1,0 +1,193 @@
+"""What was measured, as a fit sees it: some of a dataset's points, each with its covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calib.dataset.dataset import Dataset, Points, Poses
+from calib.effects.state import Seen
+from calib.errors import FitError
+from calib.fitting.model import Model
+from calib.fitting.scanner_frame import fit_scanner_frame
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Observations:
+    """The measured points that a residual looks at, with the sigma of each."""
+
+    poses: Poses
+    points: Points
+    covariance_mm2: Array  # (M, 3, 3)
+    scanner_T_base: Mapping[str, Array] | None = None  # by setup, where an earlier fit placed the scanner
+    turn_covariance_rad2: Array | None = None  # (M, 3, 3) of the orientations, where there are any
+
+    @classmethod
+    def of(cls, dataset: Dataset, keep: ArrayLike | None = None) -> Observations:
+        """The dataset's points whose pose is in `keep` (N,) bool; the training and reference poses by default.
+
+        A point's covariance is its own where it has one, else the scanner's declared sigma, else 1 mm.
+        """
+        if dataset.points is None:
+            raise FitError(
+                f"dataset {dataset.name}: no measured points yet; find the corners of its scans first"
+            )
+        chosen = ~dataset.poses.is_test if keep is None else np.asarray(keep, dtype=bool)
+        points = dataset.points.select(chosen[dataset.points.pose])
+        bad = np.flatnonzero(~np.all(np.isfinite(points.xyz_mm), axis=1))
+        if len(bad):
+            pose = dataset.poses.ids[points.pose[bad[0]]]
+            raise FitError(
+                f"dataset {dataset.name}: the point of pose {pose!r} is not finite; leave it out or measure it again"
+            )
+        covariance = points.covariance_mm2
+        if covariance is None:
+            sigma_mm = dataset.scanner.point_sigma_mm or 1.0
+            covariance = np.broadcast_to(sigma_mm**2 * np.eye(3), (len(points), 3, 3))
+        turns = None if points.orientations is None else points.orientations.covariance_rad2
+        if turns is None and dataset.scanner.orientation_sigma_rad is not None:
+            sigma_rad = dataset.scanner.orientation_sigma_rad
+            turns = np.broadcast_to(sigma_rad**2 * np.eye(3), (len(points), 3, 3))
+        return cls(dataset.poses, points, covariance, turn_covariance_rad2=turns)
+
+    @property
+    def setup(self) -> NDArray[np.str_]:
+        """(M,)"""
+        return self.poses.setup[self.points.pose]
+
+    @cached_property
+    def used_poses(self) -> tuple[Poses, NDArray[np.int64]]:
+        """The poses that have points, and for each point its row among them (M,)."""
+        used, row = np.unique(self.points.pose, return_inverse=True)
+        return self.poses.select(used), row
+
+    @cached_property
+    def targets(self) -> Mapping[str, NDArray[np.bool_]]:
+        """Which targets were measured, and which points are of each (M,)."""
+        return {str(name): self.points.target == name for name in np.unique(self.points.target)}
+
+    def seen(self, target: str = "jig") -> Seen | None:
+        """Where the scanner sees a target at each used pose, which effects may depend on; None before it is placed."""
+        return self._seen.get(target) if self.scanner_T_base is not None else None
+
+    @cached_property
+    def _seen(self) -> dict[str, Seen]:
+        assert self.scanner_T_base is not None
+        poses, row = self.used_poses
+        setups, setup = np.unique(poses.setup, return_inverse=True)
+        placed = np.stack([self.scanner_T_base[str(name)] for name in setups])[setup]
+        out = {}
+        for target, of_target in self.targets.items():
+            mean_mm, _ = _mean_by_pose(self.points.xyz_mm[of_target], row[of_target], len(poses))
+            out[target] = Seen(mean_mm, placed)
+        return out
+
+
+def place_scanner(
+    observed: Observations, model: Model, x: Array, chosen: NDArray[np.bool_] | None = None
+) -> Observations:
+    """The observations with the scanner's frame of each setup, as the model at x places it.
+
+    Frames are fitted to the points in `chosen` (M,), all where None; a setup without chosen points uses its own.
+    """
+    base_mm = predict_points(model, x, observed)
+    placed = {}
+    for name in map(str, np.unique(observed.setup)):
+        rows = observed.setup == name
+        fitted = rows if chosen is None or not np.any(rows & chosen) else rows & chosen
+        placed[name] = fit_scanner_frame(
+            base_mm[fitted], observed.points.xyz_mm[fitted], observed.covariance_mm2[fitted]
+        )
+    return replace(observed, scanner_T_base=placed)
+
+
+def predict_points(model: Model, x: Array, observed: Observations) -> Array:
+    """Where the model sees each observed point (M, 3), mm in the base frame."""
+    poses, row = observed.used_poses
+    out = np.empty((len(observed.points), 3))
+    for target, of_target in observed.targets.items():
+        out[of_target] = model.predict(x, poses, target, observed.seen(target))[row[of_target]]
+    return out
+
+
+def linearise_points(model: Model, x: Array, observed: Observations) -> tuple[Array, Array]:
+    """As `predict_points`, with the derivative by the model's free parameters (M, 3, P)."""
+    poses, row = observed.used_poses
+    points_mm = np.empty((len(observed.points), 3))
+    jacobian = np.empty((len(observed.points), 3, len(model.parameters)))
+    for target, of_target in observed.targets.items():
+        at, by = model.linearise(x, poses, target, observed.seen(target))
+        points_mm[of_target], jacobian[of_target] = at[row[of_target]], by[row[of_target]]
+    return points_mm, jacobian
+
+
+def linearise_poses(model: Model, x: Array, observed: Observations) -> tuple[Array, Array, Array]:
+    """As `linearise_points`, with the attitude: (M, 3), base_R_tool (M, 3, 3), and the derivative of both (M, 6, P).
+
+    The last three rows of it are the small turn about the base's axes; what is not the jig has a place only.
+    """
+    poses, row = observed.used_poses
+    is_jig = observed.points.target == "jig"
+    points_mm, jacobian = linearise_points(model, x, observed) if not is_jig.all() else (None, None)
+    at, attitude, by = model.linearise_pose(x, poses, observed.seen("jig"))
+    if points_mm is None or jacobian is None:
+        return at[row], attitude[row], by[row]
+    both = np.concatenate([jacobian, by[row][:, 3:]], axis=1)
+    return points_mm, attitude[row], both
+
+
+def predict_poses(model: Model, x: Array, observed: Observations) -> tuple[Array, Array]:
+    """Where the model sees each observed point (M, 3), and base_R_tool (M, 3, 3)."""
+    poses, row = observed.used_poses
+    state = model.state(x, poses, observed.seen("jig"))
+    if np.all(observed.points.target == "jig"):
+        return state.place(state.chain.target_mm)[row], state.attitude[row]
+    return predict_points(model, x, observed), state.attitude[row]
+
+
+def mean_jig_points(observed: Observations) -> tuple[NDArray[np.bool_], Array, Array]:
+    """Per used pose: whether it has a "jig" point, the repeats' mean (N, 3), and its covariance (N, 3, 3)."""
+    poses, row = observed.used_poses
+    is_jig = observed.points.target == "jig"
+    row = row[is_jig]
+    mean, count = _mean_by_pose(observed.points.xyz_mm[is_jig], row, len(poses))
+    covariance, _ = _mean_by_pose(observed.covariance_mm2[is_jig], row, len(poses))
+    return count > 0, mean, covariance / np.maximum(count, 1)[:, None, None]
+
+
+def _mean_by_pose(values: Array, row: NDArray[np.int64], poses: int) -> tuple[Array, NDArray[np.int64]]:
+    """Of values (M, ...) the mean over each pose's points (N, ...), zero where it has none, and their number (N,)."""
+    total = np.zeros((poses, *values.shape[1:]))
+    np.add.at(total, row, values)
+    count = np.bincount(row, minlength=poses)
+    return total / np.maximum(count, 1).reshape(-1, *[1] * (values.ndim - 1)), count
+
+
+def setup_references(poses: Poses, usable: NDArray[np.bool_]) -> dict[str, int]:
+    """Which pose distances of a setup start from: the reference, or the setup's first usable pose."""
+    rows = np.flatnonzero(usable)
+    names, first = np.unique(poses.setup[rows], return_index=True)
+    out = {str(name): int(rows[i]) for name, i in zip(names, first, strict=True)}
+    return out | {str(poses.setup[i]): int(i) for i in rows[poses.role[rows] == "reference"]}
+
+
+def conditions_at(like: Poses, q: Array) -> Poses:
+    """Poses at joint vectors that no one measured, under the conditions of the first measured pose."""
+    poses = like.select(np.zeros(len(q), dtype=np.int64))
+    return Poses(
+        ids=tuple(f"q{i + 1}" for i in range(len(q))),
+        role=np.full(len(q), "test"),
+        q=q,
+        setup=poses.setup,
+        scan_names=poses.scan_names,
+        payload_kg=poses.payload_kg,
+        temperature_c=poses.temperature_c,
+        time_s=poses.time_s,
+        approach=poses.approach,
+    )

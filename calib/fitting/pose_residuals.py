@@ -1,0 +1,240 @@
+"""Residuals of full poses: where the jig is and how it stands, three more equations wherever its orientation is known.
+
+    predicted   p = R_s P(x) + t_s              position, mm
+                Q = R_s B(x) K                  orientation scanner_R_jig
+    residual    C^(-1/2) (p - p_m, log(Q Q_m^T))
+
+with the model's place P and attitude B = base_R_tool of the tool, the scanner's frame (R_s, t_s) of each setup, and how
+the jig sits on the tool, K = tool_R_jig. C is the covariance of a measured pose, six by six: point and orientation come
+from the same three planes, so their errors go together. Frames and K are unknown at every x and enter almost in closed
+form: they are solved for by a few Gauss-Newton steps from the closed form, and their columns are projected out of the
+Jacobian (variable projection, Golub and Pereyra 1973, in Kaufman's form), so that the solver never sees them.
+
+Constant turns behind the last joint are all in K: orientations alone tell nothing of alpha, theta and beta of the tool.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib import frames
+from calib.dataset.dataset import Dataset
+from calib.effects.effect import Array, Parameter
+from calib.errors import FitError
+from calib.fitting.linearised import Linearised
+from calib.fitting.model import Model
+from calib.fitting.observations import Observations, linearise_poses, predict_poses
+from calib.fitting.scanner_frame import fit_scanner_frame, orthonormal
+
+_STEPS = 50
+_NO_ORIENTATION = (
+    "found no orientation at a training pose; give qw, qx, qy, qz in points.csv, or find the corners with their "
+    "orientation, or fit positions"
+)
+_NAMED = 0.5  # of the training poses have to have named faces: where fewer do, something is wrong with robot or poses
+
+
+def require_orientations(dataset: Dataset, observed: Observations) -> None:
+    """Raise FitError where full poses cannot be fitted, with what would help.
+
+    That is where no observed point has an orientation, or where scans told one at less than half of them: names that
+    the robot contradicts so often are no names.
+    """
+    orientations, count = observed.points.orientations, len(observed.points)
+    known = 0 if orientations is None else int(orientations.known.sum())
+    if orientations is not None and orientations.named and known < max(2, _NAMED * count):
+        raise FitError(
+            f"dataset {dataset.name}: the jig's faces can be told apart at {known} of {count} training poses, and full "
+            f"poses need half of them: {orientations.lack or 'measure more poses'}, or fit positions"
+        )
+    if known == 0:
+        raise FitError(f"dataset {dataset.name}: {_NO_ORIENTATION}")
+
+
+@dataclass(frozen=True)
+class Placement:
+    """What a pose's prediction needs beside the arm."""
+
+    scanner_T_base: Mapping[str, Array]  # by setup, (4, 4)
+    tool_R_jig: Array  # (3, 3)
+
+
+@dataclass(frozen=True)
+class PoseResiduals:
+    """Predicted less measured poses; the frames of all setups and the jig's seat are solved for at every x."""
+
+    model: Model
+    observed: Observations
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.model.parameters
+
+    @cached_property
+    def _setups(self) -> list[NDArray[np.int64]]:
+        setup = self.observed.setup
+        return [np.flatnonzero(setup == name) for name in np.unique(setup)]
+
+    @cached_property
+    def turned(self) -> NDArray[np.bool_]:
+        """(M,) which points have an orientation."""
+        orientations = self.observed.points.orientations
+        known = np.zeros(len(self.observed.points), dtype=bool)
+        return known if orientations is None else orientations.known
+
+    @cached_property
+    def _measured(self) -> Array:
+        """(M, 3, 3) scanner_R_jig; the identity where it is not known."""
+        orientations = self.observed.points.orientations
+        if orientations is None or not self.turned.any():
+            raise FitError(_NO_ORIENTATION)
+        return np.where(self.turned[:, None, None], orientations.scanner_R_jig, np.eye(3))
+
+    @cached_property
+    def _whiten(self) -> Array:
+        """(M, 6, 6) W with W C W^T = 1; zero rows where there is no orientation."""
+        observed = self.observed
+        turns = observed.turn_covariance_rad2
+        if turns is None:
+            raise FitError(
+                "the orientations have no covariance; give rxx_rad2 ... rzz_rad2 in points.csv, or "
+                "orientation_sigma_deg under [scanner] in dataset.toml"
+            )
+        covariance = np.zeros((len(observed.points), 6, 6))
+        covariance[:, :3, :3] = observed.covariance_mm2
+        covariance[:, 3:, 3:] = np.where(self.turned[:, None, None], turns, np.eye(3))
+        orientations = observed.points.orientations
+        if orientations is not None and orientations.cross_mm_rad is not None:
+            cross = np.where(self.turned[:, None, None], orientations.cross_mm_rad, 0.0)
+            covariance[:, :3, 3:], covariance[:, 3:, :3] = cross, np.swapaxes(cross, 1, 2)
+        try:
+            whiten = np.linalg.inv(np.linalg.cholesky(covariance))
+        except np.linalg.LinAlgError:
+            raise FitError(
+                "the covariance of a measured pose is not positive definite; give each in mm^2, rad^2 and mm rad"
+            ) from None
+        whiten[~self.turned, 3:] = 0.0
+        return np.asarray(whiten)
+
+    @cached_property
+    def _rows(self) -> NDArray[np.bool_]:
+        """(6 M,) which equations there are."""
+        return np.repeat(self.turned, 6) | np.tile([True] * 3 + [False] * 3, len(self.turned))
+
+    @cached_property
+    def degrees_spent(self) -> int:
+        """Of the frames and the jig's seat."""
+        base_mm, attitude = predict_poses(self.model, np.zeros(len(self.parameters)), self.observed)
+        return self._basis(*self._settled(base_mm, attitude)[1:]).shape[1]
+
+    def placement(self, x: Array) -> Placement:
+        """The scanner's frames and the jig's seat at x."""
+        return self._settled(*predict_poses(self.model, x, self.observed))[0]
+
+    def residual(self, x: Array) -> Array:
+        _, error, _ = self._settled(*predict_poses(self.model, x, self.observed))
+        return np.einsum("mij,mj->mi", self._whiten, error).ravel()[self._rows]
+
+    def linearise(self, x: Array) -> Linearised:
+        base_mm, attitude, by_x = linearise_poses(self.model, x, self.observed)
+        placed, error, columns = self._settled(base_mm, attitude)
+        turn = self._scanner_R_base(placed)
+        by_x = np.concatenate([turn @ by_x[:, :3], _by_left_turn(error[:, 3:]) @ turn @ by_x[:, 3:]], axis=1)
+        jacobian = (self._whiten @ by_x).reshape(6 * len(error), -1)[self._rows]
+        basis = self._basis(error, columns)
+        residual = np.einsum("mij,mj->mi", self._whiten, error).ravel()[self._rows]
+        return Linearised(residual, jacobian - basis @ (basis.T @ jacobian))
+
+    def errors(self, placed: Placement, base_mm: Array, attitude: Array) -> Array:
+        """(M, 6) predicted less measured: mm, and the turn's vector in rad (without meaning where it is not known)."""
+        at_mm = np.empty_like(base_mm)
+        for rows in self._setups:
+            scanner_T_base = placed.scanner_T_base[str(self.observed.setup[rows[0]])]
+            at_mm[rows] = frames.apply(scanner_T_base, base_mm[rows])
+        jig = self._scanner_R_base(placed) @ attitude @ placed.tool_R_jig
+        turn = frames.rotvec_from_rotation(jig @ np.swapaxes(self._measured, 1, 2))
+        return np.concatenate([at_mm - self.observed.points.xyz_mm, turn], axis=1)
+
+    def _scanner_R_base(self, placed: Placement) -> Array:
+        """(M, 3, 3)"""
+        out = np.empty((len(self.observed.points), 3, 3))
+        for rows in self._setups:
+            out[rows] = placed.scanner_T_base[str(self.observed.setup[rows[0]])][:3, :3]
+        return out
+
+    def _basis(self, error: Array, columns: Array) -> Array:
+        """What motions of frames and seat can do to the residual: orthonormal (R, rank)."""
+        return orthonormal((self._whiten @ columns).reshape(6 * len(error), -1)[self._rows])
+
+    def _settled(self, base_mm: Array, attitude: Array) -> tuple[Placement, Array, Array]:
+        """The best frames and seat for these predictions, the errors (M, 6) left, and the columns (M, 6, 6 S + 3).
+
+        base_mm  # (M, 3); attitude  # (M, 3, 3)
+        """
+        placed = self._first_placement(base_mm, attitude)
+        for _ in range(_STEPS):
+            error = self.errors(placed, base_mm, attitude)
+            columns = self._nuisance_columns(placed, error, attitude)
+            whitened = (self._whiten @ columns).reshape(6 * len(error), -1)[self._rows]
+            scale = np.maximum(np.linalg.norm(whitened, axis=0), 1e-300)
+            right = np.einsum("mij,mj->mi", self._whiten, error).ravel()[self._rows]
+            motion = -np.linalg.lstsq(whitened / scale, right, rcond=1e-9)[0] / scale
+            if np.max(np.abs(motion * scale)) < 1e-9 * (1.0 + float(np.linalg.norm(right))):
+                break
+            placed = self._moved(placed, motion, error)
+        return placed, error, columns
+
+    def _first_placement(self, base_mm: Array, attitude: Array) -> Placement:
+        """Frames from the positions alone, the seat as the orientations then have it on the whole."""
+        placed = {}
+        for rows in self._setups:
+            placed[str(self.observed.setup[rows[0]])] = fit_scanner_frame(
+                base_mm[rows], self.observed.points.xyz_mm[rows], self.observed.covariance_mm2[rows]
+            )
+        predicted = self._scanner_R_base(Placement(placed, np.eye(3))) @ attitude
+        seats = (np.swapaxes(predicted, 1, 2) @ self._measured)[self.turned]
+        return Placement(placed, frames.mean_rotation(seats))
+
+    def _nuisance_columns(self, placed: Placement, error: Array, attitude: Array) -> Array:
+        """Of each setup a shift, and a turn about its points' centre; then the seat's turn about the tool's axes."""
+        out = np.zeros((len(error), 6, 6 * len(self._setups) + 3))
+        by_turn = _by_left_turn(error[:, 3:])
+        at_mm = error[:, :3] + self.observed.points.xyz_mm
+        for k, rows in enumerate(self._setups):
+            arm = at_mm[rows] - at_mm[rows].mean(axis=0)
+            out[rows, :3, 6 * k : 6 * k + 3] = np.eye(3)
+            out[rows, :3, 6 * k + 3 : 6 * k + 6] = -frames.skew(arm)
+            out[rows, 3:, 6 * k + 3 : 6 * k + 6] = by_turn[rows]
+        out[:, 3:, -3:] = by_turn @ self._scanner_R_base(placed) @ attitude
+        return out
+
+    def _moved(self, placed: Placement, motion: Array, error: Array) -> Placement:
+        moved = {}
+        at_mm = error[:, :3] + self.observed.points.xyz_mm
+        for k, rows in enumerate(self._setups):
+            name = str(self.observed.setup[rows[0]])
+            shift, turn = (
+                motion[6 * k : 6 * k + 3],
+                frames.rotation_from_rotvec(motion[6 * k + 3 : 6 * k + 6]),
+            )
+            centre = at_mm[rows].mean(axis=0)
+            about_centre = frames.make_transform(turn, centre - turn @ centre + shift)
+            moved[name] = about_centre @ placed.scanner_T_base[name]
+        return Placement(moved, frames.rotation_from_rotvec(motion[-3:]) @ placed.tool_R_jig)
+
+
+def _by_left_turn(error: Array) -> Array:
+    """(M, 3, 3) how a small turn from the left changes a turn's vector (M, 3): the inverse left Jacobian of SO(3).
+
+    1 - [e] / 2 + c [e]^2 with c = (1 - (t / 2) cot(t / 2)) / t^2, t = |e|; c is 1/12 at 0.
+    """
+    angle = np.linalg.norm(error, axis=1)
+    safe = np.where(angle > 1e-4, angle, 1.0)
+    c = np.where(angle > 1e-4, (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2, 1.0 / 12.0)
+    cross = frames.skew(error)
+    return np.asarray(np.eye(3) - 0.5 * cross + c[:, None, None] * (cross @ cross))

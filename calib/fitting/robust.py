@@ -1,0 +1,158 @@
+"""Weights that let outliers speak softly. Off by default: what looks like an outlier is often physics.
+
+Iteratively reweighted least squares: a point whose residual is r sigma away (in the metric of its covariance) counts
+with Tukey's weight (1 - (r / c)^2)^2, which is zero beyond c. A full pose is one such point of six coordinates: where
+the jig is and how it stands lose their weight together, by the length of all six in the metric of their covariance.
+The scale is the median of all, so it does not need the declared sigma to be right. A weight enters as a larger
+covariance, so frames and parameters see the same weights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from calib.distributions import chi_median
+from calib.fitting.observations import Observations
+from calib.fitting.pose_residuals import PoseResiduals
+from calib.fitting.position_residuals import Residuals
+from calib.fitting.trust_region import Fit, solve
+
+Array = NDArray[np.float64]
+
+_EFFICIENCY = 0.95  # for normal errors
+_TUKEY = {3: 5.490, 6: 6.356}  # c of that efficiency by the number of coordinates (4.685 in one)
+_LEAST = (
+    1e-6  # of a point at c; beyond it less, so that a covariance stays finite and no outlier adds to the cost
+)
+_ROUNDS = 20
+
+
+def solve_robustly(
+    make: Callable[[Observations], Residuals],
+    observed: Observations,
+    *,
+    start: Array | None = None,
+    prior: bool = True,
+) -> tuple[Fit, Array]:
+    """Fit with Tukey weights.
+
+    Args:
+        make: residuals from observations; three rows a point, six where a full pose is fitted, point after point.
+        observed: the points with their covariances.
+        start, prior: as of `solve`.
+
+    Returns:
+        The fit, and the weights (M,). Its noise and covariance are those of the points that were not rejected.
+    """
+    residuals = make(observed)
+    rows = rows_of_points(residuals, observed)
+    fit = solve(residuals, start=start, prior=prior)
+    weights = np.ones(len(observed.points))
+    for _ in range(_ROUNDS):
+        norm = point_norms(residuals.residual(fit.x), rows) / np.sqrt(weights)
+        new = _kept_above_zero(tukey_weights(norm, rows), norm)
+        settled = bool(np.max(np.abs(new - weights)) < 1e-3)
+        weights = new
+        residuals = make(weighted(observed, weights))
+        fit = solve(residuals, start=fit.x, prior=prior)
+        if settled:
+            break
+    return _honest(fit, weights, rows, prior=prior), weights
+
+
+def weighted(observed: Observations, weights: Array) -> Observations:
+    """The same points with their covariances, those of the orientations too, divided by weights (M,) above 0."""
+    share = 1.0 / weights[:, None, None]
+    turns, points = observed.turn_covariance_rad2, observed.points
+    if points.orientations is not None and points.orientations.cross_mm_rad is not None:
+        cross = share * points.orientations.cross_mm_rad
+        points = replace(points, orientations=replace(points.orientations, cross_mm_rad=cross))
+    return replace(
+        observed,
+        points=points,
+        covariance_mm2=share * observed.covariance_mm2,
+        turn_covariance_rad2=None if turns is None else share * turns,
+    )
+
+
+def rows_of_points(residuals: Residuals, observed: Observations) -> NDArray[np.int64]:
+    """(M,) how many of the residual's rows are each point's."""
+    rows = np.full(len(observed.points), 3)
+    return rows + 3 * residuals.turned if isinstance(residuals, PoseResiduals) else rows
+
+
+def point_norms(residual: Array, rows: NDArray[np.int64]) -> Array:
+    """(M,) length of each point's whitened residual, of so many rows (M,) each."""
+    first = np.concatenate([[0], np.cumsum(rows)[:-1]])
+    return np.asarray(np.sqrt(np.add.reduceat(residual**2, first)))
+
+
+def tukey_weights(norm: Array, rows: NDArray[np.int64]) -> Array:
+    """(M,) weights of residuals of these lengths and numbers of rows, 3 or 6, scaled by their median."""
+    scale = float(np.median(norm / _by_rows(rows, chi_median)))
+    if scale <= 0.0:
+        return np.ones_like(norm)
+    furthest = scale * _by_rows(rows, _TUKEY.__getitem__)
+    return np.asarray(np.clip(1.0 - (norm / furthest) ** 2, 0.0, None) ** 2)
+
+
+def _by_rows(rows: NDArray[np.int64], of: Callable[[int], float]) -> Array:
+    numbers, index = np.unique(rows, return_inverse=True)
+    return np.array([of(int(number)) for number in numbers])[index]
+
+
+def _kept_above_zero(weights: Array, norm: Array) -> Array:
+    """The weights, those of rejected points so small that all of them together add nothing to the cost."""
+    far = norm / max(float(np.median(norm)), 1e-300)
+    return np.maximum(weights, _LEAST / np.maximum(far, 1.0) ** 2)
+
+
+def _honest(fit: Fit, weights: Array, rows: NDArray[np.int64], *, prior: bool) -> Fit:
+    """The fit with the noise and the covariance that its points have, rejected ones left out.
+
+    Weighted squares are smaller than they are: of d normal coordinates their mean is sigma^2 E[w r^2] / d. And the
+    estimate scatters by 1 / efficiency of least squares, not by 1 / E[w]: E[psi^2] / E[psi']^2 with psi = w r.
+    """
+    counted = weights > _LEAST
+    left = fit.degrees_of_freedom - float(rows[~counted].sum())
+    if not np.isfinite(fit.noise) or left <= 0.5:
+        return fit
+    squares, mean = (np.average(_by_rows(rows, of), weights=rows) for of in (_weighted_square, _mean_weight))
+    rejected = fit.degrees_of_freedom / left
+    wider = rejected * mean / (squares * _EFFICIENCY)
+    scales = np.array([p.scale for p in fit.parameters])
+    covariance = fit.covariance / np.outer(scales, scales)
+    if prior:  # of unit information, which is no wider: (information / wider + 1)^-1
+        covariance = np.asarray(
+            np.linalg.solve(np.eye(len(scales)) + (wider - 1.0) * covariance, covariance), np.float64
+        )
+    return replace(
+        fit,
+        noise=fit.noise * float(np.sqrt(rejected / squares)),
+        covariance=wider * covariance * np.outer(scales, scales),
+        degrees_of_freedom=left,
+    )
+
+
+def _moment(power: int, rows: int) -> float:
+    """E[r^power], over r < c alone, of a vector of so many standard normal numbers."""
+    half = 0.5 * (rows + power)
+    inside = special.gammainc(half, 0.5 * _TUKEY[rows] ** 2)
+    return float(2.0 ** (0.5 * power) * inside * np.exp(special.gammaln(half) - special.gammaln(0.5 * rows)))
+
+
+def _mean_weight(rows: int) -> float:
+    """E[w]."""
+    c2 = _TUKEY[rows] ** 2
+    return _moment(0, rows) - 2.0 * _moment(2, rows) / c2 + _moment(4, rows) / c2**2
+
+
+def _weighted_square(rows: int) -> float:
+    """E[w r^2] / d."""
+    c2 = _TUKEY[rows] ** 2
+    return (_moment(2, rows) - 2.0 * _moment(4, rows) / c2 + _moment(6, rows) / c2**2) / rows

@@ -1,0 +1,313 @@
+"""The solver: a trust region around Gauss-Newton, in units in which every parameter is of size one.
+
+Millimetres and radians share the vector, so each column is scaled by its parameter's tolerance. The step comes from
+the singular values of the scaled Jacobian; while the full Gauss-Newton step (Jang eq 16: the pseudo-inverse) lowers the
+cost as predicted it is taken whole, which is why exact data are met in a handful of iterations. Where it does not, the
+step is held inside a radius (More and Sorensen 1983), so that near-redundant directions, which the pseudo-inverse
+divides by almost nothing, cannot blow up.
+
+Where the residual is large, its curvature makes full steps too short or too long, and they shrink slowly. Then the last
+few are mixed so that they cancel best (Anderson 1965), and the mix is taken where it lowers the cost further.
+
+The prior says that each correction is about as large as its manufacturing tolerance. It is weighed against the noise
+that the residual shows, not the declared one: exact data overrule it entirely.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calib.effects.effect import Parameter
+from calib.errors import FitError
+from calib.fitting.position_residuals import Residuals
+
+Array = NDArray[np.float64]
+
+_NULL = 1e-10  # singular values below this share of the largest carry no information
+_FLOOR = 1e-9  # a residual this much below the first one is at the level of rounding
+_LOOSE = (
+    0.05  # a smaller share in the directions nobody knows is the working point's curvature, not redundancy
+)
+_SILENT = 1e-6  # a whole tolerance moves the residual by less than this many sigmas: nothing is told
+_WEIGHINGS = 8  # how often prior and noise are weighed anew at the most
+_CONVERGED = 3e-4  # a full step would move no parameter by more than this share of its sigma
+_MEMORY = 5  # full steps that are remembered
+_SLOW = 0.3  # of the full step before
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One accepted point of the solver's way; the first is the start."""
+
+    x: Array  # (P,)
+    cost: float  # sum of squared whitened residuals, without the prior
+    step: float  # length of the step that led here, in tolerances
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What came out. `x` holds corrections in the parameters' own units."""
+
+    parameters: tuple[Parameter, ...]
+    x: Array  # (P,)
+    covariance: Array  # (P, P) by the noise that the residual shows, and the prior where one was used
+    undetermined: NDArray[np.bool_]  # (P,) neither data nor prior bound them; their covariance is meaningless
+    iterations: tuple[Iteration, ...]
+    converged: bool
+    reason: str
+    rank: int  # of the Jacobian at the nominal robot, where redundant parameters are exactly redundant
+    known: int  # directions that the data know better than their tolerance does
+    rows: int
+    degrees_of_freedom: float
+    noise: float  # residual sigma over declared sigma; nan without degrees of freedom
+
+    @property
+    def sigma(self) -> Array:
+        """(P,) standard deviation of each parameter; inf where nothing bounds it."""
+        return np.where(self.undetermined, np.inf, np.sqrt(np.diag(self.covariance)))
+
+    def summary(self) -> str:
+        state = "converged" if self.converged else "not converged"
+        return (
+            f"{state} after {len(self.iterations) - 1} iterations ({self.reason}); {self.rows} rows, "
+            f"{len(self.x)} parameters, rank {self.rank}, residual {self.noise:.3g} times the points' sigma"
+        )
+
+
+def solve(
+    residuals: Residuals, *, start: ArrayLike | None = None, prior: bool = True, max_iterations: int = 100
+) -> Fit:
+    """Find the parameters that make the residuals least.
+
+    Args:
+        residuals: what to make small.
+        start: (P,) first guess, such as an earlier fit; zeros, the nominal robot, where None.
+        prior: hold each parameter within about its tolerance (`Parameter.scale`).
+        max_iterations: accepted steps at the most.
+
+    Raises:
+        FitError: nothing to fit, too few rows, or a residual that is not finite at the start.
+    """
+    if not residuals.parameters:
+        raise FitError("no free parameter: everything is held; free at least one")
+    descent = _Descent(residuals, start, max_iterations)
+    if not prior:
+        descent.run(weight=0.0)
+        return descent.fit(weight=0.0)
+    weight = descent.first_weight()
+    while descent.steps < max_iterations:
+        # One step for one weight: the prior follows the residual down. A weight far below the residual would let
+        # near-redundant directions run away, and what they gain there is lost again when it is weighed anew.
+        descent.run(weight, steps=1)
+        noise = descent.noise(weight)
+        if descent.reason or not noise > 1e-9 or abs(noise - weight) <= 0.05 * weight:
+            break
+        weight = min(noise, max(descent.promised_noise(), 0.01 * weight))
+    for _ in range(_WEIGHINGS):
+        descent.run(weight)
+        noise = descent.noise(weight)
+        if not noise > 1e-9 or abs(noise - weight) <= 0.05 * weight:
+            break
+        weight = noise
+    return descent.fit(weight)
+
+
+@dataclass(frozen=True)
+class _Factors:
+    """A = U diag(s) V^T of the stacked, scaled problem with right-hand side b, and g = U^T b."""
+
+    s: Array
+    v: Array
+    g: Array
+
+    def with_prior(self, weight: float, z: Array) -> _Factors:
+        """Of [A; w 1] with right-hand side [b; w z]: the same V, as w 1 is alike in all directions.
+
+        Directions without information are left out.
+        """
+        s = np.hypot(self.s, weight)
+        g = (self.s * self.g + weight**2 * (self.v.T @ z)) / np.maximum(s, 1e-300)
+        keep = s > _NULL * max(float(s[0]), 1e-300)
+        return _Factors(s[keep], self.v[:, keep], g[keep])
+
+    @property
+    def possible_drop(self) -> float:
+        """How far the linear model could still lower the squared norm."""
+        return float(self.g @ self.g)
+
+    def step(self, radius: float) -> tuple[Array, float]:
+        """The minimiser of |A z + b| within the radius, and the drop of the squared norm that it predicts."""
+
+        def damped(mu: float) -> Array:
+            return -self.s * self.g / (self.s**2 + mu)
+
+        y = damped(0.0)
+        if np.linalg.norm(y) > radius:
+            low, high = 1e-30 * self.s[0] ** 2, float(np.linalg.norm(self.s * self.g)) / radius
+            while high > 1.01 * low:
+                middle = float(np.sqrt(low * high))
+                low, high = (middle, high) if np.linalg.norm(damped(middle)) > radius else (low, middle)
+            y = damped(high)
+        return self.v @ y, self.possible_drop - float(np.sum((self.g + self.s * y) ** 2))
+
+
+def _factorise(matrix: Array, rhs: Array) -> _Factors:
+    """All P directions of a matrix (R, P); those beyond its rank have s = 0."""
+    # R of [A b] carries the whole problem in P + 1 rows, however many poses there are.
+    r = np.asarray(np.linalg.qr(np.column_stack([matrix, rhs]), mode="r"))
+    count = matrix.shape[1]
+    u, s, vt = np.linalg.svd(r[:, :-1])
+    return _Factors(_padded(s, count), vt.T, _padded((u.T @ r[:, -1])[:count], count))
+
+
+def _padded(values: Array, count: int) -> Array:
+    return np.concatenate([values, np.zeros(count - len(values))])
+
+
+def _is_slow(full: list[tuple[Array, Array]]) -> bool:
+    """Whether the last full step is hardly shorter than the one before: its limit is far beyond it."""
+    return len(full) > 1 and bool(np.linalg.norm(full[-1][1]) > _SLOW * np.linalg.norm(full[-2][1]))
+
+
+def _limit(full: list[tuple[Array, Array]]) -> Array:
+    """Where full steps lead that shrink slowly: the mix of the last points whose steps cancel best (Anderson 1965)."""
+    points, steps = np.array(full).transpose(1, 2, 0)  # each (P, points)
+    moves, changes = np.diff(points), np.diff(steps)
+    mix = np.linalg.lstsq(changes, steps[:, -1], rcond=1e-6)[0]
+    return np.asarray(points[:, -1] + steps[:, -1] - (moves + changes) @ mix)
+
+
+class _Descent:
+    """The state of one solution on its way: where it is, and how it came there."""
+
+    def __init__(self, residuals: Residuals, start: ArrayLike | None, max_iterations: int) -> None:
+        self.residuals = residuals
+        self.scales = np.array([p.scale for p in residuals.parameters])
+        self.z = np.zeros(len(self.scales)) if start is None else np.asarray(start, dtype=float) / self.scales
+        self.limit = max_iterations
+        residual = residuals.residual(self.z * self.scales)
+        if not np.all(np.isfinite(residual)):
+            raise FitError("the residual is not finite at the start; check the points and the robot's table")
+        self.cost = float(residual @ residual)
+        self.history = [Iteration(self.z * self.scales, self.cost, 0.0)]
+        self.converged, self.reason = False, ""
+        self._linearise()
+        s = (self._factors_at(0.0 * self.z) if np.any(self.z) else self.factors).s
+        self.rank = int(np.sum(s > max(1e-9 * float(s[0]), _SILENT)))
+
+    def _factors_at(self, z: Array) -> _Factors:
+        at = self.residuals.linearise(z * self.scales)
+        self.rows = len(at.residual)
+        return _factorise(at.jacobian * self.scales, at.residual)
+
+    def _linearise(self) -> None:
+        self.factors = self._factors_at(self.z)
+
+    @property
+    def steps(self) -> int:
+        return len(self.history) - 1
+
+    def first_weight(self) -> float:
+        """What the residual shows at the start; 1 where no degree of freedom is left."""
+        noise = self.noise(1.0)
+        return noise if np.isfinite(noise) and noise > 0.0 else 1.0
+
+    def promised_noise(self) -> float:
+        """Residual sigma that a full step would leave, were the problem linear: without what the prior adds."""
+        factors = self.factors.with_prior(0.0, self.z)
+        left = self.rows - self.residuals.degrees_spent - len(factors.s)
+        return float(np.sqrt(max(self.cost - factors.possible_drop, 0.0) / left)) if left > 0 else np.inf
+
+    def run(self, weight: float, steps: int | None = None) -> None:
+        """Go down to the minimum of |residual|^2 + weight^2 |z|^2, or `steps` steps towards it."""
+        radius = np.inf
+        last = None if steps is None else self.steps + steps
+        full: list[tuple[Array, Array]] = []  # the last points, each with its full step
+        self._stop(False, "")
+        while True:
+            factors = self.factors.with_prior(weight, self.z)
+            objective = self.cost + weight**2 * float(self.z @ self.z)
+            if factors.possible_drop <= _CONVERGED**2 * objective / self.rows:
+                return self._stop(True, "the gradient vanishes")
+            if self.steps == last:
+                return None
+            if self.steps >= self.limit:
+                return self._stop(False, f"the limit of {self.limit} iterations was reached")
+            step, predicted = factors.step(radius)
+            drop, cost = self._drop(step, weight, objective)
+            if np.linalg.norm(step) < 0.99 * radius:
+                full = [*full[-_MEMORY:], (self.z, step)]
+            if _is_slow(full):
+                further = _limit(full) - self.z
+                further_drop, further_cost = self._drop(further, weight, objective)
+                if further_drop > drop:
+                    step, drop, cost = further, further_drop, further_cost
+            while not (drop > 0.0 and drop >= 1e-4 * predicted):
+                if self._at_floor() or predicted <= 1e-12 * objective:
+                    return self._stop(True, "no step lowers the cost beyond rounding")
+                radius = 0.25 * float(np.linalg.norm(step))
+                if radius < 1e-12:
+                    return self._stop(False, "no step lowers the cost, although the gradient does not vanish")
+                step, predicted = factors.step(radius)
+                drop, cost = self._drop(step, weight, objective)
+            length = float(np.linalg.norm(step))
+            if drop > 0.75 * predicted:
+                radius = max(radius, 3.0 * length)
+            elif drop < 0.25 * predicted:
+                radius = 0.5 * length
+            self.z, self.cost = self.z + step, cost
+            self.history.append(Iteration(self.z * self.scales, cost, length))
+            self._linearise()
+            if self._at_floor() and drop < 0.9 * objective:
+                return self._stop(True, "the residual is at the level of rounding")
+
+    def _drop(self, step: Array, weight: float, objective: float) -> tuple[float, float]:
+        """By how much a step lowers the objective, and the data's cost there."""
+        z = self.z + step
+        residual = self.residuals.residual(z * self.scales)
+        cost = float(residual @ residual) if np.all(np.isfinite(residual)) else np.inf
+        return objective - cost - weight**2 * float(z @ z), cost
+
+    def _at_floor(self) -> bool:
+        return self.cost <= _FLOOR**2 * self.history[0].cost
+
+    def _stop(self, converged: bool, reason: str) -> None:
+        self.converged, self.reason = converged, reason
+
+    def degrees_of_freedom(self, weight: float) -> float:
+        """Rows less frames less parameters, a parameter that the prior holds counting as the part that data moved."""
+        s2 = self.factors.s**2
+        held = weight**2 if weight > 0.0 else (_NULL**2) * float(s2.max())
+        return self.rows - self.residuals.degrees_spent - float(np.sum(s2 / (s2 + held)))
+
+    def noise(self, weight: float) -> float:
+        """Residual sigma in units of the declared one; nan where no degree of freedom is left."""
+        left = self.degrees_of_freedom(weight)
+        return float(np.sqrt(self.cost / left)) if left > 0.5 else float("nan")
+
+    def fit(self, weight: float) -> Fit:
+        noise = self.noise(weight)
+        sigma = noise if np.isfinite(noise) and noise > 0.0 else 1.0
+        s, v = self.factors.s, self.factors.v
+        is_null = s <= 1e-9 * max(float(s[0]), 1e-300)
+        information = np.where(is_null, 0.0, s**2) / sigma**2 + (1.0 if weight > 0.0 else 0.0)
+        variance = np.divide(1.0, information, out=np.zeros_like(information), where=information > 0.0)
+        covariance = (v * variance) @ v.T
+        loose = np.linalg.norm(v[:, is_null], axis=1) > _LOOSE
+        return Fit(
+            parameters=self.residuals.parameters,
+            x=self.z * self.scales,
+            covariance=covariance * np.outer(self.scales, self.scales),
+            undetermined=loose & (weight == 0.0),
+            iterations=tuple(self.history),
+            converged=self.converged,
+            reason=self.reason,
+            rank=self.rank,
+            known=int(np.sum(s / sigma > 1.0)),
+            rows=self.rows,
+            degrees_of_freedom=self.degrees_of_freedom(weight),
+            noise=noise,
+        )

@@ -1,0 +1,134 @@
+"""The five-parameter chain and its analytic Jacobian, all poses at once.
+
+Frame i: `Rz(theta_i + q_i) Trans(a_i, 0, d_i) Rx(alpha_i) Ry(beta_i)` (Jang 2025 eq 3; Park 2022 section 2; beta is
+Hayati's parameter for consecutive parallel axes). The tool row closes the chain with the same form and no q.
+
+Each parameter moves everything beyond it by a screw: d and a slide along an axis, theta, alpha and beta turn about
+one. The Jacobian of a point (Jang eq 8) is therefore read off the frames of the forward pass, without differencing:
+
+    dp/dtheta_i = z_(i-1) x (p - o_(i-1))     dp/dd_i = z_(i-1)      dp/da_i = x'_i
+    dp/dalpha_i = x'_i x (p - o_i)            dp/dbeta_i = y_i x (p - o_i)
+
+with x'_i the x axis after the turn by theta_i + q_i, o_i and y_i origin and y axis of frame i.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calib.kinematics.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Frames of a forward pass over N poses of an arm with n joints.
+
+    `base_T_frame` (N, n + 2, 4, 4): base, frames 1..n, tool. `turned_x` (N, n + 1, 3): the x axes after theta + q.
+    """
+
+    base_T_frame: Array
+    turned_x: Array
+
+    @property
+    def base_T_flange(self) -> Array:
+        """(N, 4, 4) the last joint's frame, where the tool row starts and further targets are given."""
+        return self.base_T_frame[:, -2]
+
+    @property
+    def target_mm(self) -> Array:
+        """(N, 3) the tool point, base frame."""
+        return self.base_T_frame[:, -1, :3, 3]
+
+
+def forward(table: ArrayLike, q: ArrayLike, is_revolute: ArrayLike) -> Chain:
+    """Run the chain.
+
+    Args:
+        table: (n + 1, 5), or (1 or N, n + 1, 5) where poses differ; rows a, alpha, d, theta, beta in mm and rad.
+        q: (N, n) rad, mm for prismatic joints.
+        is_revolute: (n,) bool.
+    """
+    table, q = np.asarray(table, dtype=float), np.asarray(q, dtype=float)
+    table = table[None] if table.ndim == 2 else table
+    n_poses, n_joints = q.shape
+    # The poses lie last in memory: each operation is then one sweep over all of them.
+    a, alpha, d, theta, beta = np.ascontiguousarray(table.T)  # each (n + 1, 1 or N)
+    driven = np.zeros((n_joints + 1, n_poses))  # the tool row has no q
+    driven[:-1] = q.T
+    turns = np.append(np.asarray(is_revolute, dtype=bool), False)[:, None]
+    theta, d = theta + np.where(turns, driven, 0.0), d + np.where(turns, 0.0, driven)
+
+    local = _link_transforms(a, alpha, d, theta, beta)  # (4, 4, n + 1, N)
+    frames = np.empty((n_joints + 2, 4, 4, n_poses))
+    frames[0] = np.eye(4)[:, :, None]
+    for i in range(n_joints + 1):
+        np.einsum("ijn,jkn->ikn", frames[i], local[:, :, i], out=frames[i + 1])
+    x, y = frames[:-1, :3, 0], frames[:-1, :3, 1]
+    turned_x = np.cos(theta)[:, None] * x + np.sin(theta)[:, None] * y
+    return Chain(np.moveaxis(frames, -1, 0), np.moveaxis(turned_x, -1, 0))
+
+
+def _link_transforms(a: Array, alpha: Array, d: Array, theta: Array, beta: Array) -> Array:
+    """Jang eq (3), multiplied out; arguments (...,), which broadcast, result (4, 4, ...)."""
+    ct, st = np.cos(theta), np.sin(theta)
+    ca, sa = np.cos(alpha), np.sin(alpha)
+    cb, sb = np.cos(beta), np.sin(beta)
+    out = np.zeros((4, 4, *theta.shape))
+    out[0, 0] = ct * cb - st * sa * sb
+    out[0, 1] = -st * ca
+    out[0, 2] = ct * sb + st * sa * cb
+    out[0, 3] = a * ct
+    out[1, 0] = st * cb + ct * sa * sb
+    out[1, 1] = ct * ca
+    out[1, 2] = st * sb - ct * sa * cb
+    out[1, 3] = a * st
+    out[2, 0] = -ca * sb
+    out[2, 1] = sa
+    out[2, 2] = ca * cb
+    out[2, 3] = d
+    out[3, 3] = 1.0
+    return out
+
+
+def jacobian(chain: Chain, points_mm: ArrayLike) -> Array:
+    """Derivative of points that ride beyond the tool row by the table's entries (Jang eq 8).
+
+    Args:
+        points_mm: (N, 3) in the base frame, one a pose.
+
+    Returns:
+        (N, 3, n + 1, 5): mm per mm for a and d, mm per rad for alpha, theta and beta.
+    """
+    points_mm = np.asarray(points_mm, dtype=float)
+    previous, current = chain.base_T_frame[:, :-1], chain.base_T_frame[:, 1:]
+    z, y, x = previous[..., :3, 2], current[..., :3, 1], chain.turned_x
+    from_previous = points_mm[:, None] - previous[..., :3, 3]
+    from_current = points_mm[:, None] - current[..., :3, 3]
+    columns = [x, np.cross(x, from_current), z, np.cross(z, from_previous), np.cross(y, from_current)]
+    return np.moveaxis(np.stack(columns, axis=-1), 1, 2)
+
+
+def turn_jacobian(chain: Chain) -> Array:
+    """The tool frame's small turn about the base's axes by the table's entries: (N, 3, n + 1, 5), rad per mm or rad.
+
+    An angle turns about its own axis, whatever lies between: theta about z_(i-1), alpha about x'_i, beta about y_i.
+    """
+    z, y = chain.base_T_frame[:, :-1, :3, 2], chain.base_T_frame[:, 1:, :3, 1]
+    still = np.zeros_like(z)
+    return np.moveaxis(np.stack([still, chain.turned_x, still, z, y], axis=-1), 1, 2)
+
+
+def target_points(robot: Robot, q: ArrayLike) -> Array:
+    """The tool point (N, 3), mm in the base frame, at joint vectors q (N, n)."""
+    return forward(robot.table, q, robot.is_revolute).target_mm
+
+
+def target_jacobian(robot: Robot, q: ArrayLike) -> Array:
+    """J of Jang eq (8): (N, 3, P) by the robot's parameters, in the order of `robot.parameter_names`."""
+    chain = forward(robot.table, q, robot.is_revolute)
+    return jacobian(chain, chain.target_mm).reshape(len(chain.target_mm), 3, -1)

@@ -1,0 +1,138 @@
+"""The robot as a value: the five-parameter table, limits, masses and the points on its tool.
+
+Frame i is `Rz(theta + q) Trans(a, 0, d) Rx(alpha) Ry(beta)` (Jang 2025 eq 3, Park 2022 section 2); a prismatic joint
+adds q to d instead. A tool row of the same form, without q, ends the chain. In files angles are degrees (robot.toml,
+read and written by `calib.dataset.files.robot_toml`); here they are radians.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+PARAMETER_KINDS = ("a", "alpha", "d", "theta", "beta")
+"""Columns of a robot's table, in order. a and d are lengths in mm, the others angles in rad."""
+
+LENGTH_KINDS = frozenset({"a", "d"})
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Link:
+    """One row of the table: the transform to the next frame, apart from the joint's own motion."""
+
+    a_mm: float = 0.0
+    alpha_rad: float = 0.0
+    d_mm: float = 0.0
+    theta_rad: float = 0.0
+    beta_rad: float = 0.0
+
+    @property
+    def row(self) -> tuple[float, float, float, float, float]:
+        return (self.a_mm, self.alpha_rad, self.d_mm, self.theta_rad, self.beta_rad)
+
+
+@dataclass(frozen=True)
+class Joint(Link):
+    """A joint and the link that it moves. Limits are rad, or mm for a prismatic joint.
+
+    `com_mm` is the link's centre of mass in its own frame (after alpha and beta).
+    """
+
+    name: str = ""
+    type: str = "revolute"
+    min: float | None = None
+    max: float | None = None
+    mass_kg: float | None = None
+    com_mm: Vector | None = None
+    gear_ratio: float | None = None
+    mesh: str | None = None
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_revolute(self) -> bool:
+        return self.type == "revolute"
+
+
+@dataclass(frozen=True)
+class Tool(Link):
+    """From the last joint's frame to the measured point. Centres of mass are in the last joint's frame."""
+
+    mass_kg: float | None = None
+    com_mm: Vector | None = None
+    payload_com_mm: Vector | None = None
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A further measured point on the tool, in the last joint's frame."""
+
+    name: str
+    xyz_mm: Vector
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A serial arm of any number of revolute or prismatic joints.
+
+    `extra`, here and in its parts, holds keys of robot.toml that this package does not know; they are written back.
+    """
+
+    name: str
+    joints: tuple[Joint, ...]
+    tool: Tool = field(default_factory=Tool)
+    gravity_m_s2: Vector = (0.0, 0.0, -9.81)
+    targets: tuple[Target, ...] = ()
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def n_joints(self) -> int:
+        return len(self.joints)
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """("1", ..., "n", "TCP"): what stands behind a parameter's kind in its name."""
+        return (*(str(i + 1) for i in range(self.n_joints)), "TCP")
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """a1 alpha1 d1 theta1 beta1 ... betaTCP: the table, row by row."""
+        return tuple(kind + frame for frame in self.frame_names for kind in PARAMETER_KINDS)
+
+    @property
+    def parameter_units(self) -> tuple[str, ...]:
+        return tuple(
+            "mm" if kind in LENGTH_KINDS else "rad" for _ in self.frame_names for kind in PARAMETER_KINDS
+        )
+
+    @property
+    def is_revolute(self) -> NDArray[np.bool_]:
+        """(n,) which joints turn."""
+        return np.array([joint.is_revolute for joint in self.joints], dtype=bool)
+
+    @property
+    def table(self) -> Array:
+        """(n + 1, 5) rows a, alpha, d, theta, beta in mm and rad; the last row is the tool."""
+        return np.array([*(joint.row for joint in self.joints), self.tool.row], dtype=float)
+
+    def with_table(self, table: ArrayLike) -> Robot:
+        """The same robot with other link parameters (n + 1, 5)."""
+        table = np.asarray(table, dtype=float)
+        if table.shape != (self.n_joints + 1, len(PARAMETER_KINDS)):
+            raise ValueError(
+                f"a table for {self.n_joints} joints is {self.n_joints + 1} x 5, got {table.shape}"
+            )
+        rows = [dict(zip(_ROW_FIELDS, map(float, row), strict=True)) for row in table]
+        joints = tuple(replace(joint, **row) for joint, row in zip(self.joints, rows[:-1], strict=True))  # type: ignore[arg-type]
+        return replace(self, joints=joints, tool=replace(self.tool, **rows[-1]))  # type: ignore[arg-type]
+
+
+_ROW_FIELDS = ("a_mm", "alpha_rad", "d_mm", "theta_rad", "beta_rad")

@@ -1,0 +1,79 @@
+"""From corners to measured points: the step between looking at scans and fitting a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from calib.corners.intersection import Corner
+from calib.corners.search import CornerSearch
+from calib.dataset.dataset import Dataset, Orientations, points_from_corners
+from calib.errors import CornerError, ScanError
+from calib.measurement.face_labels import Labelling, label_corners
+
+
+def with_corners(
+    dataset: Dataset, searches: Mapping[str, CornerSearch], *, orientation: bool | Labelling = False
+) -> Dataset:
+    """The dataset with the corners that were found, by pose id, as its points; poses without a corner have none.
+
+    With `orientation` the points are full poses, save where the jig's faces cannot be named. Naming them takes a while:
+    who has named them already (`name_faces`) gives that.
+    """
+    found = found_corners(searches)
+    points = points_from_corners(
+        dataset,
+        {pose_id: corner.xyz_mm for pose_id, corner in found.items()},
+        {pose_id: corner.covariance_mm2 for pose_id, corner in found.items()},
+    )
+    if orientation:
+        labelling = label_corners(dataset, found) if orientation is True else orientation
+        ids = [dataset.poses.ids[i] for i in points.pose]
+        points = replace(points, orientations=_orientations(labelling, ids))
+    return dataset.with_points(points)
+
+
+def name_faces(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> Labelling:
+    """Which face of the jig is which in the corners that were found, and so how the jig stands.
+
+    Raises CornerError for face angles that no jig can have.
+    """
+    return label_corners(dataset, found_corners(searches))
+
+
+def _orientations(labelling: Labelling, ids: Sequence[str]) -> Orientations:
+    """Of the poses in order; NaN where the faces could not be named. A covariance stays one, for what looks at all."""
+    known = [labelling.orientations.get(pose_id) for pose_id in ids]
+    unknown = np.full((3, 3), np.nan)
+    return Orientations(
+        np.array([unknown if o is None else o.scanner_R_jig for o in known]).reshape(-1, 3, 3),
+        np.array([np.eye(3) if o is None else o.covariance_rad2 for o in known]).reshape(-1, 3, 3),
+        np.array([np.zeros((3, 3)) if o is None else o.cross_mm_rad for o in known]).reshape(-1, 3, 3),
+        labelling.summary(),
+        labelling.lack,
+    )
+
+
+def found_corners(searches: Mapping[str, CornerSearch]) -> dict[str, Corner]:
+    """The corners that were found, by pose id."""
+    return {pose_id: search.corner for pose_id, search in searches.items() if search.corner is not None}
+
+
+def failed_searches(searches: Mapping[str, CornerSearch]) -> dict[str, str]:
+    """Why which pose has no corner."""
+    return {pose_id: search.failure for pose_id, search in searches.items() if search.corner is None}
+
+
+def require_corners(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> None:
+    """Raise ScanError where a file could not be read, CornerError where not one scan has a corner."""
+    for search in searches.values():
+        if search.unreadable:
+            raise ScanError(search.failure)
+    failed = failed_searches(searches)
+    if len(failed) == len(searches):
+        first, reason = next(iter(failed.items()))
+        raise CornerError(
+            f"dataset {dataset.name}: no corner in any of {len(failed)} scans; the first, {first}: {reason}"
+        )

@@ -1,0 +1,1 @@
+"""One point cloud: loaded from any of its file formats, written, counted."""

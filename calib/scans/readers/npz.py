@@ -1,0 +1,69 @@
+"""NumPy archives (.npz): the array `points` (or `points_mm`), (N, 3) or organised (rows, columns, 3), and `normals`."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.errors import ScanError
+from calib.scans.readers.parsing import PointsAndNormals, doubles, one_line, truncated
+
+_NAMES = ("points", "points_mm")
+_MOST_BYTES = 2**32  # unpacked: a file of some megabytes can claim to hold any amount
+_MOST_HEADER = 4096
+
+
+def read_npz(path: Path, content: bytes) -> PointsAndNormals:
+    """Points and normals of a .npz; pickled objects are never loaded. Raises ScanError."""
+    try:
+        with zipfile.ZipFile(BytesIO(content)) as archive:
+            held = {name.removesuffix(".npy") for name in archive.namelist()}
+            name = next((name for name in _NAMES if name in held), None)
+            if name is None:
+                raise ScanError(
+                    f"{path}: no array named points in it (found: {', '.join(sorted(held)[:12]) or 'nothing'}); "
+                    "save the points (N, 3) in mm under that name"
+                )
+            points = _array(path, archive, name)
+            normals = _array(path, archive, "normals") if "normals" in held else None
+    except ScanError:
+        raise
+    except Exception as error:  # whatever zipfile, zlib or numpy trip over, it is the file's content
+        raise ScanError(f"{path}: not a readable .npz ({one_line(error)}); save the scan again") from None
+    if normals is not None and len(normals) != len(points):
+        raise ScanError(
+            f"{path}: {len(points)} points and {len(normals)} normals; save a normal for each point, or none"
+        )
+    return points, normals
+
+
+def _array(path: Path, archive: zipfile.ZipFile, name: str) -> NDArray:
+    """(N, 3) float64, once the header of the array is seen to agree with the bytes that there are."""
+    info = archive.getinfo(f"{name}.npy")
+    if info.file_size > _MOST_BYTES:
+        raise ScanError(
+            f"{path}: {name} would take {info.file_size / 2**30:.3g} GB of memory; crop or thin the scan"
+        )
+    with archive.open(info) as file:
+        data = file.read(_MOST_BYTES + 1)  # stops at the size that the archive gives, checked above
+    stream = BytesIO(data)
+    version = np.lib.format.read_magic(stream)
+    read_header = (
+        np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    )
+    shape, fortran, kind = read_header(stream, max_header_size=_MOST_HEADER)
+    if kind.hasobject or kind.kind not in "fiu" or len(shape) < 2 or shape[-1] != 3:
+        raise ScanError(
+            f"{path}: {name} is {kind} of shape {shape}; save numbers of shape (N, 3) or (rows, columns, 3)"
+        )
+    rows = math.prod(shape[:-1])
+    there = (len(data) - stream.tell()) // (3 * kind.itemsize)
+    if there < rows:
+        raise truncated(path, rows, there)
+    flat = np.frombuffer(data, kind, 3 * rows, stream.tell())
+    return doubles(flat.reshape(shape, order="F" if fortran else "C").reshape(-1, 3))

@@ -1,0 +1,107 @@
+"""Points as text (.xyz, .csv, .txt): one a line, with whatever delimiter, header line and comments a program wrote."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import ScanError
+from calib.scans.readers.parsing import PointsAndNormals, columns_of, numbers, split, text_lines
+
+_COMMENTS = ("#", "//", "%", "!")
+_DELIMITERS = (";", "\t", ",", "|")
+_NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?|[-+]?(nan|inf(inity)?)", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+# What printf of some C libraries and spreadsheets make of NaN.
+_NO_VALUE = re.compile(r"[-+]?nan\(\w*\)|[-+]?1\.#\w+|#?n/?a\b|\bnull\b|-nan\b", re.IGNORECASE)
+_WORD = re.compile(r"[a-df-zA-DF-Z#]")  # some character that no number has
+_UNIT = re.compile(r"^(n?[xyz]|normal_[xyz])[ _]*[\[(]?(mm|m|cm|um|µm|in|inch)?[\])]?$", re.IGNORECASE)
+
+
+def read_text(path: Path, content: bytes) -> PointsAndNormals:
+    """Points of a text file. Raises ScanError.
+
+    Lines that start with #, //, % or ! are comments. A header line, or a comment right above the points, may name the
+    columns (x, y, z and nx, ny, nz, in any order, x_mm or "X [mm]" too); without one the first three columns are x y z.
+    The delimiter is ; or a tab, a comma, |, or white space, the decimal sign a point, or a comma where no comma can
+    delimit. Empty cells are points without a value.
+    """
+    if b"\0" in content:
+        raise ScanError(
+            f"{path}: not three numbers a line (it is no text); write x y z in each line, in UTF-8"
+        )
+    lines = text_lines(content)
+    comments = [i for i, line in enumerate(lines) if line.lstrip().startswith(_COMMENTS)]
+    skip = set(comments)
+    rows = [line for i, line in enumerate(lines) if i not in skip]
+    if not rows:
+        return np.zeros((0, 3)), None
+    header = ""
+    delimiter = _delimiter(rows[min(1, len(rows) - 1)])
+    if _is_header(rows[0], delimiter):
+        header, rows = rows[0], rows[1:]
+    elif comments and comments[0] == 0:
+        above = 0
+        while above + 1 in skip:
+            above += 1
+        comment = lines[above].strip().lstrip("#/%! ")
+        if {"x", "y", "z"} <= {_bare(path, name) for name in _cells(comment, _delimiter(comment))}:
+            header = comment
+    columns, has_normals = [0, 1, 2], False
+    if not rows:
+        return np.zeros((0, 3)), None
+    if header:
+        names = _cells(header, _delimiter(header))
+        columns, has_normals = columns_of(path, [_bare(path, name) for name in names])
+    return split(numbers(path, _plain(rows, delimiter), columns, delimiter=delimiter), has_normals)
+
+
+def _delimiter(line: str) -> str | None:
+    """The delimiter of a row of numbers; None is white space."""
+    found = next((d for d in _DELIMITERS if d in line), None)
+    if found == ",":
+        words = line.split()
+        if len(words) >= 3 and all(_DECIMAL_COMMA.fullmatch(word) for word in words[:3]):
+            return None
+    if found == "\t" and not any(line.strip().split("\t")[1:]):
+        return None
+    return found
+
+
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    return [cell.strip().strip("\"'") for cell in line.strip().split(delimiter)]
+
+
+def _is_header(line: str, delimiter: str | None) -> bool:
+    """Whether a line names columns: none of its first three cells is a number."""
+    cells = _cells(line, delimiter if delimiter and delimiter in line else _delimiter(line))
+    return not any(_NUMBER.fullmatch(cell) or not cell or _NO_VALUE.fullmatch(cell) for cell in cells[:3])
+
+
+def _bare(path: Path, name: str) -> str:
+    """A column's name without its unit. Raises ScanError where a coordinate's unit is not the millimetre."""
+    match = _UNIT.match(name.strip())
+    if match is None:
+        return name
+    unit = (match[2] or "mm").lower()
+    if unit != "mm":
+        raise ScanError(
+            f"{path}: its header gives {name!r}, coordinates in {unit}; scans are in mm, write them in millimetres"
+        )
+    return match[1].lower()
+
+
+def _plain(rows: list[str], delimiter: str | None) -> list[str]:
+    """The rows as a parser of numbers wants them: no quotes, NaN spelt so, a value in each cell, decimal points."""
+    text = "\n".join(rows).replace('"', "")
+    if _WORD.search(text):
+        text = _NO_VALUE.sub("nan", text)
+    if delimiter is not None:
+        dense = "\n" + text.replace(" ", "") + "\n"
+        if any(blank in dense for blank in (2 * delimiter, delimiter + "\n", "\n" + delimiter)):
+            text = re.sub(rf"(?m)(^|(?<={re.escape(delimiter)})) *(?={re.escape(delimiter)}|$)", "nan", text)
+    if delimiter != "," and "," in text:
+        text = text.replace(",", ".")
+    return text.split("\n")

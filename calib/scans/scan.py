@@ -1,0 +1,105 @@
+"""Scans: one point cloud of the jig as the scanner saw it; loading and writing one."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.errors import ScanError
+from calib.scans.readers.by_suffix import READERS
+
+_MOST_BYTES = 2**32  # a hundred times the scans that a structured-light scanner makes
+_BEYOND_ANY_LENGTH_MM = 1e12
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Points in the scanner's frame: the scanner at the origin, millimetres."""
+
+    name: str
+    points_mm: NDArray  # (N, 3) float64
+    normals: NDArray | None = None  # (N, 3) unit, or None
+    dropped: int = 0  # rows without a value, left out on loading
+
+
+def load_scan(path: str | Path) -> Scan:
+    """Read a scan: .ply, .pcd, .xyz, .csv, .txt, .npz, or the vertices of an .stl or .obj. Lengths are millimetres.
+
+    Rows without a value are left out and counted in `dropped`: NaN, infinity or a number beyond any length (FLT_MAX is
+    used so), and several points at the scanner's own place, (0, 0, 0). Nothing is scaled: whether the scan is in
+    metres is for `find_corner` to tell, which knows the jig.
+
+    Raises ScanError: missing, empty, too large, truncated or not of its kind, or without a single point.
+    """
+    path = Path(path)
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise ScanError(
+            f"{path}: '{path.suffix}' is not a kind of scan; a scan is one of {', '.join(READERS)}"
+        )
+    try:
+        points, normals = reader(path, _content(path))
+    except OSError as error:
+        raise ScanError(f"{path}: {error.strerror or error}; check that the file can be read") from None
+    except MemoryError:
+        raise ScanError(f"{path}: too large for this machine's memory; crop or thin the scan") from None
+    usable = _with_value(points)
+    if not usable.any():
+        raise ScanError(
+            f"{path}: no usable point, {len(points)} in the file, none with three finite coordinates"
+        )
+    return Scan(
+        path.stem,
+        np.ascontiguousarray(points[usable], dtype=np.float64),
+        None if normals is None else np.ascontiguousarray(normals[usable], dtype=np.float64),
+        int(np.count_nonzero(~usable)),
+    )
+
+
+def _content(path: Path) -> bytes:
+    """The file's bytes. Raises ScanError where there are none, or more than a scan has; OSError."""
+    if path.is_dir():
+        raise ScanError(f"{path}: this is a folder, not a scan; check the scan's name in poses.csv")
+    if not path.is_file():
+        raise ScanError(f"{path}: no such file; check the scan's name in poses.csv, or export the scan again")
+    size = path.stat().st_size
+    if size == 0:
+        raise ScanError(f"{path}: the file is empty (0 bytes); export the scan again")
+    if size > _MOST_BYTES:
+        raise ScanError(f"{path}: the file has {size / 2**30:.3g} GB; crop or thin the scan")
+    return path.read_bytes()
+
+
+def _with_value(points: NDArray) -> NDArray:
+    """(N,) whether a row of points (N, 3) is a place, and not a scanner's sign for "nothing seen here"."""
+    usable = np.all(np.abs(points) < _BEYOND_ANY_LENGTH_MM, axis=1)  # NaN is not below it either
+    at_scanner = np.all(points == 0, axis=1)
+    if np.count_nonzero(at_scanner) > 1:
+        usable &= ~at_scanner
+    return np.asarray(usable)
+
+
+def write_scan(path: Path, scan: Scan) -> None:
+    """Write a binary little-endian .ply, float32, with normals where the scan has them.
+
+    The file appears whole or not at all: it is written beside its place and moved there.
+    """
+    columns = ["x", "y", "z"] if scan.normals is None else ["x", "y", "z", "nx", "ny", "nz"]
+    rows = scan.points_mm if scan.normals is None else np.hstack([scan.points_mm, scan.normals])
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
+    header += [f"property float {name}" for name in columns] + ["end_header", ""]
+    with NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
+        try:
+            file.write("\n".join(header).encode("ascii"))
+            file.write(np.ascontiguousarray(rows, dtype="<f4").tobytes())
+            file.close()
+            os.chmod(file.name, 0o644)
+            os.replace(file.name, path)
+        except BaseException:
+            Path(file.name).unlink()
+            raise

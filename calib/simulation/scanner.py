@@ -1,0 +1,242 @@
+"""Scans of the jig on its flange by ray casting, with the faults of a structured-light scanner.
+
+The scanner's frame is a camera's: origin in the lens, z along the view, y down; lengths in mm. The jig's frame has its
+origin in the apex and z along the jig's axis, away from the scanner: a convex jig lies at z > 0, and flange and arm lie
+behind it. Behind these stand a wall and a table, fixed to the scanner.
+
+A scanner reports a window around the jig, not its whole field: at 12 000 points the whole 450 mm field would leave
+fewer than 200 of them on a 60 mm jig.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import gaussian_filter
+
+from calib.errors import ScanError
+from calib.jig import Jig
+from calib.scans.scan import Scan
+from calib.simulation.scene import CUBE_CORNER, SCENE, jig_geometry, scene_triangles
+
+Array = NDArray[np.float64]
+
+FLYING = -1
+"""Label of a point that lies on no surface: a flying pixel or an outlier. Others: see `calib.simulation.scene`."""
+
+
+@dataclass(frozen=True)
+class ScanModel:
+    """What the scanner does to the truth.
+
+    Range noise along the ray is `scan_sigma_mm * (0.5 + 0.5 / cos^2(incidence))`. `flying_share` of the pixels at a
+    depth edge report a range between foreground and background. Pixels fade out between the two incidences of
+    `grazing_deg`, and where the projector, `baseline_mm` to the side, is shaded. `outlier_share` of the points are
+    replaced by points anywhere in the view. `waviness_mm` adds an error that is smooth over `waviness_length_mm`, new
+    with each scan, which no averaging over a face removes.
+    """
+
+    points: int = 12_000
+    scan_sigma_mm: float = 0.02
+    window_mm: float = 150.0
+    flying_share: float = 0.35
+    grazing_deg: tuple[float, float] = (70.0, 86.0)
+    baseline_mm: float = 120.0
+    outlier_share: float = 0.0
+    waviness_mm: float = 0.0
+    waviness_length_mm: float = 15.0
+    wall_z_mm: float = 1150.0
+    table_y_mm: float = 280.0
+
+
+PLAIN_MODEL = ScanModel()
+
+
+@dataclass(frozen=True)
+class SimulatedScan:
+    """A scan and what is true about it."""
+
+    scan: Scan
+    apex_mm: Array  # (3,) scanner frame
+    normals: Array  # (3, 3) outward unit normals of faces 1, 2, 3, scanner frame
+    label: NDArray[np.int8]  # (N,) 1, 2, 3: face; SCENE: anything else; FLYING: flying pixels and outliers
+    noise_sigma_mm: (
+        Array  # (N,) the range noise's standard deviation, along the ray; NaN where label is FLYING
+    )
+
+
+def simulate_scan(
+    scanner_T_jig: ArrayLike,
+    jig: Jig = CUBE_CORNER,
+    *,
+    rng: np.random.Generator,
+    name: str = "scan",
+    model: ScanModel = PLAIN_MODEL,
+    flange_mm: float = 88.0,
+    arm_turn_rad: float = 0.0,
+    window_offset_mm: tuple[float, float] = (0.0, 0.0),
+) -> SimulatedScan:
+    """Scan a jig that stands at `scanner_T_jig` (4, 4).
+
+    Args:
+        flange_mm: from the flange's front to the apex.
+        arm_turn_rad: turn of the arm behind the flange about the jig's axis.
+        window_offset_mm: shift of the window's middle from the apex, across the view.
+
+    Raises:
+        ScanError: the scanner does not see the jig.
+    """
+    scanner_T_jig = np.asarray(scanner_T_jig, dtype=float)
+    apex_mm = scanner_T_jig[:3, 3]
+    if apex_mm[2] < 100.0:
+        raise ScanError(
+            f"{name}: the jig's apex is at z = {apex_mm[2]:.0f} mm of the scanner; it must be 100 mm or more"
+        )
+    triangles, triangle_label = scene_triangles(
+        scanner_T_jig,
+        jig,
+        flange_mm=flange_mm,
+        arm_turn_rad=arm_turn_rad,
+        wall_z_mm=model.wall_z_mm,
+        table_y_mm=model.table_y_mm,
+    )
+    scene = _Scene(triangles, triangle_label)
+
+    coarse = scene.look(_window(apex_mm, model, window_offset_mm, 64))
+    seen = _lit(coarse, scene, model).mean()
+    if not np.any(coarse.label > 0):
+        raise ScanError(
+            f"{name}: the scanner does not see the jig at {np.round(apex_mm, 1).tolist()} mm; turn its faces here"
+        )
+    view = scene.look(
+        _window(apex_mm, model, window_offset_mm, max(8, round(float(np.sqrt(model.points / seen)))))
+    )
+
+    cos_incidence = np.maximum(view.cos_incidence, 1e-3)
+    noise_sigma_mm = model.scan_sigma_mm * (0.5 + 0.5 / cos_incidence**2)
+    range_mm = view.range_mm + noise_sigma_mm * rng.standard_normal(view.range_mm.shape)
+    if model.waviness_mm > 0:
+        range_mm += model.waviness_mm * _smooth_noise(view, model, apex_mm, rng)
+    fade = (np.degrees(np.arccos(cos_incidence)) - model.grazing_deg[0]) / np.ptp(model.grazing_deg)
+    keep = _lit(view, scene, model) & (rng.random(range_mm.shape) >= fade)
+
+    label = view.label.copy()
+    at_edge, other_mm = _depth_edges(view)
+    flying = at_edge & (rng.random(range_mm.shape) < model.flying_share)
+    mixed_mm = view.range_mm + rng.random(range_mm.shape) * (other_mm - view.range_mm)
+    range_mm = np.where(flying, mixed_mm, range_mm)
+    keep &= np.isfinite(range_mm)
+    outlier = rng.random(range_mm.shape) < model.outlier_share
+    range_mm = np.where(outlier, rng.uniform(0.6 * apex_mm[2], 1.4 * apex_mm[2], range_mm.shape), range_mm)
+    label[flying | outlier] = FLYING
+    noise_sigma_mm = np.where(label == FLYING, np.nan, noise_sigma_mm)
+
+    points_mm = (view.direction * range_mm[..., None])[keep]
+    _, normals = jig_geometry(jig)
+    return SimulatedScan(
+        scan=Scan(name=name, points_mm=points_mm),
+        apex_mm=apex_mm.copy(),
+        normals=normals @ scanner_T_jig[:3, :3].T,
+        label=label[keep],
+        noise_sigma_mm=noise_sigma_mm[keep],
+    )
+
+
+@dataclass(frozen=True)
+class _View:
+    """One look through a pixel grid (H, W); a ray that meets nothing has range inf."""
+
+    direction: Array  # (H, W, 3) unit
+    range_mm: Array  # (H, W)
+    cos_incidence: Array  # (H, W)
+    normal: Array  # (H, W, 3) unit, towards the scanner
+    label: NDArray[np.int8]  # (H, W)
+    pitch: float  # tangent of the angle between neighbouring pixels
+
+
+class _Scene:
+    """Triangles to look at. Hits come from Open3D in float32; ranges are worked out again in float64."""
+
+    def __init__(self, triangles: Array, label: NDArray[np.int8]) -> None:
+        import open3d as o3d
+
+        core: Any = o3d.core
+        self.label = label  # (T,)
+        self.corner_mm = triangles[:, 0]  # (T, 3)
+        normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        self.normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+        self._caster: Any = o3d.t.geometry.RaycastingScene()
+        vertices = core.Tensor(triangles.reshape(-1, 3).astype(np.float32))
+        faces = core.Tensor(np.arange(3 * len(triangles), dtype=np.uint32).reshape(-1, 3))
+        self._caster.add_triangles(vertices, faces)
+
+    def look(self, grid: tuple[Array, float]) -> _View:
+        direction, pitch = grid
+        rays = np.concatenate([np.zeros_like(direction), direction], axis=-1).astype(np.float32)
+        triangle = self._caster.cast_rays(rays)["primitive_ids"].numpy()
+        hit = triangle < len(self.label)
+        triangle = np.where(hit, triangle, 0)
+        normal = self.normal[triangle]
+        slope = np.einsum("...i,...i->...", normal, direction)
+        hit &= np.abs(slope) > 1e-6
+        distance = np.einsum("...i,...i->...", normal, self.corner_mm[triangle])
+        range_mm = np.where(hit, distance / np.where(hit, slope, 1.0), np.inf)
+        label = np.where(hit, self.label[triangle], SCENE).astype(np.int8)
+        return _View(direction, range_mm, np.abs(slope), -np.sign(slope)[..., None] * normal, label, pitch)
+
+    def is_shaded(self, view: _View, light_mm: Array) -> NDArray[np.bool_]:
+        """(H, W) whether something stands between the light and the point seen, or the light is behind its surface."""
+        hit = np.isfinite(view.range_mm)
+        point_mm = view.direction * np.where(hit, view.range_mm, 1.0)[..., None]
+        start_mm = point_mm + 0.05 * view.normal  # off the surface, past float32's resolution
+        to_light_mm = light_mm - start_mm
+        rays = np.concatenate([start_mm, to_light_mm], axis=-1).astype(np.float32)
+        shaded = self._caster.test_occlusions(rays, tnear=0.0, tfar=1.0).numpy()
+        return shaded | (np.einsum("...i,...i->...", view.normal, to_light_mm) <= 0)
+
+
+def _window(
+    apex_mm: Array, model: ScanModel, offset_mm: tuple[float, float], pixels: int
+) -> tuple[Array, float]:
+    """Unit ray directions (H, W, 3) of a square window around the apex, and the grid's pitch."""
+    pitch = model.window_mm / apex_mm[2] / pixels
+    steps = (np.arange(pixels) - 0.5 * (pixels - 1)) * pitch
+    u, v = np.meshgrid(
+        steps + (apex_mm[0] + offset_mm[0]) / apex_mm[2], steps + (apex_mm[1] + offset_mm[1]) / apex_mm[2]
+    )
+    direction = np.stack([u, v, np.ones_like(u)], axis=-1)
+    return direction / np.linalg.norm(direction, axis=-1, keepdims=True), pitch
+
+
+def _lit(view: _View, scene: _Scene, model: ScanModel) -> NDArray[np.bool_]:
+    return np.isfinite(view.range_mm) & ~scene.is_shaded(view, np.array([model.baseline_mm, 0.0, 0.0]))
+
+
+def _depth_edges(view: _View) -> tuple[NDArray[np.bool_], Array]:
+    """(H, W) pixels beside a jump in range, and the range on the jump's other side.
+
+    A jump is more than 4 mm and more than a surface at 80 degrees would rise within a pixel.
+    """
+    centre = view.range_mm
+    limit_mm = np.maximum(
+        4.0, np.tan(np.radians(80.0)) * view.pitch * np.where(np.isfinite(centre), centre, 0.0)
+    )
+    largest_mm, other_mm = np.zeros_like(centre), centre.copy()
+    padded = np.pad(centre, 1, mode="edge")
+    for dy, dx in ((0, 1), (2, 1), (1, 0), (1, 2)):
+        neighbour = padded[dy : dy + centre.shape[0], dx : dx + centre.shape[1]]
+        both = np.isfinite(neighbour) & np.isfinite(centre)
+        jump_mm = np.abs(np.subtract(neighbour, centre, where=both, out=np.zeros_like(centre)))
+        other_mm = np.where(jump_mm > largest_mm, neighbour, other_mm)
+        largest_mm = np.maximum(largest_mm, jump_mm)
+    return largest_mm > limit_mm, other_mm
+
+
+def _smooth_noise(view: _View, model: ScanModel, apex_mm: Array, rng: np.random.Generator) -> Array:
+    """(H, W) of unit variance whose correlation is exp(-r^2 / (2 l^2)), l the waviness length at the jig's distance."""
+    width = model.waviness_length_mm / (view.pitch * apex_mm[2]) / np.sqrt(2.0)
+    field = gaussian_filter(rng.standard_normal(view.range_mm.shape), width, mode="wrap")
+    return np.asarray(field * 2.0 * np.sqrt(np.pi) * width)

@@ -1,0 +1,104 @@
+"""Draw the arm that a simulation measures: link errors, and effects whose sizes make sense on that arm.
+
+What the drawn arm does is worked out in `calib.simulation.truth.equilibrium`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calib.errors import CalibError
+from calib.kinematics.robot import Robot
+from calib.simulation.truth.effect_sampling import CATALOGUE, OUTSIDE
+from calib.simulation.truth.equilibrium import Truth
+from calib.simulation.truth.joint_effects import TrueEffect
+from calib.simulation.truth.mechanism import STANDARD, Conditions
+from calib.simulation.truth.visibility import Cell
+
+Array = NDArray[np.float64]
+
+SIMULATED_EFFECTS = tuple(CATALOGUE)
+OUTSIDE_EFFECTS = tuple(OUTSIDE)
+NEED_CONDITIONS = frozenset({"backlash", "thermal_growth", "scanner_drift"})
+NEED_FACING = frozenset({"incidence_bias"})  # a jig turned away has no incidence
+
+Wanted = str | tuple[str, float] | TrueEffect
+"""An effect to simulate: by name, by name with its visible size in noise sigmas, or with all its parameters."""
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Standard deviations from which link errors are drawn, every parameter of every row by itself."""
+
+    length_mm: float = 0.3
+    angle_deg: float = 0.1
+
+
+TYPICAL = Tolerances()
+
+
+def draw_truth(
+    robot: Robot,
+    base_T_scanner: ArrayLike | Mapping[str, Array],
+    q: Array,
+    *,
+    rng: np.random.Generator,
+    effects: Sequence[Wanted] = (),
+    tolerances: Tolerances = TYPICAL,
+    conditions: Conditions = STANDARD,
+    noise_mm: float | None = None,
+    visible_sigmas: float | None = None,
+) -> Truth:
+    """Draw an arm: link errors from the tolerances, and effects whose sizes make sense at the poses q (N, n).
+
+    Each effect is made as large as asked: visible (`calib.simulation.truth.visibility`) by so many `noise_mm` a
+    coordinate. Where nothing is asked it moves the measured point by 0.2 to 0.5 mm rms.
+
+    Raises:
+        CalibError: an unknown effect, one that no size makes visible, or a robot that lacks what the effect needs.
+    """
+    check_effects(effects)
+    angle_rad = np.radians(tolerances.angle_deg)
+    sigma = np.array([tolerances.length_mm, angle_rad, tolerances.length_mm, angle_rad, angle_rad])
+    table = robot.table + sigma * rng.standard_normal(robot.table.shape)
+    scanners = (
+        base_T_scanner if isinstance(base_T_scanner, Mapping) else {"": np.asarray(base_T_scanner, float)}
+    )
+    truth = Truth(robot.with_table(table), scanners)
+    cell = Cell(robot, truth, q, conditions)
+    causes = []
+    for wanted in effects:
+        if isinstance(wanted, TrueEffect):
+            causes.append(wanted)
+            continue
+        name, sigmas = (wanted, visible_sigmas) if isinstance(wanted, str) else wanted
+        effect = (CATALOGUE | OUTSIDE)[name](cell, rng)
+        if sigmas is None:
+            causes.append(cell.scaled_to_moved(effect, rng.uniform(0.2, 0.5)))
+        elif not noise_mm or noise_mm < 0:
+            raise CalibError("a visible size is counted in noise sigmas; give noise_mm above 0")
+        else:
+            causes.append(cell.scaled_to_visible(effect, sigmas * noise_mm))
+    return truth.with_effects(*causes)
+
+
+def effect_name(wanted: Wanted) -> str:
+    """What an effect is called, however it is asked for."""
+    return wanted if isinstance(wanted, str) else wanted.name if isinstance(wanted, TrueEffect) else wanted[0]
+
+
+def check_effects(effects: Sequence[Wanted]) -> None:
+    """Raise CalibError at the first effect that cannot be simulated, or that is asked for twice."""
+    names = [effect_name(wanted) for wanted in effects]
+    for i, name in enumerate(names):
+        if name not in CATALOGUE and name not in OUTSIDE:
+            raise CalibError(
+                f"cannot simulate the effect {name!r}; there are {', '.join(CATALOGUE)}, and outside the catalogue "
+                f"{', '.join(OUTSIDE)}"
+            )
+        if name in names[:i]:
+            raise CalibError(f"the effect {name} is asked for twice; once is enough")

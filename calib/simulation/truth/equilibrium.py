@@ -1,0 +1,147 @@
+"""What a simulated arm really does, worked out apart from everything that fits it.
+
+The mechanism is in `calib.simulation.truth.mechanism`, the causes in `calib.simulation.truth.joint_effects`,
+`calib.simulation.truth.load_effects` and `calib.simulation.truth.scanner_effects`. Here they come together: the arm
+is followed to its equilibrium, then the scanner looks at it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calib.errors import CalibError
+from calib.kinematics.robot import Robot
+from calib.simulation.truth.joint_effects import TrueEffect
+from calib.simulation.truth.mechanism import STANDARD, Arm, Conditions
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """A simulated cell: the arm with its link errors, what else is wrong with it, and where the scanner stands."""
+
+    robot: Robot  # the true link table; masses are those of the nominal arm
+    scanners: Mapping[str, Array]  # setup -> base_T_scanner (4, 4), the first one for poses without a setup
+    causes: tuple[TrueEffect, ...] = ()
+
+    @classmethod
+    def without_effects(cls, robot: Robot, base_T_scanner: ArrayLike) -> Truth:
+        return cls(robot, {"": np.asarray(base_T_scanner, dtype=float)})
+
+    def with_effects(self, *causes: TrueEffect) -> Truth:
+        """The same cell with these causes in place of its own."""
+        return replace(self, causes=causes)
+
+    @property
+    def base_T_scanner(self) -> Array:
+        """(4, 4) of the first placement."""
+        return next(iter(self.scanners.values()))
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """The names of the effects that are there, in EFFECTS.md's words."""
+        return tuple(cause.name for cause in self.causes if not cause.is_absent)
+
+
+def settle(truth: Truth, q: ArrayLike, conditions: Conditions = STANDARD) -> Arm:
+    """The arm where it really stands when q (N, n) is commanded.
+
+    It gives way until load and deflection agree: moments are taken at the result, by repetition to rounding.
+
+    Raises:
+        CalibError: the arm is so soft that it has no equilibrium nearby, or lacks masses or conditions.
+    """
+    rigid = Arm.commanded_to(truth.robot, q, conditions)
+    causes = [cause for cause in truth.causes if not cause.is_absent]
+
+    def deflected(resting: Arm) -> Arm:
+        arm = rigid
+        for cause in causes:
+            arm = cause.move(arm, resting)
+        return arm
+
+    if not any(cause.at_rest for cause in causes):
+        return deflected(rigid)
+    resting = rigid
+    for _ in range(300):
+        arm = deflected(resting)
+        change = _difference(arm, resting)
+        resting = arm
+        if change < 1e-14:
+            return resting
+        if not np.isfinite(change):
+            break
+    raise CalibError(
+        f"robot {truth.robot.name}: with {', '.join(truth.effects)} this large the arm finds no equilibrium under "
+        f"load (still moving by {change:.1e} rad); real joints have 1e-6 ... 1e-3 rad/Nm"
+    )
+
+
+def _difference(arm: Arm, other: Arm) -> float:
+    """The largest change between two states of an arm, rad; a metre counts as a radian."""
+    moved = (
+        arm.q - other.q,
+        arm.base_turn_rad - other.base_turn_rad,
+        arm.link_turn_rad - other.link_turn_rad,
+        1e-3 * (arm.link_shift_mm - other.link_shift_mm),
+        1e-3 * (arm.target_shift_mm - other.target_shift_mm),
+    )
+    return max(float(np.max(np.abs(part), initial=0.0)) for part in moved)
+
+
+def base_T_target(truth: Truth, q: ArrayLike, conditions: Conditions = STANDARD) -> Array:
+    """(N, 4, 4) the true tool frame when q (N, n) is commanded."""
+    return settle(truth, q, conditions).base_T_frame[-1]
+
+
+def scanner_T_target(truth: Truth, q: ArrayLike, conditions: Conditions = STANDARD) -> Array:
+    """(N, 4, 4) the tool frame as the scanner reports it, without noise."""
+    target = base_T_target(truth, q, conditions)
+    inverse = {setup: np.linalg.inv(base_T_scanner) for setup, base_T_scanner in truth.scanners.items()}
+    if conditions.setup is None or len(inverse) == 1:
+        seen = next(iter(inverse.values())) @ target
+    else:
+        seen = np.stack([inverse[str(setup)] for setup in conditions.setup]) @ target
+    for cause in truth.causes:
+        if not cause.is_absent:
+            seen = cause.see(seen, conditions, jig_side(truth.robot))
+    return seen
+
+
+def jig_side(robot: Robot) -> float:
+    """+1 or -1: to which side of the tool frame's z axis the jig points; +1 for a tool without length but an error."""
+    return -1.0 if robot.tool.d_mm < -10.0 else 1.0
+
+
+def truth_document(truth: Truth, nominal: Robot, **more: Any) -> dict[str, Any]:
+    """What truth.json holds; angles in degrees as in every file of a dataset, effects in their own units."""
+    table, error = truth.robot.table, truth.robot.table - nominal.table
+    rows = [*(f"J{j + 1}" for j in range(nominal.n_joints)), "TCP"]
+
+    def links(values: Array) -> dict[str, Mapping[str, float]]:
+        keys = ("a_mm", "alpha_deg", "d_mm", "theta_deg", "beta_deg")
+        scale = np.array([1.0, np.degrees(1.0), 1.0, np.degrees(1.0), np.degrees(1.0)])
+        return {
+            name: dict(zip(keys, (row * scale).tolist(), strict=True))
+            for name, row in zip(rows, values, strict=True)
+        }
+
+    document = {
+        "format": 1,
+        "robot": nominal.name,
+        "effects": {cause.name: cause.parameters() for cause in truth.causes if not cause.is_absent},
+        "links": links(table),
+        "link_errors": links(error),
+        "base_T_scanner_mm": truth.base_T_scanner.tolist(),
+    }
+    if len(truth.scanners) > 1:
+        document["setups"] = {
+            setup: {"base_T_scanner_mm": place.tolist()} for setup, place in truth.scanners.items()
+        }
+    return document | more

@@ -1,0 +1,150 @@
+"""What gives way under load in a simulated arm: joints, play, links, base, tool, and a hose that pulls.
+
+Each reads moments and places from the arm at rest, so that load and deflection agree in the end
+(`calib.simulation.truth.equilibrium.settle`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.simulation.truth.joint_effects import TrueEffect
+from calib.simulation.truth.mechanism import Arm, in_frame
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class JointCompliance(TrueEffect):
+    """Joints that yield: dq_j = c_j tau_j, the gravity torque at the pose that results."""
+
+    name = "joint_compliance"
+    sizes = ("c_rad_per_nm",)
+    at_rest = True
+    c_rad_per_nm: Array  # (n,)
+
+    def move(self, arm: Arm, resting: Arm) -> Arm:
+        return replace(arm, q=arm.q + self.c_rad_per_nm * resting.gravity_torques)
+
+
+@dataclass(frozen=True, eq=False)
+class GravityBacklash(TrueEffect):
+    """Gravity holds a joint at one side of its play: dq_j = b_j / 2 sign(tau_j).
+
+    Within `friction_nm` of balance the joint stands inside the play, in proportion: an equilibrium exists everywhere.
+    """
+
+    name = "gravity_backlash"
+    sizes = ("b_rad",)
+    at_rest = True
+    b_rad: Array  # (n,)
+    friction_nm: float = 0.05
+
+    def move(self, arm: Arm, resting: Arm) -> Arm:
+        side = np.clip(resting.gravity_torques / self.friction_nm, -1.0, 1.0)
+        return replace(arm, q=arm.q + 0.5 * self.b_rad * side)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkBending(TrueEffect):
+    """Each link a cantilever from its joint's origin to the next one's, c = L / EI (Euler-Bernoulli).
+
+    The bending moment runs linearly from M0 at the root to ML at the end for all that hangs beyond, and as
+    (1 - s / L)^2 from M1 for the link's own weight, spread evenly. The integrals of it give the end's turn
+    c ((M0 + ML) / 2 + M1 / 3) and its shift c L (M0 / 3 + ML / 6 + M1 / 4) x e along the link's direction e; of the
+    moments only what is across e counts (a tube is stiff in torsion).
+    """
+
+    name = "link_bending"
+    sizes = ("c_rad_per_nm",)
+    at_rest = True
+    c_rad_per_nm: Array  # (n,)
+
+    def move(self, arm: Arm, resting: Arm) -> Arm:
+        turn_rad, shift_mm = arm.link_turn_rad.copy(), arm.link_shift_mm.copy()
+        for j in np.flatnonzero(self.c_rad_per_nm).tolist():
+            root_mm, end_T = resting.base_T_axis[j][:, :3, 3], resting.base_T_straight[j]
+            span_mm = end_T[:, :3, 3] - root_mm
+            length_mm = np.linalg.norm(span_mm, axis=1, keepdims=True)
+            if np.any(length_mm < 1.0):
+                continue
+            along = span_mm / length_mm
+
+            def across(moment: Array, along: Array = along) -> Array:
+                return moment - np.sum(moment * along, axis=1, keepdims=True) * along
+
+            at_root = across(resting.moment_nm(root_mm, j + 1))
+            at_end = across(resting.moment_nm(end_T[:, :3, 3], j + 1))
+            own = sum(
+                weight.weight_n for weight in resting.weights[: arm.robot.n_joints] if weight.carrier == j
+            )
+            own = np.cross(0.5e-3 * span_mm, own)
+            c = self.c_rad_per_nm[j]
+            turn = c * ((at_root + at_end) / 2.0 + own / 3.0)
+            shift = c * length_mm * np.cross(at_root / 3.0 + at_end / 6.0 + own / 4.0, along)
+            turn_rad[:, j] += in_frame(end_T, turn)
+            shift_mm[:, j] += in_frame(end_T, shift)
+        return replace(arm, link_turn_rad=turn_rad, link_shift_mm=shift_mm)
+
+
+@dataclass(frozen=True, eq=False)
+class BaseCompliance(TrueEffect):
+    """The floor yields: the arm turns about its base's origin by c M, the overturning moment of all weights."""
+
+    name = "base_compliance"
+    sizes = ("c_rad_per_nm",)
+    at_rest = True
+    c_rad_per_nm: Array  # (3,) about x, y, z of the base frame
+
+    def move(self, arm: Arm, resting: Arm) -> Arm:
+        moment_nm = resting.moment_nm(np.zeros((len(arm.q), 3)), 0)
+        return replace(arm, base_turn_rad=arm.base_turn_rad + self.c_rad_per_nm * moment_nm)
+
+
+@dataclass(frozen=True, eq=False)
+class ToolSag(TrueEffect):
+    """The target hangs on three springs along the tool frame's axes: shift = R diag(c) R^T g / |g|."""
+
+    name = "tool_sag"
+    sizes = ("c_mm",)
+    at_rest = True
+    c_mm: Array  # (3,) under the tool's weight when that axis points down
+
+    def move(self, arm: Arm, resting: Arm) -> Arm:
+        base_R_tool = resting.base_T_frame[-1][:, :3, :3]
+        gravity = np.array(arm.robot.gravity_m_s2)
+        down = np.einsum("nji,j->ni", base_R_tool, gravity / np.linalg.norm(gravity))  # tool axes
+        shift_mm = np.einsum("nij,nj->ni", base_R_tool, self.c_mm * down)
+        return replace(arm, target_shift_mm=arm.target_shift_mm + shift_mm)
+
+
+@dataclass(frozen=True, eq=False)
+class HosePull(TrueEffect):
+    """A hose as a spring from a fixed place to a point of the forearm; joints yield. Not in the catalogue."""
+
+    name = "hose_pull"
+    sizes = ("stiffness_n_per_mm",)
+    at_rest = True
+    stiffness_n_per_mm: float
+    rest_length_mm: float
+    anchor_mm: Array  # (3,) base frame
+    held_mm: Array  # (3,) in the frame of the link that holds it
+    link: int  # 0-based joint that moves that link
+    c_rad_per_nm: Array  # (n,) how the joints yield
+
+    def move(self, arm: Arm, resting: Arm) -> Arm:
+        held_mm = resting.place_mm(self.link, self.held_mm)
+        reach_mm = self.anchor_mm - held_mm
+        length_mm = np.linalg.norm(reach_mm, axis=1, keepdims=True)
+        stretch_mm = np.maximum(length_mm - self.rest_length_mm, 0.0)
+        force_n = self.stiffness_n_per_mm * stretch_mm * reach_mm / length_mm
+        torque_nm = np.zeros_like(arm.q)
+        for j in range(self.link + 1):
+            axis_T = resting.base_T_axis[j]
+            torque_nm[:, j] = np.sum(
+                axis_T[:, :3, 2] * np.cross(1e-3 * (held_mm - axis_T[:, :3, 3]), force_n), axis=1
+            )
+        return replace(arm, q=arm.q + self.c_rad_per_nm * torque_nm)

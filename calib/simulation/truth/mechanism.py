@@ -1,0 +1,203 @@
+"""The mechanism of a simulated arm: where each part stands, what hangs on it, which moments that makes.
+
+The chain is a product of elementary turns and shifts, written out one by one; a moment comes from each weight and its
+lever. None of it is shared with `calib.kinematics.chain` or the effects that a fit uses, so that agreement between
+the two means something.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from calib.dataset.dataset import Poses
+from calib.errors import CalibError
+from calib.kinematics.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """What surrounds the arm at N poses, in the order in which they are measured. None: no such thing."""
+
+    payload_kg: Array | None = None  # (N,)
+    temperature_c: Array | None = None  # (N,)
+    time_s: Array | None = None  # (N,)
+    approach: Array | None = None  # (N, n) of -1, 1
+    setup: NDArray[np.str_] | None = None  # (N,) which placement of the scanner
+
+    @classmethod
+    def of(cls, poses: Poses) -> Conditions:
+        return cls(**{field.name: getattr(poses, field.name) for field in fields(cls)})
+
+
+STANDARD = Conditions()
+
+
+@dataclass(frozen=True, eq=False)
+class Weight:
+    """A mass at every pose: what carries it, its place and its weight in the base frame."""
+
+    carrier: int  # the link that 0-based joint `carrier` moves; n for tool and payload, which hang on the last link
+    place_mm: Array  # (N, 3)
+    weight_n: Array  # (N, 3)
+
+    def moment_nm(self, about_mm: Array) -> Array:
+        """(N, 3) about points (N, 3)."""
+        return np.cross(1e-3 * (self.place_mm - about_mm), self.weight_n)
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """An arm at N poses: its table, where its joints were sent, and by how much each part has moved from there.
+
+    In the order of the chain: the base turns; each joint's axis tilts at its own origin; the joint turns to `q`; all
+    lengths grow; the end of each link turns and shifts in its own frame; the target shifts in the base frame.
+    Turns are rotation vectors and made as exact rotations.
+    """
+
+    robot: Robot
+    conditions: Conditions
+    commanded: Array  # (N, n) rad, mm for prismatic joints
+    q: Array  # (N, n) where the joints really stand
+    base_turn_rad: Array  # (N, 3)
+    axis_tilt_rad: Array  # (N, n, 3) in the frame before the joint
+    growth: Array  # (N,) factor of every a and d
+    link_turn_rad: Array  # (N, n, 3) in the frame after the link
+    link_shift_mm: Array  # (N, n, 3)
+    target_shift_mm: Array  # (N, 3)
+
+    @classmethod
+    def commanded_to(cls, robot: Robot, q: ArrayLike, conditions: Conditions = STANDARD) -> Arm:
+        """An arm without any effect that goes where it is sent, q (N, n)."""
+        q = np.asarray(q, dtype=float)
+        each, parts = np.zeros((len(q), 3)), np.zeros((*q.shape, 3))
+        return cls(robot, conditions, q, q, each, parts, np.ones(len(q)), parts, parts, each)
+
+    @cached_property
+    def base_T_axis(self) -> tuple[Array, ...]:
+        """n times (N, 4, 4): the frame whose z axis joint j turns about, its origin the joint's own."""
+        return self._chain[0]
+
+    @cached_property
+    def base_T_frame(self) -> tuple[Array, ...]:
+        """n + 2 times (N, 4, 4): base, frames 1..n, tool."""
+        return self._chain[1]
+
+    @cached_property
+    def base_T_straight(self) -> tuple[Array, ...]:
+        """n times (N, 4, 4): frame j before its link bends, the link's own end being straight."""
+        return self._chain[2]
+
+    @cached_property
+    def _chain(self) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...]]:
+        robot, count = self.robot, len(self.q)
+        axes, straight = [], []
+        frame = [moved_by(np.broadcast_to(np.eye(4), (count, 4, 4)), self.base_turn_rad)]
+        for j, row in enumerate((*robot.joints, robot.tool)):
+            here = frame[-1]
+            turn_rad, slide_mm = np.full(count, row.theta_rad), row.d_mm * self.growth
+            if j < robot.n_joints:
+                here = moved_by(here, self.axis_tilt_rad[:, j])
+                axes.append(here)
+                if robot.joints[j].is_revolute:
+                    turn_rad += self.q[:, j]
+                else:
+                    slide_mm += self.q[:, j]
+            here = here @ _turn("z", turn_rad) @ _shift("x", row.a_mm * self.growth) @ _shift("z", slide_mm)
+            here = here @ _turn("x", np.array([row.alpha_rad])) @ _turn("y", np.array([row.beta_rad]))
+            if j < robot.n_joints:
+                straight.append(here)
+                here = moved_by(here, self.link_turn_rad[:, j], self.link_shift_mm[:, j])
+            elif np.any(self.target_shift_mm):
+                here = here.copy()
+                here[:, :3, 3] += self.target_shift_mm
+            frame.append(here)
+        return tuple(axes), tuple(frame), tuple(straight)
+
+    @cached_property
+    def weights(self) -> tuple[Weight, ...]:
+        """Links, tool and payload. Raises CalibError where a joint has no mass."""
+        robot = self.robot
+        without = [joint.name or f"J{j + 1}" for j, joint in enumerate(robot.joints) if joint.mass_kg is None]
+        if without:
+            raise CalibError(
+                f"robot {robot.name}: no mass_kg for {', '.join(without)}; gravity torques need every link's mass"
+            )
+        gravity = np.array(robot.gravity_m_s2)
+        n, count = robot.n_joints, len(self.q)
+        weights = [
+            Weight(j, self.place_mm(j, joint.com_mm), np.full((count, 1), joint.mass_kg) * gravity)
+            for j, joint in enumerate(robot.joints)
+        ]
+        tool, load_kg = robot.tool, self.conditions.payload_kg
+        if tool.mass_kg is not None:
+            weights.append(
+                Weight(n, self.place_mm(n - 1, tool.com_mm), np.full((count, 1), tool.mass_kg) * gravity)
+            )
+        if load_kg is not None:
+            held = tool.payload_com_mm
+            place_mm = self.base_T_frame[-1][:, :3, 3] if held is None else self.place_mm(n - 1, held)
+            weights.append(Weight(n, place_mm, np.asarray(load_kg, dtype=float)[:, None] * gravity))
+        return tuple(weights)
+
+    def place_mm(self, joint: int, point_mm: ArrayLike | None) -> Array:
+        """A point of the frame after `joint` in the base's (N, 3); the frame's origin where none is given."""
+        homogeneous = np.array([*np.asarray((0.0, 0.0, 0.0) if point_mm is None else point_mm, float), 1.0])
+        return (self.base_T_frame[joint + 1] @ homogeneous)[:, :3]
+
+    def moment_nm(self, about_mm: Array, first: int) -> Array:
+        """(N, 3) moment about points (N, 3) of all weights whose carrier is `first` or beyond."""
+        beyond = [weight.moment_nm(about_mm) for weight in self.weights if weight.carrier >= first]
+        return np.sum(beyond, axis=0) if beyond else np.zeros((len(self.q), 3))
+
+    @cached_property
+    def gravity_torques(self) -> Array:
+        """(N, n) tau_j = z_j . sum_k (c_k - o_j) x m_k g over every mass k beyond joint j.
+
+        Nm, or N of force along the axis for a prismatic joint. Positive drives the joint onwards.
+        """
+        torque = np.zeros_like(self.q)
+        for j, joint in enumerate(self.robot.joints):
+            axis, origin_mm = self.base_T_axis[j][:, :3, 2], self.base_T_axis[j][:, :3, 3]
+            if joint.is_revolute:
+                push = self.moment_nm(origin_mm, j)
+            else:
+                push = np.sum([weight.weight_n for weight in self.weights if weight.carrier >= j], axis=0)
+            torque[:, j] = np.sum(axis * push, axis=1)
+        return torque
+
+
+def moved_by(a_T_b: Array, turn_rad: Array, shift_mm: Array | None = None) -> Array:
+    """a_T_b (N, 4, 4) with b shifted (N, 3) and turned by rotation vectors (N, 3), both in b; itself where all is 0."""
+    if not np.any(turn_rad) and (shift_mm is None or not np.any(shift_mm)):
+        return a_T_b
+    step = np.tile(np.eye(4), (len(turn_rad), 1, 1))
+    step[:, :3, :3] = Rotation.from_rotvec(turn_rad).as_matrix()
+    if shift_mm is not None:
+        step[:, :3, 3] = shift_mm
+    return np.asarray(a_T_b @ step)
+
+
+def in_frame(base_T_frame: Array, vector: Array) -> Array:
+    """Vectors (N, 3) of the base in the axes of a frame (N, 4, 4)."""
+    return np.asarray(np.einsum("nji,nj->ni", base_T_frame[:, :3, :3], vector))
+
+
+def _turn(axis: str, angle_rad: Array) -> Array:
+    """(N, 4, 4)"""
+    out = np.tile(np.eye(4), (len(angle_rad), 1, 1))
+    out[:, :3, :3] = Rotation.from_euler(axis, angle_rad[:, None]).as_matrix()
+    return out
+
+
+def _shift(axis: str, length_mm: Array) -> Array:
+    """(N, 4, 4)"""
+    out = np.tile(np.eye(4), (len(length_mm), 1, 1))
+    out[:, "xyz".index(axis), 3] = length_mm
+    return out

@@ -1,0 +1,138 @@
+"""How much of a simulated effect can be seen: what is left of it after the best geometric fit.
+
+Linear least squares on a Jacobian that is differenced from the true chain, at the nominal arm, where redundant
+parameters are exactly redundant. It shares nothing with the Jacobians that a fit uses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.errors import CalibError
+from calib.kinematics.robot import Robot
+from calib.simulation.truth.equilibrium import Truth, scanner_T_target
+from calib.simulation.truth.joint_effects import TrueEffect
+from calib.simulation.truth.mechanism import STANDARD, Arm, Conditions
+
+Array = NDArray[np.float64]
+
+_ABSORBED = 1e-4
+"""Below this share of its own size an effect counts as absorbed: the rest is its second order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """A true arm without effects at the poses where it will be measured."""
+
+    nominal: Robot
+    truth: Truth
+    q: Array  # (N, n)
+    conditions: Conditions = STANDARD
+
+    @cached_property
+    def plain_mm(self) -> Array:
+        """(N, 3) what the scanner sees of the arm without effects."""
+        return scanner_T_target(self.truth, self.q, self.conditions)[:, :3, 3]
+
+    def moved_mm(self, effect: TrueEffect) -> Array:
+        """(N, 3) by how much the effect alone moves what the scanner sees."""
+        return (
+            scanner_T_target(self.truth.with_effects(effect), self.q, self.conditions)[:, :3, 3]
+            - self.plain_mm
+        )
+
+    def moved_rms_mm(self, effect: TrueEffect) -> float:
+        """Rms length of those displacements."""
+        return float(np.sqrt(np.mean(np.sum(self.moved_mm(effect) ** 2, axis=1))))
+
+    def visible_mm(self, effect: TrueEffect) -> Array:
+        """(N, 3) what no change of the link table and of the scanner's frames can imitate."""
+        moved = self.moved_mm(effect).ravel()
+        return np.asarray(moved - self._geometry @ (self._geometry.T @ moved)).reshape(-1, 3)
+
+    def visible_rms_mm(self, effect: TrueEffect) -> float:
+        """Rms a coordinate of it."""
+        return float(np.sqrt(np.mean(self.visible_mm(effect) ** 2)))
+
+    def scaled_to_visible(self, effect: TrueEffect, rms_mm: float) -> TrueEffect:
+        """The effect in the size that leaves `rms_mm` a coordinate after a geometric fit.
+
+        Raises:
+            CalibError: geometry can imitate all of it, so no size would do.
+        """
+        if rms_mm > 0 and self.visible_rms_mm(effect) < _ABSORBED * self.moved_rms_mm(effect):
+            raise CalibError(
+                f"{effect.name}: a geometric fit can imitate all of it at these poses, no size makes it visible; "
+                "ask for it without a visible size"
+            )
+        return self._scaled(effect, rms_mm, self.visible_rms_mm)
+
+    def scaled_to_moved(self, effect: TrueEffect, rms_mm: float) -> TrueEffect:
+        """The effect in the size that moves the measured point by `rms_mm`."""
+        return self._scaled(effect, rms_mm, self.moved_rms_mm)
+
+    def _scaled(
+        self, effect: TrueEffect, wanted_mm: float, size_mm: Callable[[TrueEffect], float]
+    ) -> TrueEffect:
+        if wanted_mm <= 0:
+            return effect.scaled(0.0)
+        for _ in range(20):  # size is all but proportional to the effect's scale
+            found_mm = size_mm(effect)
+            if not found_mm > 0:
+                raise CalibError(f"{effect.name} does nothing to robot {self.nominal.name} at these poses")
+            if abs(found_mm / wanted_mm - 1.0) < 1e-9:
+                break
+            effect = effect.scaled(wanted_mm / found_mm)
+        return effect
+
+    @cached_property
+    def _geometry(self) -> Array:
+        """(3N, R) orthonormal: all that link parameters and scanner frames can do to the points, to first order."""
+        columns = [*self._link_columns(), *self._frame_columns()]
+        jacobian = np.stack([column.ravel() for column in columns], axis=1)
+        size = np.linalg.norm(jacobian, axis=0)
+        moves = size > 1e-6 * size.max()  # a column below that is rounding
+        jacobian = jacobian[:, moves] / size[moves]
+        left, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
+        return np.asarray(left[:, singular > 1e-7 * singular[0]])
+
+    def _link_columns(self) -> list[Array]:
+        """(N, 3) each, scanner frame: central differences of the nominal chain; steps 1 mm and 1e-4 rad."""
+        columns = []
+        table = self.nominal.table
+        for index in np.ndindex(table.shape):
+            step = np.zeros_like(table)
+            step[index] = 1.0 if index[1] in (0, 2) else 1e-4
+            ends = [
+                scanner_T_target(
+                    Truth(self.nominal.with_table(table + side * step), self.truth.scanners),
+                    self.q,
+                    self.conditions,
+                )
+                for side in (1.0, -1.0)
+            ]
+            columns.append((ends[0] - ends[1])[:, :3, 3] / (2.0 * step[index]))
+        return columns
+
+    def _frame_columns(self) -> list[Array]:
+        """(N, 3) each: three shifts and three turns of every placement of the scanner."""
+        columns = []
+        nominal = Truth(self.nominal, self.truth.scanners)
+        nominal_mm = scanner_T_target(nominal, self.q, self.conditions)[:, :3, 3]
+        setup = self.conditions.setup
+        for name in self.truth.scanners:
+            here = np.ones(len(self.q)) if setup is None or len(self.truth.scanners) == 1 else setup == name
+            for axis in np.eye(3):
+                columns.append(here[:, None] * axis)
+                columns.append(here[:, None] * np.cross(axis, nominal_mm))
+        return columns
+
+
+def gravity_torques(cell: Cell) -> Array:
+    """(N, n) at the commanded pose of the true arm."""
+    return Arm.commanded_to(cell.truth.robot, cell.q, cell.conditions).gravity_torques

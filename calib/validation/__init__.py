@@ -1,0 +1,1 @@
+"""Cross-validation, learning curve, and the check that passes or fails a dataset."""

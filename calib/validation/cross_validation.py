@@ -1,0 +1,231 @@
+"""How to tell that a calibration is good: K folds over the training poses.
+
+Each pose is judged by a fit that never saw it. The test role stays untouched, for the last word. Whether more poses
+would help is the question of `calib.validation.learning_curve`, whether more than noise is left that of
+`calib.calibration.noise_check`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from calib.blas_threads import one_blas_thread
+from calib.calibration.calibrate import Calibration, calibrate, figures_line
+from calib.calibration.evaluation import Evaluation, Figures
+from calib.calibration.noise_check import SigmaCheck, check_sigma
+from calib.dataset.dataset import Dataset
+from calib.errors import FitError
+from calib.fitting.trust_region import Fit
+from calib.validation.splits import deal_folds, split_dataset, training_places
+
+Progress = Callable[[int, int, str], None]
+
+SUSPICIOUS = 1.5  # a held-out error this many times above what noise explains points at the model
+
+
+@dataclass(frozen=True)
+class Fold:
+    """One fold: fitted without its poses, held against them."""
+
+    poses: tuple[str, ...]  # held out
+    train: Figures
+    held_out: Figures
+    converged: bool
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """Errors at poses that had no say in the fit, for every training pose."""
+
+    dataset: Dataset
+    residual: str
+    folds: tuple[Fold, ...]
+    before: Evaluation  # the nominal robot at the held-out points, in frames fitted without them
+    after: Evaluation  # the fits at the held-out points
+    whole: Calibration  # the fit to all training poses
+    notes: tuple[str, ...]
+
+    @property
+    def held_out(self) -> Figures:
+        assert self.after.test is not None
+        return self.after.test
+
+    @property
+    def spread_mm(self) -> float:
+        """Standard deviation of the folds' held-out RMSE."""
+        return float(np.std([fold.held_out.rmse_mm for fold in self.folds], ddof=1))
+
+    @property
+    def ratio(self) -> float:
+        """Held-out RMSE over the training RMSE of the whole fit."""
+        assert self.whole.after.train is not None
+        train = self.whole.after.train.rmse_mm
+        return self.held_out.rmse_mm / train if train > 0.0 else float("inf")
+
+    @property
+    def expected_ratio(self) -> float:
+        """What that ratio is where only noise is left."""
+        return noise_ratio(self.whole.fit)
+
+    @property
+    def sigma(self) -> SigmaCheck:
+        return check_sigma(self.whole)
+
+    @property
+    def meaning(self) -> str:
+        before = self.before.test
+        assert before is not None
+        if not self.held_out.rmse_mm < before.rmse_mm:
+            return "the calibration does not help: poses it did not see are no better than with the nominal robot"
+        if not all(fold.converged for fold in self.folds):
+            return "not every fold's fit converged: do not trust these figures"
+        if self.ratio > SUSPICIOUS * self.expected_ratio:
+            return (
+                "the fit does better on its own poses than parameters and noise explain: too few poses, or physics "
+                "that is not in the model; expect the held-out error, not the training error, elsewhere"
+            )
+        words = "poses left out come out as well as noise allows: the fit does not bend to its own poses"
+        if self.sigma.verdict == "excess":
+            return (
+                f"{words}; that holds for poses like the training poses, and since more than noise is left, the error "
+                "elsewhere can be larger: look at test poses of another kind"
+            )
+        return f"{words}; expect the held-out error at poses like these"
+
+    def summary(self) -> str:
+        before, train = self.before.test, self.whole.after.train
+        assert before is not None
+        assert train is not None
+        each = [fold.held_out.rmse_mm for fold in self.folds]
+        return "\n".join(
+            [
+                f"{self.dataset.name}: {len(self.folds)} folds over {len(np.unique(self.after.pose))} training poses, "
+                f"{self.residual} residual",
+                f"held out {figures_line(before, self.held_out)}",
+                f"folds    RMSE {min(each):.4g} to {max(each):.4g} mm, spread {self.spread_mm:.2g} mm",
+                f"training RMSE {train.rmse_mm:.4g} mm; held out is {self.ratio:.3g} times that, "
+                f"{self.expected_ratio:.3g} is what noise explains",
+                self.sigma.summary(),
+                *self.notes,
+                f"=> {self.meaning}",
+            ]
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a held-out pose: setup, fold, points, RMS over its points before and after, distance error."""
+        fold_of = {pose: k + 1 for k, fold in enumerate(self.folds) for pose in fold.poses}
+        points = self.after.to_frame(self.dataset)
+        points["nominal_mm"] = self.before.to_frame(self.dataset)["error_mm"]
+        rows = [
+            {
+                "pose": pose,
+                "setup": of_pose["setup"].iloc[0],
+                "fold": fold_of[str(pose)],
+                "points": len(of_pose),
+                "nominal_mm": float(np.sqrt(np.mean(of_pose["nominal_mm"] ** 2))),
+                "error_mm": float(np.sqrt(np.mean(of_pose["error_mm"] ** 2))),
+                "distance_error_mm": float(of_pose["distance_error_mm"].iloc[0]),
+            }
+            for pose, of_pose in points.groupby("pose", sort=False)
+        ]
+        return pd.DataFrame(rows)
+
+
+def noise_ratio(fit: Fit) -> float:
+    """Error at other poses over that at the fit's own, where only noise is left: sqrt((R + P) / (R - P)).
+
+    R rows with P parameters fitted; inf where no degree of freedom is left.
+    """
+    spent = fit.rows - fit.degrees_of_freedom
+    return float(np.sqrt((fit.rows + spent) / (fit.rows - spent))) if spent < fit.rows else float("inf")
+
+
+@one_blas_thread()
+def cross_validate(
+    dataset: Dataset,
+    *,
+    folds: int = 5,
+    residual: str = "position",
+    rng: np.random.Generator | None = None,
+    on_progress: Progress | None = None,
+    **options: Any,
+) -> CrossValidation:
+    """Fit `folds` times, each time without one fold of the training poses, and look at the poses left out.
+
+    Args:
+        dataset: with measured points; its test poses are not touched.
+        folds: how many; each has its share of every setup.
+        residual: as of `calibrate`.
+        rng: deals the poses; the same deal every time where None.
+        on_progress: called with fits done, fits in all, and what was fitted.
+        options: further ones of `calibrate` (effects, fixed, prior, ...).
+
+    Raises:
+        FitError: no points, fewer than two folds, more folds than poses, or too few poses in a fold's training part.
+    """
+    places = training_places(dataset)
+    if folds < 2:
+        raise FitError(f"found {folds} folds; cross-validation needs 2 at least, 5 is usual")
+    if folds > len(places):
+        raise FitError(
+            f"dataset {dataset.name}: found {folds} folds for {len(places)} different training poses; "
+            "ask for fewer folds, 5 is usual"
+        )
+    dealt, small = deal_folds(places, folds, rng or np.random.default_rng(0))
+    if any(len(fold) == 0 for fold in dealt):
+        raise FitError(
+            f"dataset {dataset.name}: {len(places)} different training poses cannot fill {folds} folds and leave "
+            "each setup three poses for its frame; ask for fewer folds or measure more poses"
+        )
+    everything = places.poses_of(range(len(places)))
+    whole = calibrate(split_dataset(dataset, everything, everything[:0])[0], residual=residual, **options)
+    done: list[Fold] = []
+    before, after = [], []
+    for fold in dealt:
+        held_out = places.poses_of(fold)
+        split, rows = split_dataset(dataset, np.setdiff1d(everything, held_out), held_out)
+        fitted = calibrate(split, residual=residual, **options)
+        before.append(_held_out(fitted.before, rows, len(dataset.poses)))
+        after.append(_held_out(fitted.after, rows, len(dataset.poses)))
+        train, test = fitted.after.train, fitted.after.test
+        assert train is not None
+        assert test is not None
+        done.append(Fold(tuple(dataset.poses.ids[i] for i in held_out), train, test, fitted.fit.converged))
+        if on_progress is not None:
+            on_progress(len(done), folds, f"fold {len(done)}")
+    notes = tuple(f"setup {name!r} has too few poses to hold any out: all of them train" for name in small)
+    return CrossValidation(dataset, residual, tuple(done), _pooled(before), _pooled(after), whole, notes)
+
+
+def _held_out(evaluation: Evaluation, rows: NDArray[np.int64], poses: int) -> Evaluation:
+    """The test poses' part of a split's evaluation, told in the whole dataset's pose numbers."""
+    points = evaluation.is_test[evaluation.pose]
+    distances = evaluation.is_test[evaluation.distance_pose]
+    return Evaluation(
+        pose=rows[evaluation.pose[points]],
+        error_mm=evaluation.error_mm[points],
+        distance_pose=rows[evaluation.distance_pose[distances]],
+        distance_error_mm=evaluation.distance_error_mm[distances],
+        is_test=np.ones(poses, dtype=bool),
+        scanner_T_base={},
+        notes=evaluation.notes,
+    )
+
+
+def _pooled(parts: list[Evaluation]) -> Evaluation:
+    """The folds' evaluations as one: each held-out point stands in it once."""
+    return Evaluation(
+        pose=np.concatenate([part.pose for part in parts]),
+        error_mm=np.concatenate([part.error_mm for part in parts]),
+        distance_pose=np.concatenate([part.distance_pose for part in parts]),
+        distance_error_mm=np.concatenate([part.distance_error_mm for part in parts]),
+        is_test=parts[0].is_test,
+        scanner_T_base={},
+        notes=tuple(dict.fromkeys(note for part in parts for note in part.notes)),
+    )

@@ -1,0 +1,253 @@
+"""The learning curve: error against the number of training poses, and whether more of them would help.
+
+With noise alone the held-out mean square falls as A + B / n towards its floor A. A curve that still falls asks for more
+poses; a flat one that stands above the noise asks for a better model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from calib.blas_threads import one_blas_thread
+from calib.calibration.calibrate import Calibration, calibrate
+from calib.calibration.noise_check import SigmaCheck, check_sigma
+from calib.dataset.dataset import Dataset
+from calib.errors import FitError
+from calib.identifiability.structural import structural_rank
+from calib.validation.cross_validation import Progress
+from calib.validation.splits import (
+    MIN_FRAME_POSES,
+    Indices,
+    Places,
+    deal_folds,
+    growing_order,
+    split_dataset,
+    training_places,
+)
+
+FLAT = 0.05  # twice the poses lower the error by less than this share: not worth measuring
+_FAR = 2.0  # held-out over training error from which on the held-out poses are of another kind
+_FOLDS = 5
+
+
+@dataclass(frozen=True)
+class LearningStep:
+    """What fits to so many training poses were like, over several draws of them."""
+
+    poses: int  # different ones; repeats of one count once
+    fits: int
+    train_rmse_mm: float  # 3D, RMS over the fits
+    held_out_rmse_mm: float
+    spread_mm: float  # standard deviation of the fits' held-out RMSE; 0 of one fit
+    sigma_mm: float  # residual sigma of a coordinate, by degrees of freedom; nan where none are left
+    degrees_of_freedom: float  # mean
+
+
+@dataclass(frozen=True)
+class LearningCurve:
+    """Error against the number of training poses. `steps` rise in poses."""
+
+    dataset: Dataset
+    residual: str
+    held_out: str  # "test poses" or "folds": which poses were held out
+    steps: tuple[LearningStep, ...]
+    sigma: SigmaCheck  # of a fit to the largest count
+    notes: tuple[str, ...]
+
+    @property
+    def doubled_rmse_mm(self) -> float:
+        """The held-out RMSE that twice the poses promise: A + B / n, both >= 0, through the curve's upper part."""
+        floor, slope = self._floor_and_slope()
+        return float(np.sqrt(floor + 0.5 * slope / self.steps[-1].poses))
+
+    @property
+    def gain(self) -> float:
+        """By which share twice the poses would lower the held-out RMSE."""
+        floor, slope = self._floor_and_slope()
+        now = float(np.sqrt(floor + slope / self.steps[-1].poses))
+        return 1.0 - self.doubled_rmse_mm / now if now > 0.0 else 0.0
+
+    def _floor_and_slope(self) -> tuple[float, float]:
+        from scipy.optimize import nnls  # slow to load, and only this needs it
+
+        upper = [step for step in self.steps if 2.5 * step.poses >= self.steps[-1].poses]
+        upper = upper if len(upper) >= 3 else list(self.steps[-3:])
+        square = np.array([step.held_out_rmse_mm**2 for step in upper])
+        weight = 1.0 / np.maximum(square, 1e-300)  # the share of the error counts, not its size
+        columns = np.array([[1.0, 1.0 / step.poses] for step in upper]) * weight[:, None]
+        floor, slope = nnls(columns, square * weight)[0]
+        return float(floor), float(slope)
+
+    @property
+    def flat_since(self) -> int | None:
+        """The count from which the held-out error stays within 5 % of its last value; None where it still falls."""
+        if self.gain > FLAT:
+            return None
+        limit = (1.0 + FLAT) * self.steps[-1].held_out_rmse_mm
+        above = [k for k, step in enumerate(self.steps) if step.held_out_rmse_mm > limit]
+        return self.steps[above[-1] + 1 if above else 0].poses
+
+    @property
+    def meaning(self) -> str:
+        last = self.steps[-1]
+        ratio = last.held_out_rmse_mm / last.train_rmse_mm if last.train_rmse_mm > 0.0 else 1.0
+        if ratio < _FAR:
+            return self._verdict
+        return (
+            f"{self._verdict}; the held-out error is {ratio:.3g} times the training error: such poses are not among "
+            "the training poses, or the physics that is missing shows there"
+        )
+
+    @property
+    def _verdict(self) -> str:
+        last, excess = self.steps[-1], self.sigma.verdict == "excess"
+        since = self.flat_since
+        ratio = self.sigma.sigma_mm / self.sigma.declared_mm if self.sigma.declared_mm else float("nan")
+        missing = (
+            f"the residual is {ratio:.3g} times the declared sigma: physics is missing from the model, "
+            "or sigma was declared too small"
+        )
+        if since is None:
+            words = (
+                f"more poses would still help: twice as many ({2 * last.poses}) promise a held-out error of about "
+                f"{self.doubled_rmse_mm:.3g} mm instead of {last.held_out_rmse_mm:.3g} mm (-{100 * self.gain:.0f} %)"
+            )
+            return f"{words}; besides, {missing}" if excess else words
+        words = f"flat since {since} poses at {last.held_out_rmse_mm:.3g} mm: more poses will not help"
+        if excess:
+            return f"{words}; {missing}"
+        if self.sigma.verdict == "unknown":
+            return f"{words}; without a declared sigma the curve cannot tell whether noise or missing physics is left"
+        return f"{words}, and none are needed: the residual shows nothing but the declared noise"
+
+    def summary(self) -> str:
+        rows = [
+            f"{step.poses:6d} {step.train_rmse_mm:13.4g} {step.held_out_rmse_mm:13.4g} {step.spread_mm:9.2g} "
+            f"{step.sigma_mm:9.4g}"
+            for step in self.steps
+        ]
+        return "\n".join(
+            [
+                f"{self.dataset.name}: learning curve, {self.residual} residual, held out: {self.held_out}",
+                " poses training RMSE held-out RMSE    spread     sigma  (mm)",
+                *rows,
+                self.sigma.summary(),
+                *self.notes,
+                f"=> {self.meaning}",
+            ]
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a count: poses, fits, training and held-out RMSE, their spread, residual and declared sigma."""
+        frame = pd.DataFrame([vars(step) for step in self.steps])
+        declared = self.sigma.declared_mm
+        return frame.assign(declared_sigma_mm=float("nan") if declared is None else declared)
+
+
+@one_blas_thread()
+def learning_curve(
+    dataset: Dataset,
+    *,
+    counts: Sequence[int] | None = None,
+    repeats: int = 5,
+    residual: str = "position",
+    rng: np.random.Generator | None = None,
+    on_progress: Progress | None = None,
+    **options: Any,
+) -> LearningCurve:
+    """Fit to growing parts of the training poses and look at poses that are always held out.
+
+    Held out are the test poses where there are any, else one of five folds, another one each repeat. Within a repeat
+    each part holds the smaller ones, so that a curve does not jump by the luck of the draw.
+
+    Args:
+        dataset: with measured points.
+        counts: of different training poses; six from the fewest that carry a fit to all where None.
+        repeats: draws of the poses.
+        residual: as of `calibrate`.
+        rng: draws the poses; the same ones every time where None.
+        on_progress: called with fits done, fits in all, and the count just fitted.
+        options: further ones of `calibrate` (effects, fixed, prior, ...).
+
+    Raises:
+        FitError: no points, too few poses, or counts that cannot be.
+    """
+    rng = rng or np.random.default_rng(0)
+    places = training_places(dataset)
+    if repeats < 1:
+        raise FitError(f"found {repeats} repeats; a learning curve needs 1 at least, 5 is usual")
+    held_out, draws = _draws(dataset, places, repeats, rng)
+    fewest = _fewest(dataset, places, residual)
+    most = min(len(order) for order, _ in draws)
+    if counts is None:
+        counts = np.unique(np.round(np.geomspace(fewest, max(most, fewest), 6)).astype(int)).tolist()
+    counts = sorted({int(n) for n in counts})
+    if most < fewest or len(counts) < 2 or counts[0] < fewest or counts[-1] > most:
+        raise FitError(
+            f"dataset {dataset.name}: a learning curve needs two counts or more between {fewest} poses, the fewest "
+            f"that carry a fit, and the {most} there are; found {', '.join(map(str, counts))}"
+        )
+    tests = np.flatnonzero(dataset.poses.is_test)
+    fits: dict[int, list[Calibration]] = {n: [] for n in counts}
+    for repeat, (order, held) in enumerate(draws):
+        for k, n in enumerate(counts):
+            if n == len(places) and fits[n]:
+                continue  # all poses and the same test poses: the same fit again
+            outside = tests if held is None else places.poses_of(held)
+            split, _ = split_dataset(dataset, places.poses_of(order[:n]), outside)
+            fits[n].append(calibrate(split, residual=residual, **options))
+            if on_progress is not None:
+                on_progress(repeat * len(counts) + k + 1, repeats * len(counts), f"{n} poses")
+    last = fits[counts[-1]][0]
+    steps = tuple(_step(n, fits[n]) for n in counts)
+    return LearningCurve(dataset, residual, held_out, steps, check_sigma(last), last.after.notes)
+
+
+def _draws(
+    dataset: Dataset, places: Places, repeats: int, rng: np.random.Generator
+) -> tuple[str, list[tuple[Indices, Indices | None]]]:
+    """For each repeat the order in which places join, and the places held out; None: the test poses."""
+    assert dataset.points is not None
+    everything = np.arange(len(places))
+    if np.any(dataset.poses.is_test[dataset.points.pose]):
+        return "test poses", [(growing_order(places, everything, rng), None) for _ in range(repeats)]
+    folds = [fold for fold in deal_folds(places, _FOLDS, rng)[0] if len(fold)]
+    if not folds:
+        raise FitError(
+            f"dataset {dataset.name}: no test poses, and {len(places)} training poses are too few to hold some out"
+        )
+    held = [folds[repeat % len(folds)] for repeat in range(repeats)]
+    return "folds", [(growing_order(places, np.setdiff1d(everything, fold), rng), fold) for fold in held]
+
+
+def _fewest(dataset: Dataset, places: Places, residual: str) -> int:
+    """The fewest places that carry a fit: two more than parameters and frames ask for, three a setup at least."""
+    assert dataset.points is not None
+    setups = len(np.unique(places.setup))
+    knowable = structural_rank(dataset.robot)
+    if residual == "distance":
+        return max(knowable + setups + 2, MIN_FRAME_POSES * setups)
+    rows = 3 * len(np.unique(dataset.points.target))
+    return max(int(np.ceil((knowable + 6 * setups) / rows)) + 2, MIN_FRAME_POSES * setups)
+
+
+def _step(poses: int, fits: list[Calibration]) -> LearningStep:
+    def rms(values: list[float]) -> float:
+        return float(np.sqrt(np.mean(np.square(values))))
+
+    train = [fit.after.train.rmse_mm for fit in fits if fit.after.train is not None]
+    held_out = [fit.after.test.rmse_mm for fit in fits if fit.after.test is not None]
+    return LearningStep(
+        poses=poses,
+        fits=len(fits),
+        train_rmse_mm=rms(train),
+        held_out_rmse_mm=rms(held_out),
+        spread_mm=float(np.std(held_out, ddof=1)) if len(held_out) > 1 else 0.0,
+        sigma_mm=rms([fit.sigma_mm for fit in fits]),
+        degrees_of_freedom=float(np.mean([fit.fit.degrees_of_freedom for fit in fits])),
+    )

@@ -1,0 +1,99 @@
+"""Splitting a dataset's training poses: folds, growing subsets, and the dataset that a split makes.
+
+What is dealt are *places*: joint vectors. Repeats, several targets, and poses of the same joints under another name
+stay together, else a place would be tested by what it was fitted to. Every setup keeps training poses, because its
+scanner frame is fitted to them. Poses of the role test take no part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.dataset.dataset import Dataset
+from calib.errors import FitError
+
+Indices = NDArray[np.int64]
+
+MIN_FRAME_POSES = 3  # fewer points than three leave a scanner frame open
+
+
+@dataclass(frozen=True)
+class Places:
+    """The training poses of a dataset that have points, by place."""
+
+    poses: tuple[Indices, ...]  # of each place, indices into the dataset's poses
+    setup: NDArray[np.str_]  # (K,) the setup of each place's first pose
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def poses_of(self, places: Sequence[int] | Indices) -> Indices:
+        """Indices of the poses of some places, in the dataset's order."""
+        chosen = [self.poses[int(k)] for k in places]
+        return np.sort(np.concatenate(chosen)) if chosen else np.zeros(0, dtype=np.int64)
+
+
+def training_places(dataset: Dataset) -> Places:
+    """The places of the training and reference poses. Raises FitError where the dataset has no points."""
+    if dataset.points is None:
+        raise FitError(f"dataset {dataset.name}: no measured points yet; find the corners of its scans first")
+    poses = dataset.poses
+    measured = np.isin(np.arange(len(poses)), dataset.points.pose) & ~poses.is_test
+    by_joints: dict[bytes, list[int]] = {}
+    for i in np.flatnonzero(measured):
+        by_joints.setdefault((np.round(poses.q[i], 9) + 0.0).tobytes(), []).append(int(i))
+    groups = tuple(np.array(rows, dtype=np.int64) for rows in by_joints.values())
+    return Places(groups, np.array([str(poses.setup[rows[0]]) for rows in groups], dtype=str))
+
+
+def deal_folds(places: Places, folds: int, rng: np.random.Generator) -> tuple[list[Indices], list[str]]:
+    """Deal the places into folds, setup by setup, so that each fold has its share of every setup.
+
+    Returns:
+        The places of each fold, and the setups that are too small to lose any: fewer than three of their places would
+        be left for the scanner's frame, so all of them always train.
+    """
+    dealt: list[list[int]] = [[] for _ in range(folds)]
+    small, turn = [], 0
+    for setup in np.unique(places.setup):
+        members = rng.permutation(np.flatnonzero(places.setup == setup))
+        if len(members) - int(np.ceil(len(members) / folds)) < MIN_FRAME_POSES:
+            small.append(str(setup))
+            continue
+        for place in members:
+            dealt[turn % folds].append(int(place))
+            turn += 1
+    return [np.array(sorted(fold), dtype=np.int64) for fold in dealt], small
+
+
+def growing_order(places: Places, among: Indices, rng: np.random.Generator) -> Indices:
+    """Some places in an order whose every start is fair to the setups: three of each first, then in proportion."""
+    rank, share = {}, {}
+    for setup in np.unique(places.setup[among]):
+        members = rng.permutation(among[places.setup[among] == setup])
+        for k, place in enumerate(members):
+            rank[int(place)] = 0 if k < MIN_FRAME_POSES else 1
+            share[int(place)] = (k + rng.uniform()) / len(members)
+    return np.array(sorted(rank, key=lambda place: (rank[place], share[place])), dtype=np.int64)
+
+
+def split_dataset(dataset: Dataset, train: Indices, held_out: Indices) -> tuple[Dataset, Indices]:
+    """A dataset of some poses only, `train` to fit and `held_out` in the role test; and which poses they were.
+
+    The reference pose keeps its role where it trains; where not, the first training pose takes it.
+    """
+    assert dataset.points is not None
+    rows = np.sort(np.concatenate([train, held_out]))
+    poses = dataset.poses.select(rows)
+    role = np.where(
+        np.isin(rows, held_out), "test", np.where(poses.role == "reference", "reference", "train")
+    )
+    if not np.any(role == "reference"):
+        role[np.flatnonzero(role == "train")[0]] = "reference"
+    points = dataset.points.select(np.isin(dataset.points.pose, rows))
+    kept = replace(points, pose=np.searchsorted(rows, points.pose))
+    return replace(dataset, poses=replace(poses, role=role), points=kept, warnings=()), rows

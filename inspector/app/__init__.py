@@ -1,0 +1,1 @@
+"""What a request of the page does: stage, controllers, camera, downloads."""

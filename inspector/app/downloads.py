@@ -1,0 +1,159 @@
+"""Makes what a page asks to take away, beside the app's own work, and sends it to that page alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import viser
+
+from calib.calibration.calibrate import Calibration
+from calib.dataset.files.robot_toml import robot_to_toml
+from calib.errors import CalibError, DatasetError
+from inspector.app.stage import Stage
+from inspector.export import csv_and_png as exports
+from inspector.panels.base import View
+from inspector.panels.downloads import ITEMS, SCREENSHOT, TakeAwayPanel
+from inspector.server.viser_server import clamped
+from inspector.server.worker import LongWork, Worker
+from inspector.session import transitions as sessions
+from inspector.session.session_file import Shown, session_text
+from inspector.session.transitions import Session
+
+TURN_S = 0.02
+RENDER_S = 30.0  # a page that sends no picture in this time is hidden or gone
+LARGEST_PX = 3840
+DAY, NIGHT = (255, 255, 255), (24, 26, 30)  # behind the 3D view
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What there is to make a file from, as it was when the button was pressed."""
+
+    view: View
+    look: str
+    root: Path
+
+    @property
+    def session(self) -> Session:
+        return self.view.session
+
+    @property
+    def calibration(self) -> Calibration:
+        if self.session.calibration is None:
+            raise CalibError(f"dataset {self.session.dataset.name}: it is not calibrated yet")
+        return self.session.calibration
+
+
+class Taking:
+    """The files of the session on show."""
+
+    def __init__(self, stage: Stage, worker: Worker, panel: TakeAwayPanel, root: Path) -> None:
+        self._stage, self._worker, self._panel, self._root = stage, worker, panel, root
+        self._aside = ThreadPoolExecutor(1, thread_name_prefix="inspector-taking")
+        # A page that never sends its picture keeps a thread waiting, which must not be the one that makes files.
+        self._pictures = ThreadPoolExecutor(2, thread_name_prefix="inspector-picture")
+
+    def close(self) -> None:
+        """Let go of the threads."""
+        for pool in (self._aside, self._pictures):
+            pool.shutdown(wait=False, cancel_futures=True)
+
+    def take(self, what: str, client: viser.ClientHandle) -> None:
+        """Make one of `panels.takeaway.ITEMS` for this page; of several presses the last counts."""
+        if what in ITEMS:
+            self._worker.submit(("take", what, client.client_id), lambda: self._take(what, client))
+
+    def _take(self, what: str, client: viser.ClientHandle) -> LongWork:
+        asked = Asked(self._stage.now, self._stage.look_name, self._root)
+        self._panel.say(f"Making: {what} …")
+        future: Future[tuple[str, bytes]]
+        if what == SCREENSHOT:
+            future = self._pictures.submit(lambda: _screenshot(asked, client))
+        else:
+            future = self._aside.submit(lambda: MAKERS[what](asked))
+        try:
+            while not future.done():
+                wait([future], TURN_S)
+                yield
+            name, content = future.result()
+        finally:
+            future.cancel()
+            self._panel.say("")
+        client.send_file_download(
+            exports.file_name(asked.session.dataset.name, name), content, save_immediately=True
+        )
+
+
+def _report(asked: Asked) -> tuple[str, bytes]:
+    from inspector.report.content import report_of
+    from inspector.report.report import report_html
+
+    session = asked.session
+    assert asked.calibration is not None
+    if session.screening is None:
+        session = sessions.with_screening(session)
+    return "report.html", report_html(report_of(session), now=datetime.now()).encode()
+
+
+def _robot(asked: Asked) -> tuple[str, bytes]:
+    asked.calibration.require_improvement()
+    return "robot.toml", robot_to_toml(asked.calibration.robot).encode()
+
+
+def _session(asked: Asked) -> tuple[str, bytes]:
+    view = asked.view
+    shown = Shown(view.pose_id, asked.look, view.dark, view.arrows, view.factor)
+    return "session.json", session_text(asked.session, beside=asked.root, shown=shown).encode()
+
+
+def _residuals(asked: Asked) -> tuple[str, bytes]:
+    return "residuals.csv", exports.residuals_csv(asked.calibration).encode()
+
+
+def _points(asked: Asked) -> tuple[str, bytes]:
+    measured = asked.session.measured
+    if measured.points is None or not len(measured.points):
+        raise DatasetError(f"dataset {measured.name}: no corner is found yet")
+    return "points.csv", exports.corners_csv(measured).encode()
+
+
+def _redundancy(asked: Asked) -> tuple[str, bytes]:
+    known = asked.session.redundancy or sessions.with_redundancy(asked.session).redundancy
+    assert known is not None
+    return "redundancy.csv", exports.redundancy_csv(known).encode()
+
+
+def _scene(asked: Asked) -> tuple[str, bytes]:
+    from inspector.export.glb_scene import scene_glb
+
+    return "scene.glb", scene_glb(asked.calibration, asked.view.pose, asked.view.arrows)
+
+
+def _screenshot(asked: Asked, client: viser.ClientHandle) -> tuple[str, bytes]:
+    camera = client.camera
+    height, width = (
+        int(clamped(px, 16, LARGEST_PX, 720)) for px in (camera.image_height, camera.image_width)
+    )
+    try:
+        image = client.get_render(height=height, width=width, transport_format="png", timeout=RENDER_S)
+    except (TimeoutError, RuntimeError, ConnectionError) as error:
+        raise CalibError(
+            f"your browser sent no picture ({type(error).__name__}); bring its tab to the front"
+        ) from None
+    return "view.png", exports.png(exports.over(image, NIGHT if asked.view.dark else DAY))
+
+
+MAKERS: dict[str, Callable[[Asked], tuple[str, bytes]]] = {
+    "Report (HTML)": _report,
+    "Calibrated robot (TOML)": _robot,
+    "Session (JSON)": _session,
+    "Residuals (CSV)": _residuals,
+    "Measured points (CSV)": _points,
+    "Redundancy (CSV)": _redundancy,
+    "3D scene (GLB)": _scene,
+}
+"""How each is made; the screenshot needs its page."""

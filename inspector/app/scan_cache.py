@@ -1,0 +1,45 @@
+"""The scans of the dataset on show: one is kept in full, of the others only where they lie."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.dataset.dataset import Dataset
+from calib.scans.scan import Scan, load_scan
+
+
+class ScanLoading:
+    """Loads scans, each once as long as it is the selected one."""
+
+    def __init__(self, dataset: Dataset) -> None:
+        self._dataset = dataset
+        self._kept: tuple[int, Scan] | None = None
+        self.medians: dict[
+            int, NDArray
+        ] = {}  # (3,) middle of each scan that was worked on, mm; nan if it has none
+
+    def load(self, pose: int, *, keep: bool) -> Scan | None:
+        """A pose's scan; None where there is none. Raises ScanError."""
+        if self._kept is not None and self._kept[0] == pose:
+            return self._kept[1]
+        path = self._dataset.scan_path(pose)
+        if path is None:
+            return None
+        scan = load_scan(path)
+        if keep:
+            self._kept = (pose, scan)
+        return scan
+
+    def worked_on(self, pose: int, scan: Scan | None) -> None:
+        """Remember where a scan lies, or that it cannot be read."""
+        empty = scan is None or not len(scan.points_mm)
+        self.medians[pose] = np.full(3, np.nan) if empty else np.median(scan.points_mm, axis=0)  # type: ignore[union-attr]
+
+    def next(self, first: int, tried: set[int]) -> int | None:
+        """The next scan to work on: that of pose `first`, then on from there."""
+        for k in range(len(self._dataset.poses)):
+            i = (first + k) % len(self._dataset.poses)
+            if i not in tried and i not in self.medians and self._dataset.scan_path(i) is not None:
+                return i
+        return None

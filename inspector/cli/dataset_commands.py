@@ -1,0 +1,216 @@
+"""What each subcommand does: a few lines over `calib`, words or one JSON object to stdout, an exit code back.
+
+Those that fit a model are in `inspector.cli.fit_commands`.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from calib.corners.search import CornerSearch, find_corners
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import find_datasets, load_dataset
+from calib.dataset.files.points_csv import LEAST_SIGMA_MM, MOST_SIGMA_MM
+from calib.dataset.files.robot_checks import refuse_beyond
+from calib.dataset.files.robot_toml import builtin_robot, load_robot
+from calib.dataset.files.toml_table import write_text_atomically
+from calib.effects.descriptions import DESCRIPTIONS
+from calib.errors import DatasetError
+from calib.identifiability.structural import redundancy, with_place_unknown
+from calib.measurement.measured_points import failed_searches, name_faces, require_corners, with_corners
+from calib.options import BUILTIN_ROBOTS
+from calib.validation.acceptance import check
+from inspector.cli.output_paths import check_outputs
+from inspector.cli.progress import processes, progress, stages
+from inspector.export import json_documents as documents
+from inspector.export.csv_and_png import corners_csv, redundancy_csv
+
+
+def run_serve(options: Any) -> int:
+    """The web app until Ctrl-C."""
+    from inspector.app.app import serve  # viser takes a second to load, and only this command needs it
+    from inspector.session.session_file import load_session, opening
+
+    saved = None
+    if options.session is not None:
+        saved, notes = opening(load_session(options.session), options.path, options.effects_file)
+        for note in notes:
+            print(f"inspector: warning: {options.session}: {note}", file=sys.stderr)
+    serve(options.path, host=options.host, port=options.port, effects_file=options.effects_file, saved=saved)
+    return 0
+
+
+def run_corners(options: Any) -> int:
+    """Scans to corners."""
+    dataset = load(options.path)
+    check_outputs(dataset, [options.out])
+    searches = _search(dataset, options.processes)
+    require_corners(dataset, searches)
+    labelling = name_faces(dataset, searches)
+    if options.out is not None:
+        found = with_corners(dataset, searches, orientation=labelling if options.orientation else False)
+        write_text_atomically(options.out, corners_csv(found))
+    failed = failed_searches(searches)
+    words = [f"{search.summary()}{_left_out(search)}" for search in searches.values()]
+    words.append(f"{len(searches) - len(failed)} of {len(searches)} corners found")
+    words.append(labelling.summary())
+    show(options, documents.corners_document(searches, labelling), "\n".join(words))
+    return 0
+
+
+def _left_out(search: CornerSearch) -> str:
+    """What a scan's line says of rows that have no value; nothing where all have one."""
+    count = search.count
+    if count is None or not count.dropped:
+        return ""
+    return f"; {count.dropped} of its {count.points + count.dropped} points have no value and are left out"
+
+
+def run_redundancy(options: Any) -> int:
+    """Which parameters say the same thing."""
+    dataset = load(options.path)
+    check_outputs(dataset, [options.out])
+    result = redundancy(dataset, residual=options.residual)
+    if options.out is not None:
+        write_text_atomically(options.out, redundancy_csv(result))
+    unknown = with_place_unknown(dataset, residual=options.residual)
+    document = documents.redundancy_document(result, unknown)
+    show(options, document, f"{result.summary()}\n{unknown.summary()}")
+    return 0
+
+
+def run_effects(options: Any) -> int:
+    """The catalogue."""
+    lines = [
+        f"{d.name}: {d.equation}  [{', '.join(f'{n} {u}' for n, u in d.parameters)}]; needs {d.needs}"
+        for d in DESCRIPTIONS
+    ]
+    show(options, documents.effects_document(), "\n".join(lines))
+    return 0
+
+
+def run_simulate(options: Any) -> int:
+    """A dataset with known truth."""
+    import numpy as np
+
+    from calib.simulation.simulate import simulate_dataset, write_simulation
+
+    if options.path.exists() and (not options.path.is_dir() or any(options.path.iterdir())):
+        raise DatasetError(f"{options.path}: exists and is not empty; name a new folder")
+    if options.seed < 0:
+        raise DatasetError(f"--seed {options.seed}: a seed is 0 or more")
+    least, most = LEAST_SIGMA_MM, MOST_SIGMA_MM
+    if options.noise_mm != 0.0 and not least <= options.noise_mm <= most:  # such a dataset could not be read
+        raise DatasetError(f"--noise-mm {options.noise_mm:g}: give 0, or {least:g} to {most:g} mm")
+    if options.robot not in BUILTIN_ROBOTS and not Path(options.robot).is_file():
+        known = ", ".join(BUILTIN_ROBOTS)
+        raise DatasetError(f"--robot {options.robot}: no such file; give one of {known}, or a robot.toml")
+    if options.robot in BUILTIN_ROBOTS:
+        robot = builtin_robot(options.robot)
+    else:
+        robot = load_robot(Path(options.robot))
+        refuse_beyond(robot, Path(options.robot))
+    simulation = simulate_dataset(
+        robot,
+        rng=np.random.default_rng(options.seed),
+        effects=options.effect,
+        poses=options.poses,
+        noise_mm=options.noise_mm,
+        scans=options.scans,
+        name=options.path.resolve().name,
+        description=f"simulated {robot.name}, seed {options.seed}",
+    )
+    with progress("scans") as on_progress, _whole_or_nothing(options.path):
+        write_simulation(simulation, options.path, on_progress=on_progress)
+    truth = options.path / "truth.json"
+    document = {
+        "dataset": str(options.path),
+        "truth": str(truth),
+        "poses": options.poses,
+        "effects": options.effect,
+    }
+    show(options, document, f"{options.path}: {options.poses} poses of {robot.name}; the truth is in {truth}")
+    return 0
+
+
+@contextmanager
+def _whole_or_nothing(folder: Path) -> Iterator[None]:
+    """Leave an empty or missing folder as it was where what fills it fails or is stopped."""
+    was_there = folder.exists()
+    try:
+        yield
+    except BaseException:
+        for path in list(folder.iterdir()) if folder.is_dir() else ():
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        if folder.is_dir() and not was_there:
+            folder.rmdir()
+        raise
+
+
+def run_check(options: Any) -> int:
+    """The whole chain: exit code 1 where it is not good enough."""
+    results = []
+    for folder in find_datasets(options.path):
+        dataset = load_dataset(folder)
+        searches = None
+        if dataset.points is None:
+            searches = _search(dataset)
+            require_corners(dataset, searches)
+        with stages() as on_step:
+            results.append(
+                check(
+                    dataset,
+                    searches,
+                    residual=options.residual,
+                    max_test_rmse_mm=options.max_test_rmse_mm,
+                    on_step=on_step,
+                )
+            )
+        if not options.json:
+            print(results[-1].summary(), flush=True)
+    passed = all(result.passed for result in results)
+    if options.json:
+        each = [documents.check_document(result) for result in results]
+        show(options, each[0] if len(each) == 1 else {"passed": passed, "datasets": each}, "")
+    return 0 if passed else 1
+
+
+def load(path: Path) -> Dataset:
+    """The dataset, with what is odd about it told on stderr."""
+    dataset = load_dataset(path)
+    for warning in dataset.warnings:
+        print(f"inspector: warning: {warning}", file=sys.stderr)
+    return dataset
+
+
+def measured(dataset: Dataset, *, orientation: bool = False) -> Dataset:
+    """The dataset with points, found in its scans where it has none; with the jig's orientation where asked."""
+    if dataset.points is not None:
+        return dataset
+    return with_corners(dataset, searched(dataset), orientation=orientation)
+
+
+def searched(dataset: Dataset) -> dict[str, CornerSearch]:
+    """The corners in a dataset's scans, by pose; those without one are told on stderr."""
+    searches = _search(dataset)
+    require_corners(dataset, searches)
+    for pose_id, reason in failed_searches(searches).items():
+        print(f"inspector: warning: {pose_id} has no corner and is left out: {reason}", file=sys.stderr)
+    return searches
+
+
+def _search(dataset: Dataset, wanted: int | None = None) -> dict[str, CornerSearch]:
+    """The corners by as many processes as wanted."""
+    scans = 0 if dataset.scan_folder is None else len(dataset.poses)
+    with progress("corners") as on_progress, processes(scans, wanted) as executor:
+        return find_corners(dataset, on_progress=on_progress, executor=executor, intermediate=False)
+
+
+def show(options: Any, document: dict[str, Any], words: str) -> None:
+    """Words, or with --json the one object."""
+    print(documents.to_json(document) if options.json else words, file=options.stdout)

@@ -1,0 +1,211 @@
+"""The subcommands that fit a model: calibrate, validate, correct, diagnose, report. A few lines over `calib` each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Any
+
+from calib.calibration.calibrate import Calibration
+from calib.calibration.plausibility import does_not_belong
+from calib.calibration.uncertainty import known_sums
+from calib.compensation.target_correction import corrected_joints
+from calib.compensation.targets_csv import corrected_table, load_targets, require_conditions
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.robot_toml import robot_to_toml
+from calib.dataset.files.toml_table import write_bytes_atomically, write_text_atomically
+from calib.diagnosis.effect_selection import Addition, add_in_turn
+from calib.diagnosis.explanation import explain, verdict_words
+from calib.diagnosis.stepwise import diagnose, effects_named
+from calib.effects.catalogue import Family
+from calib.effects.user_file import load_effects
+from calib.errors import CalibError, DatasetError
+from calib.validation.cross_validation import cross_validate
+from calib.validation.learning_curve import learning_curve
+from inspector.cli.dataset_commands import load, measured, searched, show
+from inspector.cli.output_paths import check_outputs
+from inspector.cli.progress import progress, stages
+from inspector.export import json_documents as documents
+from inspector.export.csv_and_png import residuals_csv
+from inspector.session.session_file import save_session
+from inspector.session.transitions import GEOMETRY, HistoryStep, Session, replayed, with_found
+
+SCENE_ARROWS = 100.0  # how many times longer residuals are drawn in a scene's file
+
+
+def own_effects(options: Any, dataset: Dataset) -> tuple[Family, ...]:
+    """The families of --effects-file."""
+    return load_effects(options.effects_file, dataset) if options.effects_file is not None else ()
+
+
+def fit_options(options: Any, dataset: Dataset, own: Sequence[Family]) -> dict[str, Any]:
+    """What --residual, --effect, --hold, --no-prior, --tolerance and --robust are called by `calib.calibrate`."""
+    return {
+        "residual": options.residual,
+        "effects": effects_named(dataset, options.effect, own),
+        "fixed": options.hold,
+        "prior": not options.no_prior,
+        "tolerances": dict(options.tolerance),
+        "robust": options.robust,
+    }
+
+
+def _fitted(options: Any, dataset: Dataset) -> tuple[Addition, ...]:
+    """The fits that were asked for: one, then one more for each --add."""
+    own = own_effects(options, dataset)
+    return add_in_turn(dataset, options.add, own=own, **fit_options(options, dataset, own))
+
+
+def run_calibrate(options: Any) -> int:
+    """Fit, and write the calibrated table."""
+    dataset = load(options.path)
+    outputs = [options.out, options.residuals, options.scene, options.session]
+    check_outputs(dataset, outputs, [options.effects_file])
+    dataset = measured(dataset, orientation=options.residual == "pose")
+    steps = _fitted(options, dataset)
+    result = steps[-1].calibration
+    if options.out is not None:
+        _require_sense(result, options.force)
+    session = _as_session(options, dataset, steps) if options.session is not None else None
+    if options.out is not None:
+        write_text_atomically(options.out, robot_to_toml(result.robot))
+    if options.residuals is not None:
+        write_text_atomically(options.residuals, residuals_csv(result))
+    if options.scene is not None:
+        from inspector.export.glb_scene import scene_glb  # with trimesh, which takes a while to load
+
+        write_bytes_atomically(options.scene, scene_glb(result, dataset.poses.reference, SCENE_ARROWS))
+    if session is not None:
+        save_session(options.session, session)
+    table = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.6g}")
+    sums = "\n".join(
+        f"known: {c.words} = {c.value:.6g} +- {c.sigma:.2g} {c.unit}".rstrip() for c in known_sums(result)
+    )
+    way = [f"+ {step.name}: {_errors(step.calibration)}" for step in steps[1:]]
+    words = "\n".join(
+        [
+            table,
+            *([sums] if sums else []),
+            *([f"link errors: {_errors(steps[0].calibration)}", *way] if way else []),
+        ]
+    )
+    document = documents.calibration_document(result) | {"steps": documents.additions(steps)}
+    show(options, document, f"{words}\n{result.summary()}")
+    return 0
+
+
+def _require_sense(result: Calibration, force: bool) -> None:
+    """Refuse to write what no controller should run by. Raises CalibError unless `force`."""
+    result.require_improvement(force=force)
+    doubt = "" if force else does_not_belong(result)
+    if doubt:
+        raise CalibError(
+            f"dataset {result.dataset.name}: {doubt}; nothing was written, --force writes it anyway"
+        )
+
+
+def _as_session(options: Any, dataset: Dataset, steps: Sequence[Addition]) -> Session:
+    """The fits as the page would have made them. Raises CalibError for options that a session cannot hold."""
+    given = {
+        "--effect": options.effect,
+        "--hold": options.hold,
+        "--tolerance": options.tolerance,
+        "--no-prior": options.no_prior,
+        "--robust": options.robust,
+    }
+    used = [name for name, value in given.items() if value]
+    if used:
+        raise CalibError(f"--session: a session holds fits by --residual and --add only; leave out {used[0]}")
+    nan = float("nan")
+    history = [HistoryStep("nominal", nan, nan, nan)]
+    for step in steps:
+        label = GEOMETRY if step.name is None else f"+ {step.name}"
+        history.append(HistoryStep(label, nan, nan, nan, step.added, options.residual))
+    return replayed(Session(dataset, own=own_effects(options, dataset)), history)
+
+
+def _errors(calibration: Calibration) -> str:
+    train, test = calibration.after.train, calibration.after.test
+    words = [f"{name} RMSE {of.rmse_mm:.4g} mm" for name, of in (("train", train), ("test", test)) if of]
+    return ", ".join(words)
+
+
+def run_validate(options: Any) -> int:
+    """Folds over poses, and a learning curve."""
+    dataset = measured(load(options.path), orientation=options.residual == "pose")
+    more = fit_options(options, dataset, own_effects(options, dataset))
+    with progress("fits", "fit") as on_progress:
+        folds = cross_validate(dataset, folds=options.folds, on_progress=on_progress, **more)
+        curve = learning_curve(dataset, on_progress=on_progress, **more)
+    words = f"{folds.summary()}\n\n{curve.summary()}"
+    show(options, documents.validation_document(folds, curve), words)
+    return 0
+
+
+def run_correct(options: Any) -> int:
+    """Joint targets that bring the real arm where the nominal one was meant to be."""
+    dataset = load(options.path)
+    check_outputs(dataset, [options.out], [options.joints, options.effects_file])
+    targets = load_targets(options.joints, dataset.robot)
+    dataset = measured(dataset, orientation=options.residual == "pose")
+    result = _fitted(options, dataset)[-1].calibration
+    _require_sense(result, options.force)
+    require_conditions(targets, result)
+    correction = corrected_joints(
+        dataset.robot,
+        result.model,
+        targets.poses.q,
+        x=result.fit.x,
+        conditions=targets.poses,
+        what=options.what,
+    )
+    write_text_atomically(options.out, corrected_table(targets, correction))
+    ids = targets.poses.ids
+    show(options, documents.correction_document(correction, ids), correction.summary(ids))
+    return 0 if correction.reached.all() else 1
+
+
+def run_report(options: Any) -> int:
+    """One page to send to someone."""
+    from inspector.report.content import report_of
+    from inspector.report.report import is_report, report_html  # with plotly, which takes a while to load
+
+    if options.out.exists() and not (options.force or is_report(options.out)):
+        raise CalibError(
+            f"{options.out}: exists and is no report; name another file, or --force to replace it"
+        )
+    dataset = load(options.path)
+    check_outputs(dataset, [options.out], [options.effects_file])
+    session = Session(dataset, searched(dataset) if dataset.points is None else {})
+    own = own_effects(options, session.measured)
+    effects_named(session.measured, options.effect, own)  # refuses unknown names before the work starts
+    with stages() as on_step:
+        found = diagnose(session.measured, effects=options.effect, own=own, on_step=on_step)
+    report = report_of(with_found(session, found))
+    write_text_atomically(options.out, report_html(report, now=datetime.now()))
+    document = documents.diagnosis_document(found) | {"report": str(options.out)}
+    verdict = verdict_words(found).removeprefix("Verdict: ")
+    show(options, document, f"{options.out}: {verdict}")
+    return 0
+
+
+def run_diagnose(options: Any) -> int:
+    """Which physical effect is missing."""
+    if options.max_steps < 0:
+        raise DatasetError(f"--max-steps {options.max_steps}: a number of steps is 0 or more")
+    dataset = measured(load(options.path))
+    own = own_effects(options, dataset)
+    effects_named(dataset, options.effect, own)  # refuses unknown names before the work starts
+    with stages() as on_step:
+        result = diagnose(
+            dataset, effects=options.effect, own=own, max_steps=options.max_steps, on_step=on_step
+        )
+    ranked = result.steps[0].screening.to_frame()
+    ranking = "No effect can be ranked: none is testable with these data."
+    if len(ranked):
+        ranking = ranked.head(6).to_string(index=False, float_format=lambda v: f"{v:.3g}")
+    steps = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.4g}", na_rep="-")
+    silent = "\n".join(f"not testable: {u.name}: {u.why}; {u.would_help}" for u in result.untestable)
+    words = f"{ranking}\n\n{steps}\n\n{silent}\n\n{explain(result)}"
+    show(options, documents.diagnosis_document(result), words)
+    return 0

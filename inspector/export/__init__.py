@@ -1,0 +1,1 @@
+"""JSON documents, CSV, PNG and GLB."""

@@ -1,0 +1,67 @@
+"""What a user carries off, as text or bytes of a file. Nothing here computes, and nothing here writes."""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from calib.calibration.calibrate import Calibration
+from calib.calibration.residual_table import residual_table
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.points_csv import points_frame
+from calib.identifiability.redundancy import Redundancy
+
+NAME_LIMIT = 60  # characters of a dataset's name in a file's
+
+
+def corners_csv(dataset: Dataset) -> str:
+    """The measured points in the form of points.csv."""
+    assert dataset.points is not None
+    return _csv(points_frame(dataset.poses, dataset.points))
+
+
+def residuals_csv(calibration: Calibration) -> str:
+    """What the fit leaves over, a row a pose; see `calib.calibration.residual_table`."""
+    return _csv(residual_table(calibration))
+
+
+def redundancy_csv(redundancy: Redundancy) -> str:
+    """Pearson's r of all pairs, parameters by parameters; empty where a parameter has no influence."""
+    return _csv(redundancy.to_frame().rename_axis("parameter").reset_index())
+
+
+def _csv(frame: pd.DataFrame) -> str:
+    return str(frame.to_csv(index=False, lineterminator="\n"))
+
+
+def file_name(dataset: str, what: str) -> str:
+    """ "cell_residuals.csv": a name that is one on every system, whatever the dataset is called."""
+    safe = re.sub(r"[^A-Za-z0-9-]+", "_", dataset).strip("_")[:NAME_LIMIT]
+    return f"{safe or 'dataset'}_{what}"
+
+
+def png(image: NDArray[np.uint8]) -> bytes:
+    """An RGB image (H, W, 3) as a PNG file (ISO 15948): header, compressed rows without filter, end."""
+    height, width, _ = image.shape
+    rows = np.concatenate([np.zeros((height, 1), np.uint8), image.reshape(height, -1)], axis=1)
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    parts = (chunk(b"IHDR", header), chunk(b"IDAT", zlib.compress(rows.tobytes(), 6)), chunk(b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+
+
+def over(image: NDArray[np.uint8], background: tuple[int, int, int]) -> NDArray[np.uint8]:
+    """An image (H, W, 4) with transparency laid over a colour: (H, W, 3). One without (H, W, 3) stays as it is."""
+    if image.shape[2] == 3:
+        return image
+    share = image[..., 3:].astype(float) / 255.0
+    blended = image[..., :3] * share + np.array(background) * (1.0 - share)
+    return np.asarray(np.round(blended), dtype=np.uint8)

@@ -1,0 +1,305 @@
+"""Figures from numbers: plain arrays in, plotly figures out. Nothing here knows viser or computes anything.
+
+Every figure fits a panel about 400 pixels wide, names its axes with units, shows values on hover, and comes in a light
+and a dark version, because a plotly figure does not follow the page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import ArrayLike, NDArray
+
+from inspector.markup.palette import ROLE_COLOURS, ROLE_WORDS, role_colour
+
+# Blue - white - red (ColorBrewer RdBu): safe for red-green blindness, symmetric in lightness about zero.
+CORRELATION_SCALE = (
+    (0.0, "#2166AC"),
+    (0.25, "#92C5DE"),
+    (0.5, "#F7F7F7"),
+    (0.75, "#F4A582"),
+    (1.0, "#B2182B"),
+)
+NO_INFLUENCE = "#8A8F98"
+MOST_TICKS = 16
+_GREEK = {"alpha": "α", "beta": "β", "theta": "θ"}
+
+
+def parameter_label(name: str) -> str:
+    """ "alpha3" -> "α3", "aTCP" -> "aTCP": short enough for an axis."""
+    for word, letter in _GREEK.items():
+        if name.startswith(word):
+            return letter + escape(name[len(word) :])
+    return escape(name)
+
+
+def shortened(name: str, most: int = 22) -> str:
+    """A name for an axis, where a long one would leave the figure no room: its beginning and its end, escaped."""
+    if len(name) > most:
+        end = (most - 1) // 2
+        name = f"{name[: most - 1 - end]}…{name[-end:]}"
+    return escape(name)
+
+
+def told_apart(names: Sequence[str], most: int = 12) -> list[str]:
+    """Names for an axis, `shortened`; of long ones without what all begin and end with: "…17…"."""
+    start = end = 0
+    if max(map(len, names), default=0) > most and len(names) > 1:
+        start = _alike(names)
+        end = min(_alike([name[::-1] for name in names]), min(map(len, names)) - start)
+    dots = ("…" if start else "", "…" if end else "")
+    return [shortened(dots[0] + name[start : len(name) - end] + dots[1], most) for name in names]
+
+
+def _alike(names: Sequence[str]) -> int:
+    """How many letters all names begin with alike."""
+    letters = enumerate(zip(*names, strict=False))
+    return next((k for k, column in letters if len(set(column)) > 1), min(map(len, names)))
+
+
+def correlation_heatmap(
+    names: Sequence[str], pearson: ArrayLike, *, dark: bool = False, no_influence: Sequence[str] = ()
+) -> go.Figure:
+    """Pearson's r of all pairs. pearson  # (P, P); NaN where a parameter has no influence: those cells are grey."""
+    r = np.asarray(pearson, dtype=float)
+    labels = [parameter_label(name) for name in names]
+    missing = np.isnan(r)
+    silent = [name for name in names if name in set(no_influence)] or [
+        name for i, name in enumerate(names) if missing[i].all()
+    ]
+    traces: list[dict[str, Any]] = []
+    if missing.any():
+        traces.append(
+            {
+                "type": "heatmap", "z": np.where(missing, 0.0, np.nan).tolist(), "x": labels, "y": labels,
+                "showscale": False, "xgap": 1, "ygap": 1, "zmin": -1, "zmax": 1,
+                "colorscale": [(0, NO_INFLUENCE), (1, NO_INFLUENCE)],
+                "hoverongaps": False, "customdata": _why_missing(names, silent),
+                "hovertemplate": "%{y} – %{x}<br>no influence: %{customdata}<extra></extra>",
+            }
+        )  # fmt: skip
+    traces.append(
+        {
+            "type": "heatmap", "z": r.tolist(), "x": labels, "y": labels, "zmin": -1, "zmax": 1,
+            "colorscale": CORRELATION_SCALE, "xgap": 1, "ygap": 1, "hoverongaps": False,
+            "hovertemplate": "%{y} – %{x}<br>r = %{z:.4f}<extra></extra>",
+            "colorbar": {
+                "title": {"text": "r", "side": "top"}, "thickness": 8, "len": 0.75, "tickvals": [-1, -0.5, 0, 0.5, 1],
+                "tickfont": {"size": 9}, "outlinewidth": 0, "xpad": 4,
+            },
+        }
+    )  # fmt: skip
+    size = 10 if len(names) <= 22 else 8 if len(names) <= 36 else 7
+    axis = {
+        "tickfont": {"size": size}, "showgrid": False, "zeroline": False, "ticks": "", "type": "category",
+        "tickmode": "array", "tickvals": labels, "ticktext": labels, "constrain": "domain", "automargin": True,
+    }  # fmt: skip
+    return figure(
+        traces,
+        xaxis={**axis, "tickangle": -90, "title": "parameter"},
+        yaxis={**axis, "autorange": "reversed", "scaleanchor": "x", "title": "parameter"},
+        margin=(6, 6, 6, 6),
+        dark=dark,
+    )
+
+
+def _why_missing(names: Sequence[str], silent: Sequence[str]) -> list[list[str]]:
+    quiet = set(silent)
+    return [
+        [
+            " and ".join(dict.fromkeys(n for n in (row, column) if n in quiet)) or "a column does not vary"
+            for column in names
+        ]
+        for row in names
+    ]
+
+
+def convergence(
+    train_rmse_mm: Sequence[float],
+    test_rmse_mm: Sequence[float] | None = None,
+    *,
+    what: str = "3D",
+    dark: bool = False,
+) -> go.Figure:
+    """Error per iteration, logarithmic; iteration 0 is the nominal robot."""
+    traces = []
+    shown: list[float] = []
+    longest = 1
+    for role, values in (("train", train_rmse_mm), ("test", test_rmse_mm)):
+        y = np.asarray(values if values is not None else [], dtype=float)
+        if np.isnan(y).all():  # no poses of this role
+            continue
+        y = np.where(y > 0, y, np.nan)  # zero has no place on a logarithmic axis
+        shown += y[np.isfinite(y)].tolist()
+        longest = max(longest, len(y))
+        traces.append(
+            _curve(role, list(range(len(y))), y)
+            | {
+                "hovertemplate": f"iteration %{{x}}<br>{ROLE_WORDS[role]} {what} RMSE %{{y:.4g}} mm<extra></extra>"
+            }
+        )
+    return figure(
+        traces,
+        xaxis={"title": "iteration (0 = nominal)", "rangemode": "tozero", "dtick": max(1, longest // 8)},
+        yaxis={"type": "log", "title": f"{what} RMSE, mm", "automargin": True, **_log_ticks(shown)},
+        margin=(56, 12, 30, 42),
+        dark=dark,
+    )
+
+
+def _curve(role: str, x: list[int], y: NDArray) -> dict[str, Any]:
+    return {
+        "type": "scatter", "mode": "lines+markers", "name": ROLE_WORDS[role], "x": x, "y": y.tolist(),
+        "line": {"color": ROLE_COLOURS[role], "width": 2},
+        "marker": {"size": 8, "symbol": "circle" if role == "train" else "diamond"}, "cliponaxis": False,
+    }  # fmt: skip
+
+
+def _log_ticks(values: Sequence[float]) -> dict[str, Any]:
+    """1, 2, 5, 10, ... over the values' range; only powers of ten where that is wide."""
+    if not len(values):
+        return {}
+    low, high = np.floor(np.log10(min(values))), np.ceil(np.log10(max(values)))
+    steps = (1,) if high - low > 3 else (1, 2, 5)
+    every = max(1, int((high - low) // 8))
+    ticks = [float(f"{s}e{int(e)}") for e in np.arange(low, high + 1, every) for s in steps]
+    return {"tickvals": ticks, "ticktext": [f"{t:g}" for t in ticks]}
+
+
+def pose_residuals(
+    ids: Sequence[str],
+    roles: Sequence[str],
+    residual_mm: ArrayLike,
+    *,
+    selected: str | None = None,
+    what: str = "residual",
+    dark: bool = False,
+) -> go.Figure:
+    """One bar a pose, coloured by role, the selected pose outlined. residual_mm  # (N,); NaN leaves a gap."""
+    values = np.asarray(residual_mm, dtype=float)
+    names = [escape(name) for name in ids]  # plotly reads a little markup in labels
+    traces = []
+    for role in sorted(set(roles), key=lambda r: list(ROLE_COLOURS).index(r) if r in ROLE_COLOURS else 99):
+        at = [i for i, r in enumerate(roles) if r == role]
+        word = ROLE_WORDS.get(role, role)
+        traces.append(
+            {
+                "type": "bar", "x": [names[i] for i in at], "y": values[at].tolist(), "name": word,
+                "marker": {"color": role_colour(role), "line": {"color": "#FFFFFF" if dark else "#111111"}},
+                "hovertemplate": f"pose %{{x}} ({word})<br>{what} %{{y:.4f}} mm<extra></extra>",
+            }
+        )  # fmt: skip
+    every = max(1, -(-len(names) // MOST_TICKS))
+    fig = figure(
+        traces,
+        xaxis={
+            "title": "pose", "type": "category", "categoryorder": "array", "categoryarray": names,
+            "tickvals": names[::every], "ticktext": told_apart(ids)[::every],
+            "tickangle": -45, "tickfont": {"size": 9}, "automargin": True,
+        },
+        yaxis={"title": f"{what}, mm", "rangemode": "tozero", "automargin": True},
+        margin=(50, 12, 30, 46),
+        dark=dark,
+        bargap=0.15,
+        barmode="overlay",
+    )  # fmt: skip
+    return outline(fig, selected)
+
+
+def outline(fig: go.Figure, selected: str | None) -> go.Figure:
+    """The same bars with this pose's outlined."""
+    name = None if selected is None else escape(selected)
+    for bars in fig.data:
+        bars.marker.line.width = [2 if x == name else 0 for x in bars.x]
+    return fig
+
+
+def error_history(
+    labels: Sequence[str],
+    train_rmse_mm: ArrayLike,
+    test_rmse_mm: ArrayLike,
+    floor_mm: float | None,
+    *,
+    dark: bool = False,
+) -> go.Figure:
+    """3D RMSE after each change of the model, logarithmic, with the noise as a line. NaN leaves a gap."""
+    traces = []
+    steps = list(range(len(labels)))
+    names = [escape(label) for label in labels]
+    shown: list[float] = []
+    for role, values in (("train", train_rmse_mm), ("test", test_rmse_mm)):
+        y = np.asarray(values, dtype=float)
+        y = np.where(y > 0, y, np.nan)
+        if not np.isfinite(y).any():
+            continue
+        shown += y[np.isfinite(y)].tolist()
+        hover = "%{customdata}<br>" + ROLE_WORDS[role] + " 3D RMSE %{y:.4g} mm<extra></extra>"
+        traces.append(_curve(role, steps, y) | {"customdata": names, "hovertemplate": hover})
+    if floor_mm is not None and len(labels):
+        shown.append(floor_mm)
+        traces.append(
+            {
+                "type": "scatter", "mode": "lines", "name": "noise alone", "x": [-0.3, len(labels) - 0.7],
+                "y": [floor_mm, floor_mm], "line": {"color": "#8A8F98", "width": 2, "dash": "dash"},
+                "hovertemplate": f"noise alone: {floor_mm:.4g} mm<extra></extra>",
+            }
+        )  # fmt: skip
+    extent = {"range": [np.log10(min(shown) / 1.3), np.log10(max(shown) * 1.3)]} if shown else {}
+    every = max(1, -(-len(labels) // MOST_TICKS))
+    return figure(
+        traces,
+        xaxis={
+            "tickvals": steps[::every], "ticktext": [shortened(label) for label in labels[::every]], "zeroline": False,
+            "range": [-0.3, len(labels) - 0.7], "tickfont": {"size": 10}, "automargin": True,
+            "tickangle": 0 if len(labels) < 3 else -25 if len(labels) < 9 else -60,
+            "title": "change of the model",
+        },
+        yaxis={"type": "log", "title": "3D RMSE, mm", "automargin": True, **_log_ticks(shown), **extent},
+        margin=(56, 14, 30, 10),
+        dark=dark,
+    )  # fmt: skip
+
+
+def figure(
+    traces: Sequence[dict[str, Any]],
+    *,
+    xaxis: dict[str, Any],
+    yaxis: dict[str, Any],
+    margin: tuple[int, int, int, int],
+    dark: bool,
+    **layout: Any,
+) -> go.Figure:
+    """A figure of these traces in the style that all have in common. margin: left, right, top, bottom, pixels.
+
+    Plotly's templates and its check of every value take fifty milliseconds a figure, which would be felt at each turn
+    of a page; so there is no template, and the tests check the values.
+    """
+    text = "#E8EAED" if dark else "#24292F"
+    grid = "rgba(255,255,255,0.14)" if dark else "rgba(0,0,0,0.10)"
+    zero = "rgba(255,255,255,0.45)" if dark else "rgba(0,0,0,0.40)"
+    axes = {"gridcolor": grid, "linecolor": grid, "zerolinecolor": zero}
+
+    def axis(own: dict[str, Any]) -> dict[str, Any]:
+        title = {"title": {"text": own["title"]}} if "title" in own else {}
+        return {**axes, **own, **title}
+
+    further = {key: axis(value) for key, value in layout.items() if key.startswith(("xaxis", "yaxis"))}
+    left, right, top, bottom = margin
+    common = {
+        "template": {"layout": {}},
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "margin": {"l": left, "r": right, "t": top, "b": bottom},
+        "font": {"size": 11, "color": text},
+        "legend": {"orientation": "h", "x": 0, "y": 1.02, "xanchor": "left", "yanchor": "bottom", "font": {"size": 11}},
+        "hoverlabel": {"font": {"size": 12}},
+        "dragmode": False,
+        "showlegend": True,
+        "xaxis": axis(xaxis),
+        "yaxis": axis(yaxis),
+    }  # fmt: skip
+    return go.Figure({"data": list(traces), "layout": {**common, **layout, **further}}, _validate=False)

@@ -1,0 +1,216 @@
+"""Figures of what a model leaves over: against an input, over the work space, and against what an effect would make.
+
+As in `inspector.figures.plots`: numbers in, plotly figures out. The selected pose is a trace of its own, so that
+going from pose to pose changes that one (`select`) and draws nothing anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import ArrayLike, NDArray
+
+from inspector.figures.plots import figure, shortened
+from inspector.markup.palette import ROLE_COLOURS, ROLE_WORDS
+
+SELECTED = "selected pose"
+MEDIAN = "training median"
+NOISE = "noise, 95 %"
+_MEDIAN_COLOUR = "#CC79A7"
+_SYMBOLS = {"train": "circle", "test": "diamond"}
+# Viridis: even in lightness, so that colour-blind eyes and grey paper show the same order; dark is small.
+_SIZES = ((0.0, "#440154"), (0.25, "#3B528B"), (0.5, "#21918C"), (0.75, "#5EC962"), (1.0, "#FDE725"))
+_SIGNED = ((0.0, "#2166AC"), (0.25, "#92C5DE"), (0.5, "#F7F7F7"), (0.75, "#F4A582"), (1.0, "#B2182B"))
+
+
+def residual_against(
+    x: ArrayLike,
+    y: ArrayLike,
+    ids: Sequence[str],
+    is_test: ArrayLike,
+    *,
+    x_title: str,
+    y_title: str,
+    band: tuple[float, float],
+    smooth: tuple[ArrayLike, ArrayLike] | None = None,
+    selected: str | None = None,
+    dark: bool = False,
+) -> go.Figure:
+    """What is left at each pose against one input, the noise band behind it. x, y, is_test  # (N,)
+
+    `smooth` may have rows of nan: the line stops there. Single values between two (levels of an input) are dashes.
+    """
+    at, values = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    traces: list[dict[str, Any]] = []
+    shapes: list[dict[str, Any]] = []
+    if np.isfinite(band).all():
+        shapes.append(
+            {
+                "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": band[0], "y1": band[1], "layer": "below",
+                "fillcolor": "rgba(138,143,152,0.22)", "line": {"width": 0},
+            }
+        )  # fmt: skip
+        grey = {"size": 11, "symbol": "square", "color": "rgba(138,143,152,0.45)"}
+        traces.append(
+            {"type": "scatter", "mode": "markers", "name": NOISE, "x": [None], "y": [None], "marker": grey}
+        )
+    for role, rows in _roles(is_test):
+        traces.append(
+            {
+                "type": "scatter", "mode": "markers", "name": ROLE_WORDS[role], "x": at[rows].tolist(),
+                "y": values[rows].tolist(), "customdata": [escape(ids[i]) for i in rows],
+                "marker": {"size": 8, "color": ROLE_COLOURS[role], "symbol": _SYMBOLS[role]},
+                "hovertemplate": f"pose %{{customdata}} ({ROLE_WORDS[role]})<br>{escape(x_title)} %{{x:.5g}}<br>"
+                f"{escape(y_title)} %{{y:.4g}}<extra></extra>",
+            }
+        )  # fmt: skip
+    if smooth is not None and len(np.asarray(smooth[0])):
+        traces.append(_line(np.asarray(smooth[0], dtype=float), np.asarray(smooth[1], dtype=float)))
+    positive = np.isfinite(values).any() and float(np.nanmin(values)) >= 0.0
+    fig = figure(
+        [*traces, _ring(dark)],
+        xaxis={"title": escape(x_title), "automargin": True, "zeroline": False},
+        yaxis={
+            "title": escape(y_title), "automargin": True, "zeroline": True,
+            "rangemode": "tozero" if positive else "normal",
+        },
+        margin=(56, 12, 30, 42),
+        dark=dark,
+        shapes=shapes,
+    )  # fmt: skip
+    return select(fig, selected)
+
+
+def _line(x: NDArray, y: NDArray) -> dict[str, Any]:
+    known = np.isfinite(x)
+    lone = known & ~np.append(known[1:], False) & ~np.insert(known[:-1], 0, False)
+    return {
+        "type": "scatter", "mode": "lines+markers", "name": MEDIAN, "x": _listed(x), "y": _listed(y),
+        "connectgaps": False, "hoverinfo": "skip", "line": {"color": _MEDIAN_COLOUR, "width": 3},
+        "marker": {
+            "symbol": "line-ew", "size": np.where(lone, 26, 0).tolist(),
+            "line": {"color": _MEDIAN_COLOUR, "width": np.where(lone, 3, 0).tolist()},
+        },
+    }  # fmt: skip
+
+
+def place_views(
+    place_mm: ArrayLike,
+    values: ArrayLike,
+    ids: Sequence[str],
+    is_test: ArrayLike,
+    *,
+    title: str,
+    signed: bool = False,
+    selected: str | None = None,
+    dark: bool = False,
+) -> go.Figure:
+    """The work space from above and from the side, each pose coloured. place_mm  # (N, 3) base frame; values  # (N,)
+
+    `title` names the values with their unit. Signed values are coloured symmetrically about zero.
+    """
+    place, shown = np.asarray(place_mm, dtype=float), np.asarray(values, dtype=float)
+    finite = np.abs(shown[np.isfinite(shown)])
+    largest = float(finite.max(initial=0.0)) or 1.0
+    colour: dict[str, Any] = {
+        "cmin": -largest if signed else 0.0,
+        "cmax": largest,
+        "colorscale": _SIGNED if signed else _SIZES,
+    }
+    bar = {
+        "title": {"text": escape(title), "side": "right"}, "thickness": 10, "len": 0.9, "outlinewidth": 0,
+        "tickfont": {"size": 10}, "xpad": 4,
+    }  # fmt: skip
+    edge = "#E8EAED" if dark else "#24292F"
+    traces: list[dict[str, Any]] = []
+    for axis, letter in ((1, "y"), (2, "y2")):
+        first = letter == "y"
+        for role, rows in _roles(is_test):
+            scale = {"colorbar": bar, "showscale": True} if not traces else {}
+            traces.append(
+                {
+                    "type": "scatter", "mode": "markers", "name": ROLE_WORDS[role], "legendgroup": role,
+                    "showlegend": first, "yaxis": letter, "x": place[rows, 0].tolist(), "y": place[rows, axis].tolist(),
+                    "customdata": [escape(ids[i]) for i in rows], "text": [f"{v:.4g}" for v in shown[rows]],
+                    "marker": {
+                        **colour, **scale, "size": 9, "symbol": _SYMBOLS[role], "color": _listed(shown[rows]),
+                        "line": {"color": edge, "width": 0.7},
+                    },
+                    "hovertemplate": f"pose %{{customdata}} ({ROLE_WORDS[role]})<br>{escape(title)} %{{text}}<br>"
+                    f"x %{{x:.0f}} mm, {'xyz'[axis]} %{{y:.0f}} mm<extra></extra>",
+                }
+            )  # fmt: skip
+        traces.append(_ring(dark, yaxis=letter))
+    equal = {"scaleanchor": "x", "constrain": "domain"}
+    fig = figure(
+        traces,
+        xaxis={"title": "x of the base, mm", "anchor": "y2", "constrain": "domain"},
+        yaxis={"title": "y, mm (from above)", "domain": [0.53, 1.0], **equal},
+        yaxis2={"title": "z, mm (from the side)", "domain": [0.0, 0.47], **equal},
+        margin=(56, 10, 30, 42),
+        dark=dark,
+    )
+    return select(fig, selected)
+
+
+def select(fig: go.Figure, pose_id: str | None) -> go.Figure:
+    """The same figure with the ring about this pose; about none where it is not among the points."""
+    name = None if pose_id is None else escape(pose_id)
+    points = [trace for trace in fig.data if trace.customdata is not None]
+    for ring in fig.data:
+        if ring.name != SELECTED:
+            continue
+        ring.x, ring.y = [None], [None]
+        for trace in points:
+            if trace.yaxis == ring.yaxis and name in trace.customdata:
+                at = list(trace.customdata).index(name)
+                ring.x, ring.y = [trace.x[at]], [trace.y[at]]
+    return fig
+
+
+def added_variable(explained: ArrayLike, residual: ArrayLike, name: str, *, dark: bool = False) -> go.Figure:
+    """What is left over against what an effect makes of it, in noise sigmas, with the line on which they agree. (R,)"""
+    x, y = np.asarray(explained, dtype=float), np.asarray(residual, dtype=float)
+    ends = [float(x.min(initial=0.0)), float(x.max(initial=0.0))]
+    traces = [
+        {
+            "type": "scatter", "mode": "markers", "name": "a coordinate of a training point", "x": x.tolist(),
+            "y": y.tolist(), "marker": {"size": 5, "color": ROLE_COLOURS["train"], "opacity": 0.8},
+            "hovertemplate": f"{escape(name)} makes %{{x:.2f}} σ<br>left over %{{y:.2f}} σ<extra></extra>",
+        },
+        {
+            "type": "scatter", "mode": "lines", "name": "agreement", "x": ends, "y": ends, "hoverinfo": "skip",
+            "line": {"color": _MEDIAN_COLOUR, "width": 2},
+        },
+    ]  # fmt: skip
+    return figure(
+        traces,
+        xaxis={"title": f"what {shortened(name, 30)} would make, σ of the noise", "automargin": True},
+        yaxis={"title": "left over, σ of the noise", "automargin": True},
+        margin=(56, 12, 30, 42),
+        dark=dark,
+    )
+
+
+def _roles(is_test: ArrayLike) -> list[tuple[str, NDArray[np.intp]]]:
+    test = np.asarray(is_test, dtype=bool)
+    rows = (("train", np.flatnonzero(~test)), ("test", np.flatnonzero(test)))
+    return [(role, at) for role, at in rows if len(at)]
+
+
+def _ring(dark: bool, **more: Any) -> dict[str, Any]:
+    edge = "#FFFFFF" if dark else "#111111"
+    return {
+        "type": "scatter", "mode": "markers", "name": SELECTED, "x": [None], "y": [None], "hoverinfo": "skip",
+        "showlegend": False,
+        "marker": {"size": 16, "symbol": "circle-open", "color": edge, "line": {"width": 2.5, "color": edge}}, **more,
+    }  # fmt: skip
+
+
+def _listed(values: NDArray) -> list[float | None]:
+    """Plain numbers; None where nothing is known, which is what ends a line."""
+    return [float(v) if np.isfinite(v) else None for v in values]

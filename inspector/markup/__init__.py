@@ -1,0 +1,1 @@
+"""HTML fragments, wording and colours. No viser."""

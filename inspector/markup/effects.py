@@ -1,0 +1,267 @@
+"""What the tab Learn says, as HTML: the model's state, the ranking, the chosen effect, the verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.calibration.calibrate import Calibration
+from calib.calibration.noise_check import noise_floor_mm
+from calib.diagnosis.advice import Advice
+from calib.diagnosis.decision_rules import is_convincing
+from calib.diagnosis.explanation import MEASURE_NEXT, explain, left_in_short, verdict_words
+from calib.diagnosis.parameter_meaning import meaning
+from calib.diagnosis.pose_recommendation import NextPose
+from calib.diagnosis.screening import Candidate, Screening, Untestable, Value
+from calib.diagnosis.stepwise import Diagnosis
+from calib.effects.descriptions import DESCRIPTIONS
+from calib.effects.effect import full_name
+from calib.kinematics.robot import Robot
+from inspector.markup import elements as tables
+from inspector.markup import numbers as words
+from inspector.session.transitions import Session
+
+GOOD, BAD, DOUBT, NEUTRAL = "#009E73", "#D55E00", "#E69F00", "#8A8F98"
+NOT_YET = "Not calibrated yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
+SMALL = 0.01  # a change of the error below this share is none worth a word
+VERDICTS = {"adequate": GOOD, "named": GOOD, "ambiguous": DOUBT, "unexplained": BAD, "outliers": DOUBT}
+ADVICE = {"add": "#0072B2", "ambiguous": DOUBT, "done": GOOD, "outliers": DOUBT, "unknown": BAD}
+
+
+def named(screening: Screening, name: str) -> Candidate | None:
+    """A candidate by its name; None where it is none (it may be in the model already)."""
+    return next((c for c in screening.candidates if c.name == name), None)
+
+
+def state_html(session: Session, undo: int, redo: int) -> str:
+    """What is in the model, its figures, and whether the last change helped."""
+    if session.calibration is None or not session.history:
+        return tables.note(NOT_YET)
+    last = session.history[-1]
+    test = last.test_rmse_mm
+    floor = noise_floor_mm(session.calibration)
+    rows: list[tuple[str, object]] = [
+        ("model", " + ".join(["link errors", *(added.name for added in session.effects)])),
+        ("training 3D RMSE", f"{words.millimetres(last.train_rmse_mm)} mm"),
+        ("test 3D RMSE", f"{words.millimetres(test)} mm" if math.isfinite(test) else "no test poses"),
+        ("noise alone, 3D", "not declared" if floor is None else f"{words.millimetres(floor)} mm"),
+        ("changes to undo · redo", f"{undo} · {redo}"),
+    ]
+    sentence, colour = last_change(session)
+    return tables.facts(rows) + (tables.alert(sentence, colour=colour) if sentence else "")
+
+
+def last_change(session: Session) -> tuple[str, str]:
+    """Whether the last change of the model helped, in words, with a colour."""
+    if len(session.history) < 2:
+        return "", NEUTRAL
+    old, new = session.history[-2:]
+    tested = math.isfinite(old.test_rmse_mm) and math.isfinite(new.test_rmse_mm)
+    before, after = (old.test_rmse_mm, new.test_rmse_mm) if tested else (old.train_rmse_mm, new.train_rmse_mm)
+    of = "test error" if tested else "training error (there are no test poses)"
+    figures = f"{words.millimetres(before)} → {words.millimetres(after)} mm"
+    if not (before > 0 and math.isfinite(after)):
+        return "", NEUTRAL
+    share = after / before - 1
+    adds = not new.label.startswith("−")
+    if abs(share) < SMALL:
+        more = "It does not help; Undo takes it out again." if adds else "It was not needed."
+        return f"{new.label}: the {of} hardly changed, {figures}. {more}", NEUTRAL
+    if share < 0:
+        return f"{new.label}: the {of} fell by {-100 * share:.0f} %, {figures}.", GOOD
+    more = "It does not help; Undo takes it out again." if adds else "It was needed; Undo brings it back."
+    return f"{new.label}: the {of} rose by {100 * share:.0f} %, {figures}. {more}", BAD
+
+
+def verdict_html(diagnosis: Diagnosis | None) -> str:
+    """The verdict of a diagnosis, in a line or two."""
+    if diagnosis is None:
+        return ""
+    said = f"What is left: {left_in_short(diagnosis.remains)}. {verdict_words(diagnosis)}"
+    if diagnosis.ambiguous_set:
+        either = words.listing(diagnosis.ambiguous_set, "or")
+        said = said.replace("The set above", f"These data cannot tell which: {either}. This set")
+        said += " What would tell them apart is said below."
+    return tables.alert(said, colour=VERDICTS[diagnosis.verdict])
+
+
+def reasons_html(diagnosis: Diagnosis | None) -> str:
+    """All that led to the verdict, in words."""
+    if diagnosis is None:
+        return ""
+    *paragraphs, _ = explain(diagnosis).split("\n\n")
+    return tables.heading("How it was found") + "".join(tables.note(paragraph) for paragraph in paragraphs)
+
+
+def advice_html(advice: Advice) -> str:
+    """What is left, and what to do next."""
+    return tables.alert(advice.words, colour=ADVICE[advice.kind])
+
+
+def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
+    """The candidates that show at all, the best first; those that the data speak for are ticked. The others by name."""
+    showing = [c for c in screening.candidates if c.members]
+    names = [c.name for c in showing]
+    silent = [c.name for c in screening.candidates if not c.members]
+    before = screening.cv_rmse_mm
+    rows = [
+        (
+            ("✓ " if is_convincing(c) else "") + c.name + (" (own)" if c.name in own else ""),
+            f"{c.log_evidence:.1f}",
+            change(before, c.cv_rmse_mm),
+            probability(c.p_holm),
+        )
+        for c in showing
+    ]
+    nothing = f"Nothing shows of {words.listing(silent)}." if silent else ""
+    if not showing:
+        none = "No effect of the catalogue can be tested with these data; the reasons are below."
+        return tables.heading("What could be missing from this model") + tables.note(nothing or none)
+    return (
+        tables.heading("What could be missing from this model")
+        + tables.table(
+            ("effect", "evidence", "held-out error", "p"),
+            rows,
+            mark=names.index(chosen) if chosen in names else None,
+        )
+        + tables.note(
+            "✓ The data speak for it: log evidence above 3 and p below 0.01 (Holm-corrected for the number of "
+            "effects). A lead of less than 3 over the next leaves it open. Held-out error: by how much the error falls "
+            "where each pose is predicted from the others; it is "
+            f"{words.millimetres(before)} mm a coordinate now. {nothing}"
+        )
+    )
+
+
+def change(before: float, after: float) -> str:
+    """ "−63 %": how an error changes."""
+    if not (before > 0 and math.isfinite(after)):
+        return "–"
+    percent = round(100 * (after / before - 1))
+    return ("0 %" if percent == 0 else f"{percent:+d} %").replace("-", "−").replace(" ", "\N{NO-BREAK SPACE}")
+
+
+def chosen_html(
+    name: str, candidate: Candidate | None, calibration: Calibration, cv_before_mm: float, *, own: bool
+) -> str:
+    """What the chosen effect is, its estimated parameters, what it may be confused with, how to be sure."""
+    described = next((d for d in DESCRIPTIONS if d.name == name), None)
+    out = tables.heading(f"Effect {name}")
+    facts: list[tuple[str, object]] = []
+    if described is not None:
+        facts += [("equation", described.equation), ("needs", described.needs)]
+    if own:
+        facts.append(("from", "your effects file"))
+    if candidate is not None:
+        alike = sorted(candidate.overlaps.items(), key=lambda item: -item[1])[:5]
+        likeness = ", ".join(f"{n} {100 * s:.0f}\N{NO-BREAK SPACE}%" for n, s in alike)
+        facts.append(("explains, of what is left", f"{100 * candidate.explained_share:.0f} %"))
+        if candidate.members:
+            now, then = words.millimetres(cv_before_mm), words.millimetres(candidate.cv_rmse_mm)
+            by = change(cv_before_mm, candidate.cv_rmse_mm)
+            facts.append(("held-out error", f"{now} → {then} mm a coordinate ({by})"))
+        facts.append(("could also be made by", likeness or "nothing else here"))
+        if candidate.family.note:
+            facts.append(("assumed", candidate.family.note))
+    if name in MEASURE_NEXT:
+        facts.append(("to be sure, measure", MEASURE_NEXT[name]))
+    out += tables.facts(facts)
+    if candidate is None:
+        return out
+    if not candidate.values:
+        return out + tables.note("Nothing of it shows in what is left over.")
+    docs = {full_name(member, p): p.doc for member in candidate.members for p in member.parameters}
+    rows = [
+        parameter_row(v.name, v.value, v.sigma, v.unit, docs.get(v.name, ""), calibration)
+        for v in candidate.values
+    ]
+    return (
+        out
+        + tables.table(("estimated", "value ± sigma", "that is"), rows, height="260px")
+        + tables.note(
+            "Linear estimates from what is left over; a fit with the effect in the model settles them. Below: each "
+            "coordinate that is left over against what the effect would make of it. Points along the line speak for it."
+        )
+    )
+
+
+def fitted_html(calibration: Calibration, name: str) -> str:
+    """The parameters of an effect that is in the model, as they were fitted."""
+    docs = {p.name: p.doc for p in calibration.fit.parameters}
+    rows = [
+        parameter_row(n, row["value"], row["sigma"], row["unit"], docs.get(n, ""), calibration)
+        for row in calibration.to_frame().to_dict("records")
+        if (n := str(row["name"])).startswith(f"{name}.")
+    ]
+    return tables.note("It is in the model. Fitted together with everything else:") + tables.table(
+        ("fitted", "value ± sigma", "that is"), rows, height="260px"
+    )
+
+
+def value_row(value: Value) -> tuple[str, str, str, str]:
+    """A coefficient with its unit; the family's name is in the heading."""
+    return value.name.partition(".")[2] or value.name, f"{value.value:.3g}", f"{value.sigma:.1g}", value.unit
+
+
+def parameter_row(
+    name: str, value: float, sigma: float, unit: str, doc: str, calibration: Calibration
+) -> tuple[str, str, tables.Html]:
+    """A parameter with its unit, what it is and means on the arm; the family's name is in the heading."""
+    short = name.partition(".")[2] or name
+    means = ": ".join(filter(None, (doc, meaning(name, value, unit, calibration)))) or "–"
+    return short, f"{value:.3g} ± {sigma:.1g} {'' if unit == '1' else unit}".strip(), tables.wrapping(means)
+
+
+def next_html(name: str, rival: str, poses: Sequence[NextPose], robot: Robot, noise_mm: float) -> str:
+    """The poses at which an effect and its nearest rival differ most."""
+    if not poses:
+        return ""
+    rows = [
+        (
+            ", ".join(f"{v:.0f}" for v in np.where(robot.is_revolute, np.degrees(pose.q), pose.q)),
+            words.length(pose.separation_mm),
+        )
+        for pose in poses
+    ]
+    best = max(pose.separation_mm for pose in poses)
+    enough = (
+        "One measurement there tells them apart."
+        if best > 4.0 * noise_mm
+        else f"That is little beside the noise of {words.length(noise_mm)} a coordinate: measure there several times."
+        if math.isfinite(noise_mm)
+        else ""
+    )
+    units = "°" if robot.is_revolute.all() else "° (mm for prismatic joints)"
+    return (
+        tables.heading(f"To tell {name} from {rival}, measure here")
+        + tables.table((f"joints, {units}", "they differ by"), rows)
+        + tables.note(
+            f"Fitted each by itself, the two put the tool farthest apart at these poses, of those within the range "
+            f"measured. {enough}"
+        )
+    )
+
+
+def untestable_html(untestable: tuple[Untestable, ...]) -> str:
+    """What these data cannot speak about, why, and what would help."""
+    if not untestable:
+        return ""
+    return tables.heading("Cannot be tested with these data") + tables.bullets(untestable_words(untestable))
+
+
+def untestable_words(untestable: Sequence[Untestable]) -> list[str]:
+    """A sentence for each reason, with all the effects that it holds for."""
+    names: dict[tuple[str, str], list[str]] = {}
+    for silent in untestable:
+        names.setdefault((silent.why, silent.would_help), []).append(silent.name)
+    return [
+        f"{words.listing(of)}: {why}. To test {'it' if len(of) == 1 else 'them'}: {would_help}."
+        for (why, would_help), of in names.items()
+    ]
+
+
+def probability(p: float) -> str:
+    """ "1.0" for no case at all, powers of ten where it is small."""
+    return f"{p:.0e}" if p < 0.001 else f"{p:.2g}"

@@ -1,0 +1,47 @@
+"""Numbers and states in words, with units."""
+
+from __future__ import annotations
+
+import math
+
+from inspector.markup.palette import ROLE_WORDS
+
+
+def length(mm: float) -> str:
+    """ "0.0123 mm" is "12.3 µm" below a tenth of a millimetre."""
+    if not math.isfinite(mm):
+        return "–"
+    if abs(mm) < 0.1:
+        return f"{mm * 1000:#.3g}".rstrip(".") + " µm" if mm else "0 µm"
+    return f"{mm:.3f} mm"
+
+
+def millimetres(mm: float) -> str:
+    """Three significant figures, in mm without the unit; powers of ten where it is next to nothing."""
+    if not math.isfinite(mm):
+        return "–"
+    return f"{mm:.1e}" if 0 < abs(mm) < 1e-4 else f"{mm:.4f}" if abs(mm) < 10 else f"{mm:.3f}"
+
+
+def reduction(before: float, after: float) -> str:
+    """By how much an error fell, in percent."""
+    if not (math.isfinite(before) and math.isfinite(after)) or before <= 0:
+        return "–"
+    return f"{100 * (1 - after / before):.2f} %"
+
+
+def role(name: str) -> str:
+    """The role of a pose as one says it."""
+    return ROLE_WORDS.get(name, name)
+
+
+def count(number: int, one: str) -> str:
+    """ "1 scan", "2 scans"."""
+    return f"{number:,} {one if number == 1 else one + 's'}"
+
+
+def listing(names: tuple[str, ...] | list[str], last: str = "and") -> str:
+    """ "a, b and c"."""
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} {last} {names[-1]}"

@@ -1,0 +1,82 @@
+"""Tab Take away: everything that can be carried off, each for the browser that asks."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Protocol
+
+import viser
+
+from inspector.markup import elements as tables
+
+NOTE = (
+    "Each is made when you press and goes to your browser's downloads; nothing is written where the server runs. "
+    "Behind each stands the command that does the same."
+)
+SCREENSHOT = "Screenshot (PNG)"
+ITEMS: dict[str, tuple[str, str]] = {  # what the button is called: icon, what the file holds
+    "Report (HTML)": (
+        viser.Icon.FILE_DESCRIPTION,
+        "One page to send to someone: verdict, figures that can be hovered, parameters, method, versions. "
+        "Opens without a network. Command: inspector report",
+    ),
+    "Calibrated robot (TOML)": (
+        viser.Icon.ROBOT,
+        "The fitted table as robot.toml, unless the test poses got worse; effects have no place in it. "
+        "Command: inspector calibrate --out",
+    ),
+    "Session (JSON)": (
+        viser.Icon.DEVICE_FLOPPY,
+        "The dataset's name and content, the steps of the model, what is on show. Open it again with "
+        "inspector serve --session; made by the command inspector calibrate --session",
+    ),
+    "Residuals (CSV)": (
+        viser.Icon.TABLE,
+        "A row a pose: role, error, predicted and measured point in mm, every input. "
+        "Command: inspector calibrate --residuals",
+    ),
+    "Measured points (CSV)": (
+        viser.Icon.TABLE,
+        "In the form of points.csv: corners in mm in the scanner's frame with covariance. "
+        "Command: inspector corners --out",
+    ),
+    "Redundancy (CSV)": (
+        viser.Icon.TABLE,
+        "Pearson's r of all pairs of parameters. Command: inspector redundancy --out",
+    ),
+    "3D scene (GLB)": (
+        viser.Icon.CUBE,
+        "For Blender and the like, in metres: the arm at this pose, measured and predicted points, residuals as "
+        "long as on show. Command: inspector calibrate --scene",
+    ),
+    SCREENSHOT: (viser.Icon.CAMERA, "Your 3D view as it is now, as large as your window."),
+}
+
+
+class Takes(Protocol):
+    """Who makes the files."""
+
+    def take(self, what: str, client: viser.ClientHandle) -> None:
+        """Make one of ITEMS and send it to this page."""
+        ...
+
+
+class TakeAwayPanel:
+    """A button for each file, and what it holds."""
+
+    def __init__(self, gui: viser.GuiApi, takes: Takes) -> None:
+        gui.add_html(tables.note(NOTE))
+        self._doing = gui.add_html("")
+        for name, (icon, holds) in ITEMS.items():
+            button = gui.add_button(name, icon=icon, hint=holds)  # type: ignore[arg-type]
+            button.on_click(partial(_pressed, takes, name))
+            gui.add_html(tables.note(holds))
+
+    def say(self, words: str) -> None:
+        """What is being made; "" when nothing is."""
+        self._doing.content = tables.alert(words, colour="#56B4E9") if words else ""
+
+
+def _pressed(takes: Takes, what: str, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+    if event.client is not None:  # pressed by a page, not by this program
+        takes.take(what, event.client)

@@ -1,0 +1,184 @@
+"""Tab Learn: which effect is missing, added and taken out again, and how the error follows."""
+
+from __future__ import annotations
+
+import viser
+
+from calib.calibration.noise_check import noise_floor_mm
+from calib.diagnosis.advice import advise
+from calib.diagnosis.pose_recommendation import NextPose
+from calib.diagnosis.screening import Screening
+from inspector.figures.plots import error_history
+from inspector.figures.residual_plots import added_variable
+from inspector.markup import effects as html
+from inspector.markup import elements as tables
+from inspector.panels.base import Actions, View, by_page, hidden_plot, put
+from inspector.session.transitions import Session
+
+NOTE = (
+    "What physical effect does the model lack? Let the program find it, or choose one from the ranking, add it and "
+    "see whether the error falls towards the noise, above all that of the test poses, which no fit sees."
+)
+FIND, STOP = "Find what is missing", "Stop looking"
+REMOVE, UNDO, REDO = "Remove", "Undo", "Redo"
+NONE = "–"
+
+
+class LearnPanel:
+    """The ranking, the buttons, and the history of the error."""
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
+        self._actions = actions
+        self._compared: tuple[Screening | None, dict[str, str]] = (
+            None,
+            {},
+        )  # what is known of each candidate
+        gui.add_html(tables.note(NOTE))
+        self._own = gui.add_html("")
+        self.find = gui.add_button(
+            FIND,
+            icon=viser.Icon.SEARCH,
+            hint="starts from the link errors alone; Undo brings your model back",
+        )
+        self.choice = gui.add_dropdown("Effect", (NONE,), hint="the best first; the tables are about it")
+        self.add = gui.add_button("Add to the model", icon=viser.Icon.PLUS)
+        self.change = gui.add_button_group("Model", (REMOVE, UNDO, REDO))
+        self._state = gui.add_html("")
+        self._doing = gui.add_html("")
+        self._advice = gui.add_html("")
+        self.follow = gui.add_button(
+            "Add", icon=viser.Icon.PLUS, visible=False, hint="as the ranking advises"
+        )
+        self._history = hidden_plot(gui, 0.6)
+        self._reasons = gui.add_html("")
+        self._ranking = gui.add_html("")
+        self._chosen = gui.add_html("")
+        self._variable = hidden_plot(gui, 0.7)
+        self._next = gui.add_html("")
+        self._untestable = gui.add_html("")
+        self.find.on_click(lambda _: actions.find(self.find.label == FIND))
+        self.choice.on_update(lambda e: actions.candidate() if by_page(e) else None)
+        self._advised = ""  # the effect that the button beside the advice adds
+        self.follow.on_click(lambda _: self._follow())
+        self.add.on_click(lambda _: actions.add_effect(str(self.choice.value)))
+        self.change.on_click(lambda e: self._pressed(str(e.target.value)))
+
+    def _pressed(self, button: str) -> None:
+        if button == REMOVE:
+            self._actions.remove_effect(str(self.choice.value))
+        else:
+            self._actions.move(-1 if button == UNDO else 1)
+
+    def finding(self, running: bool) -> None:
+        """While the program looks, the button stops it."""
+        self.find.label = STOP if running else FIND
+
+    def say(self, words_now: str) -> None:
+        """What is being done, or why it cannot be."""
+        self._doing.content = tables.alert(words_now, colour="#56B4E9") if words_now else ""
+
+    @property
+    def chosen(self) -> str:
+        """The name of the effect that the tables are about."""
+        return str(self.choice.value)
+
+    def update(self, view: View, *, undo: int, redo: int, own: str = "") -> None:
+        """The session's model and what could be missing from it. own: what is wrong with the user's effects file."""
+        session = view.session
+        self.say("")
+        self._offer(session)
+        self._own.content = tables.alert(own, colour=html.BAD) if own else ""
+        self._state.content = html.state_html(session, undo, redo)
+        self.advise(session)
+        self.update_figure(view)
+        self._reasons.content = html.reasons_html(session.diagnosis)
+        self.update_choice(view)
+        screening = session.screening
+        self._untestable.content = html.untestable_html(screening.untestable) if screening else ""
+
+    def advise(self, session: Session) -> None:
+        """The verdict where the program looked by itself; else what is left, and what to do next, with its button."""
+        self._advised = ""
+        self._advice.content = html.verdict_html(session.diagnosis)
+        if session.diagnosis is None and session.screening is not None and session.remains is not None:
+            advice = advise(session.screening, session.remains)
+            self._advice.content = html.advice_html(advice)
+            self._advised = advice.effects[0] if advice.kind == "add" else ""
+        self.follow.visible = bool(self._advised)
+        if self._advised:
+            self.follow.label = f"Add {self._advised}"
+
+    def _follow(self) -> None:
+        if self._advised:
+            self._actions.add_effect(self._advised)
+
+    def update_figure(self, view: View) -> None:
+        """The history of the error."""
+        session = view.session
+        self._history.visible = session.calibration is not None and bool(session.history)
+        if session.calibration is None or not session.history:
+            return
+        self._history.figure = error_history(
+            [step.label for step in session.history],
+            [step.train_rmse_mm for step in session.history],
+            [step.test_rmse_mm for step in session.history],
+            noise_floor_mm(session.calibration),
+            dark=view.dark,
+        )
+
+    def update_choice(self, view: View) -> None:
+        """The ranking with the chosen effect marked, and what is known of that."""
+        session, name = view.session, self.chosen
+        inside = [added.name for added in session.effects]
+        screening = session.screening
+        candidate = None if screening is None else html.named(screening, name)
+        self._variable.visible = candidate is not None and bool(candidate.members)
+        self.add.disabled = (
+            name == NONE or name in inside or (candidate is not None and not candidate.members)
+        )
+        self._next.content = ""
+        if screening is None:
+            self._ranking.content = self._chosen.content = ""
+            return
+        own = {family.name for family in session.own}
+        self._ranking.content = html.ranking_html(screening, name, own)
+        self._chosen.content = ""
+        if name != NONE and session.calibration is not None:
+            self._chosen.content = html.chosen_html(
+                name, candidate, session.calibration, screening.cv_rmse_mm, own=name in own
+            )
+            if name in inside:
+                self._chosen.content += html.fitted_html(session.calibration, name)
+        if candidate is not None and candidate.members:
+            self._variable.figure = added_variable(
+                candidate.explained, screening.leftover.residual, name, dark=view.dark
+            )
+        if self.compared(screening):
+            self._next.content = self._compared[1][name]
+
+    def compared(self, screening: Screening) -> bool:
+        """Whether it is known how to tell the chosen candidate from its nearest rival."""
+        return self._compared[0] is screening and self.chosen in self._compared[1]
+
+    def show_comparison(
+        self, view: View, screening: Screening, rival: str, poses: tuple[NextPose, ...]
+    ) -> None:
+        """How to tell the chosen candidate from its nearest rival, kept while the ranking is the same."""
+        if self._compared[0] is not screening:
+            self._compared = (screening, {})
+        noise_mm = view.session.failure.noise_mm if view.session.failure is not None else float("nan")
+        robot = view.session.dataset.robot
+        self._compared[1][self.chosen] = html.next_html(self.chosen, rival, poses, robot, noise_mm)
+        self._next.content = self._compared[1][self.chosen]
+
+    def _offer(self, session: Session) -> None:
+        """All that can be added or removed; what was chosen stays chosen, so that a second press adds nothing more."""
+        inside = [added.name for added in session.effects]
+        ranked = [c.name for c in session.screening.candidates] if session.screening else []
+        if session.screening is None and session.calibration is not None:
+            ranked = [o for o in self.choice.options if o != NONE]  # while the ranking is made
+        options = tuple(dict.fromkeys([*ranked, *inside])) or (NONE,)
+        before = str(self.choice.value)
+        if options != tuple(self.choice.options):
+            self.choice.options = options
+        put(self.choice, before if before in options and before != NONE else options[0])

@@ -1,0 +1,224 @@
+"""Tab Where it fails: what is left over against anything it may depend on, over the work space, and the worst poses."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from calib.calibration.pose_errors import Failure, running_median
+from calib.kinematics.robot import Robot
+from inspector.figures.residual_plots import place_views, residual_against, select
+from inspector.markup import elements as tables
+from inspector.markup import numbers as words
+from inspector.panels.base import Actions, View, by_page, hidden_plot, put
+
+NOTE = (
+    "What is left over at each pose, against anything it may depend on. Noise has no order: points that follow a line "
+    "or a wave, or that leave the grey band together, show what is missing. No fit saw the test poses. "
+    "It opens where the pattern is clearest."
+)
+PLACES = "work space, from above and the side"
+RINGED = "Ringed: the selected pose."
+PLACES_NOTE = (
+    "Where the points were measured, in the frame of the robot's base. A corner of the work space coloured like "
+    f"no other is where the model does not hold. {RINGED}"
+)
+LENGTH = "error length"
+AXES = {f"error in {axis} of the scanner": k for k, axis in enumerate("xyz")}
+UNITS = {"payload_kg": "kg", "temperature_c": "°C", "time_s": "s", "x": "mm", "y": "mm", "z": "mm"}
+NAMES = {
+    "payload_kg": "payload",
+    "temperature_c": "temperature",
+    "time_s": "time",
+    "order": "order of measuring",
+}
+NONE = "–"
+NOT_YET = (
+    "Nothing to show yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
+)
+WORST = 8
+
+
+class FailurePanel:
+    """One plot of what is left, and the poses that are off the most."""
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
+        self._actions = actions
+        gui.add_html(tables.note(NOTE))
+        self.against = gui.add_dropdown(
+            "Against",
+            (NONE,),
+            hint="joint angles, torques, conditions, place, order; or the work space itself",
+        )
+        self.what = gui.add_dropdown(
+            "Show", (NONE,), hint="apparent motion: what joint k alone would have to do"
+        )
+        self._plot = hidden_plot(gui, 0.75)
+        self._places = hidden_plot(gui, 1.35)
+        self._state = gui.add_html(tables.note(NOT_YET))
+        self.worst = gui.add_dropdown("Worst poses", (NONE,), hint="selects the pose, everywhere on the page")
+        self._table = gui.add_html("")
+        self._ids: dict[str, str] = {}  # pose id by label
+        self._drawn: tuple[object, ...] = ()  # what the figure on show is of
+        self._dataset = ""
+        self._chose = False  # whether a user has chosen what to see of this dataset
+        self.against.on_update(lambda e: self._choose() if by_page(e) else None)
+        self.what.on_update(lambda e: self._choose() if by_page(e) else None)
+        self.worst.on_update(lambda e: self._chosen(str(e.target.value)) if by_page(e) else None)
+
+    def _choose(self) -> None:
+        self._chose = True
+        self._actions.failure()
+
+    def _chosen(self, label: str) -> None:
+        if label in self._ids:
+            self._actions.select_id(self._ids[label])
+
+    def update(self, view: View) -> None:
+        """The session's residual."""
+        failure = view.session.failure
+        if failure is None:
+            self._plot.visible = self._places.visible = False
+            self._table.content = ""
+            if view.session.calibration is None:  # what could be chosen was another dataset's
+                self._state.content = tables.note(NOT_YET)
+                for handle in (self.against, self.what, self.worst):
+                    _offer(handle, (NONE,))
+            else:
+                self._state.content = tables.note("Being worked out, or too few poses to judge by.")
+            return
+        robot = view.session.dataset.robot
+        inputs = {input_title(name, robot): name for name in failure.inputs}
+        joints = {joint_title(j, robot): j for j in range(robot.n_joints)}
+        _offer(self.against, (*inputs, PLACES))
+        _offer(self.what, (LENGTH, *AXES, *joints))
+        self._suggest(view, inputs, joints)
+        title, what = str(self.against.value), str(self.what.value)
+        places = title == PLACES
+        plot = self._places if places else self._plot
+        drawing = (failure, title, what, view.dark)
+        if self._drawn and failure is self._drawn[0] and drawing[1:] == self._drawn[1:]:
+            plot.figure = select(plot.figure, view.pose_id)  # only another pose
+        else:
+            values, y_title, band = shown(failure, what, joints.get(what), robot)
+            if places:
+                plot.figure = place_views(
+                    failure.place_mm, values, failure.pose_ids, failure.is_test,
+                    title=y_title, signed=what != LENGTH, selected=view.pose_id, dark=view.dark,
+                )  # fmt: skip
+            else:
+                x = turned(inputs[title], failure.inputs[inputs[title]], robot)
+                train = ~failure.is_test
+                plot.figure = residual_against(
+                    x, values, failure.pose_ids, failure.is_test, x_title=title, y_title=y_title, band=band,
+                    smooth=running_median(x[train], values[train]), selected=view.pose_id, dark=view.dark,
+                )  # fmt: skip
+            self._state.content = tables.note(
+                PLACES_NOTE if places else f"{band_note(failure, band)} {RINGED}"
+            )
+            self._drawn = drawing
+        self._plot.visible, self._places.visible = not places, places
+        self._show_worst(failure, view)
+
+    def _suggest(self, view: View, inputs: dict[str, str], joints: dict[str, int]) -> None:
+        """Show where the pattern is clearest, as long as nobody has chosen anything else."""
+        if view.session.dataset.name != self._dataset:
+            self._dataset, self._chose = view.session.dataset.name, False
+        remains = view.session.remains
+        if self._chose or remains is None or not remains.structured:
+            return
+        first = remains.inputs[0]
+        put(self.against, next((t for t, name in inputs.items() if name == first.input), self.against.value))
+        shown_by = {f"joint {j + 1}": title for title, j in joints.items()}
+        shown_by |= {"xyz"[k]: title for title, k in AXES.items()}
+        put(self.what, shown_by.get(first.where, self.what.value))
+
+    def _show_worst(self, failure: Failure, view: View) -> None:
+        length = dict(zip(failure.pose_ids, failure.error_length_mm, strict=True))
+        role = {
+            i: "test" if t else "training" for i, t in zip(failure.pose_ids, failure.is_test, strict=True)
+        }
+        worst = failure.worst(WORST)
+        labels = {pose_id: f"{pose_id} ({role[pose_id]}) · {length[pose_id]:.3f} mm" for pose_id in worst}
+        self._ids = {label: pose_id for pose_id, label in labels.items()}
+        options = (NONE, *labels.values())
+        if options != tuple(self.worst.options):
+            self.worst.options = options
+        put(self.worst, labels.get(view.pose_id, NONE))
+        error = dict(zip(failure.pose_ids, failure.error_mm, strict=True))
+        rows = [(i, role[i], f"{length[i]:.4f}", *(f"{e:+.4f}" for e in error[i])) for i in worst]
+        self._table.content = tables.heading("Worst poses, mm in the scanner's frame") + tables.table(
+            ("pose", "role", "length", "x", "y", "z"),
+            rows,
+            left=2,
+            mark=worst.index(view.pose_id) if view.pose_id in worst else None,
+        )
+
+
+def band_note(failure: Failure, band: tuple[float, float]) -> str:
+    """What the grey band is, and how many poses leave it where that is counted."""
+    grey = f"Grey: where noise alone ({words.length(failure.noise_mm)} a coordinate) leaves 19 of 20 poses."
+    if not np.isfinite(band).all():
+        return "These poses do not tell how much noise alone would make of it: there is no band."
+    outside = failure.error_length_mm > failure.length_noise_mm
+    counts = [
+        f"{np.count_nonzero(outside & of)} of {words.count(int(np.count_nonzero(of)), name)}"
+        for of, name in ((~failure.is_test, "training pose"), (failure.is_test, "test pose"))
+        if of.any()
+    ]
+    return f"{grey} By their length, {words.listing(counts)} are off by more."
+
+
+def _offer(handle: viser.GuiDropdownHandle[str], options: tuple[str, ...]) -> None:
+    """These options; what was chosen stays chosen where it is still there."""
+    if options == tuple(handle.options):
+        return
+    before = str(handle.value)
+    handle.options = options
+    put(handle, before if before in options else options[0])
+
+
+def input_title(name: str, robot: Robot) -> str:
+    """ "q3" -> "joint 3 angle, °": an input with its unit."""
+    stem = name.rstrip("0123456789")
+    number = name.removeprefix(stem)
+    if number and stem == "q":
+        turns = robot.joints[int(number) - 1].is_revolute
+        return f"joint {number} angle, °" if turns else f"joint {number} position, mm"
+    if number and stem == "torque":
+        return f"joint {number} gravity torque, Nm"
+    if number and stem == "approach":
+        return f"joint {number} approach (−1 or 1)"
+    if name in ("x", "y", "z"):
+        return f"place {name} in the scanner's frame, mm"
+    return NAMES.get(name, name) + (f", {UNITS[name]}" if name in UNITS else "")
+
+
+def turned(name: str, values: NDArray, robot: Robot) -> NDArray:
+    """Joint angles in degrees, everything else as it is."""
+    stem = name.rstrip("0123456789")
+    number = name.removeprefix(stem)
+    angle = bool(number) and stem == "q" and robot.joints[int(number) - 1].is_revolute
+    return np.degrees(values) if angle else values
+
+
+def joint_title(joint: int, robot: Robot) -> str:
+    """What the apparent motion of a joint is called."""
+    return (
+        f"apparent motion of joint {joint + 1}, {'millidegrees' if robot.joints[joint].is_revolute else 'mm'}"
+    )
+
+
+def shown(
+    failure: Failure, what: str, joint: int | None, robot: Robot
+) -> tuple[NDArray, str, tuple[float, float]]:
+    """The values to plot, their name with the unit, and the band that noise alone fills."""
+    if joint is not None:
+        scale = float(np.degrees(1.0)) * 1000.0 if robot.joints[joint].is_revolute else 1.0
+        half = 2.0 * scale * failure.joint_noise(joint)
+        return scale * failure.apparent_joint_error[:, joint], what, (-half, half)
+    if what in AXES:
+        half = 2.0 * failure.noise_mm
+        return failure.error_mm[:, AXES[what]], f"{what}, mm", (-half, half)
+    return failure.error_length_mm, f"{LENGTH}, mm", (0.0, failure.length_noise_mm)

@@ -1,0 +1,69 @@
+"""All that a report tells, gathered from a session: the fit, the ranking, what is left over, what can be known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from calib.calibration.calibrate import Calibration
+from calib.calibration.pose_errors import Failure, failure_of
+from calib.dataset.dataset import Dataset
+from calib.diagnosis.residual_tests import Remains, examine
+from calib.diagnosis.screening import Screening
+from calib.diagnosis.stepwise import Diagnosis
+from calib.identifiability.redundancy import Redundancy
+from inspector.session.transitions import Session, with_redundancy
+
+
+@dataclass(frozen=True)
+class Look:
+    """One fit, and what it leaves over against the inputs that it has most order in."""
+
+    title: str
+    failure: Failure
+    remains: Remains
+
+
+@dataclass(frozen=True)
+class Report:
+    """All that the page tells; `report_of` gathers it."""
+
+    session: Session
+    calibration: Calibration
+    ranking: Screening
+    ranking_of: str  # the model that the ranking is about
+    looks: tuple[Look, ...]  # the link errors' first where an effect was found, then the last fit
+    redundancy: Redundancy
+
+    @property
+    def dataset(self) -> Dataset:
+        return self.calibration.dataset
+
+    @property
+    def diagnosis(self) -> Diagnosis | None:
+        return self.session.diagnosis
+
+
+def report_of(session: Session) -> Report:
+    """What there is to tell of a session that is calibrated and ranked."""
+    calibration, ranking = session.calibration, session.screening
+    assert calibration is not None
+    assert ranking is not None
+    analysis = session.redundancy or with_redundancy(session, calibration.residual).redundancy
+    assert analysis is not None
+    model = model_words(calibration)
+    found = session.diagnosis
+    remains = session.remains or examine(calibration.dataset, ranking.leftover)
+    looks = [Look(model, session.failure or failure_of(calibration), remains)]
+    ranking_of = model
+    if found is not None:
+        first = found.steps[0]
+        ranking, ranking_of = first.screening, model_words(first.calibration)
+        if len(found.steps) > 1:
+            before = examine(first.calibration.dataset, first.screening.leftover)
+            looks.insert(0, Look(ranking_of, failure_of(first.calibration), before))
+    return Report(session, calibration, ranking, ranking_of, tuple(looks), analysis)
+
+
+def model_words(calibration: Calibration) -> str:
+    """ "link errors + backlash": what is in the model."""
+    return " + ".join(["link errors", *calibration.model.family_names])

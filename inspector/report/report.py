@@ -1,0 +1,166 @@
+"""A calibration as a report: what was measured, what was found, how sure it is, and by which method and versions.
+
+`report_content.report_of` gathers what it tells, `report_sections` has a function a section, `report_page` the HTML.
+"""
+
+from __future__ import annotations
+
+import platform
+from datetime import datetime
+from importlib import metadata
+from pathlib import Path
+
+import plotly.graph_objects as go
+
+from calib.calibration.calibrate import Calibration
+from calib.calibration.noise_check import check_sigma, noise_floor_mm
+from calib.diagnosis.explanation import explain
+from inspector.figures.plots import error_history
+from inspector.markup import numbers as words
+from inspector.markup.effects import NEUTRAL, VERDICTS, last_change
+from inspector.panels.fit import FIGURES
+from inspector.report import page, sections
+from inspector.report.content import Report, model_words
+
+METHOD = (
+    "Frame i of the arm is Rz(theta_i + q_i) Trans(a_i, 0, d_i) Rx(alpha_i) Ry(beta_i); a tool row of the same form "
+    "without q ends the chain.",
+    "Measured points and predicted ones meet in the scanner's frame, whose place is unknown and solved for in closed "
+    "form at every step. Training poses are fitted by least squares, each point weighted by its covariance; "
+    "parameters are held within about 1 mm and 0.5° of their nominal value, which exact data overrule. Test poses "
+    "are only predicted.",
+    "An effect is named only if it beats noise (F test, Holm's correction, p below 0.01, and log evidence above 3), "
+    "leads the next by more than 3 in log evidence, and does not make the test poses worse. What is left at the end "
+    "is tested for order against every input, corrected for all that was looked at (Westfall and Young).",
+    "A parameter's sigma assumes a complete model: where more than noise is left, it is too small.",
+)
+REFERENCES = (
+    "Jang et al. 2025, Robot Kinematic Calibration Using a 3D Scanner (corners from scans, the model, distances).",
+    "Park et al. 2022, Kinematic Calibration Based on Position of Robot Manipulator Eliminating Redundancy of "
+    "Parameters, JKSPE 39(7) 517-528, doi 10.7736/JKSPE.022.023 (redundancy).",
+)
+PACKAGES = ("robot-calibration-inspector", "numpy", "scipy", "pandas", "open3d-cpu", "open3d", "plotly")
+
+
+def is_report(path: Path) -> bool:
+    """Whether a file is a report of ours, or empty: one that may be replaced."""
+    with path.open("rb") as file:
+        start = file.read(2000)
+    return not start or page.MARK.encode() in start
+
+
+def report_html(report: Report, *, now: datetime) -> str:
+    """The page; `now` is the date that it carries."""
+    made = now.astimezone().strftime("%Y-%m-%d %H:%M %Z").strip()
+    head = page.paragraph(
+        f"{report.dataset.robot.name}, {report.dataset.robot.n_joints} joints. Made {made}.", soft=True
+    )
+    return page.page(
+        f"Calibration report: {report.dataset.name}",
+        head + page.key_figures(_key_figures(report)),
+        [
+            ("Verdict", _verdict(report)),
+            ("Error history", _history(report)),
+            ("Dataset and how it was measured", sections.dataset(report)),
+            ("What could be missing", sections.ranking(report)),
+            (
+                "Where the model is off",
+                [part for look in report.looks for part in sections.look(report, look)],
+            ),
+            ("Residual by pose", sections.by_pose(report)),
+            ("Which parameters can be known", sections.redundancy(report)),
+            ("Parameters", sections.parameters(report)),
+            ("Method", [page.bullets(METHOD), page.bullets(REFERENCES)]),
+            ("Made with", [page.facts(versions()), page.paragraph(f"Made {made}.", soft=True)]),
+        ],
+    )
+
+
+def versions() -> list[tuple[str, str]]:
+    """What the figures were computed with."""
+    out = [("Python", f"{platform.python_version()}, {platform.system()} {platform.machine()}")]
+    for package in PACKAGES:
+        try:
+            out.append((package, metadata.version(package)))
+        except metadata.PackageNotFoundError:  # open3d comes under one of two names
+            continue
+    return out
+
+
+def _key_figures(report: Report) -> list[tuple[str, object]]:
+    before, after = report.calibration.before, report.calibration.after
+    floor = noise_floor_mm(report.calibration)
+    out: list[tuple[str, object]] = [
+        (f"{name}, 3D RMSE", f"{words.millimetres(b.rmse_mm)} → {words.millimetres(a.rmse_mm)}\u00a0mm")
+        for name, b, a in (
+            ("Training poses", before.train, after.train),
+            ("Test poses", before.test, after.test),
+        )
+        if b is not None and a is not None
+    ]
+    out.append(("Noise alone, 3D", "not declared" if floor is None else f"{words.millimetres(floor)} mm"))
+    out.append(("Effects in the model", ", ".join(report.calibration.model.family_names) or "none"))
+    return out
+
+
+def _verdict(report: Report) -> list[str | page.Figure]:
+    if report.diagnosis is not None:
+        *paragraphs, last = explain(report.diagnosis).split("\n\n")
+        last = last.replace(" above", " below")  # there the verdict comes last, here first
+        mark = page.verdict(last, VERDICTS[report.diagnosis.verdict])
+        return [mark, *(page.paragraph(p) for p in paragraphs)]
+    sentence, colour = last_change(report.session)
+    model = model_words(report.calibration)
+    return [
+        page.verdict(f"No verdict: the model ({model}) was put together by hand.", NEUTRAL),
+        *([page.verdict(sentence, colour)] if sentence else []),
+        page.paragraph(check_sigma(report.calibration).summary()),
+    ]
+
+
+def _history(report: Report) -> list[str | page.Figure]:
+    steps = report.session.history
+    floor = noise_floor_mm(report.calibration)
+
+    def draw(dark: bool) -> go.Figure:
+        labels = [step.label for step in steps]
+        train, test = [s.train_rmse_mm for s in steps], [s.test_rmse_mm for s in steps]
+        return error_history(labels, train, test, floor, dark=dark)
+
+    rows = [
+        (s.label, *(words.millimetres(v) for v in (s.train_rmse_mm, s.test_rmse_mm, s.sigma_mm)))
+        for s in steps
+    ]
+    caption = (
+        "3D RMSE of training and test poses after each change of the model; dashed: what noise alone leaves."
+    )
+    columns = ("model", "training, mm", "test, mm", "residual sigma, mm")
+    return [
+        page.Figure(draw, caption),
+        page.table(columns, rows, caption="3D RMSE; the sigma is of one coordinate, by degrees of freedom"),
+        page.table(
+            ("errors, mm", "before", "after", "reduction"),
+            _before_after(report.calibration),
+            caption="All figures; distances are to the reference pose",
+        ),
+    ]
+
+
+def _before_after(calibration: Calibration) -> list[tuple[object, ...]]:
+    rows: list[tuple[object, ...]] = []
+    for role, before, after in (
+        ("train", calibration.before.train, calibration.after.train),
+        ("test", calibration.before.test, calibration.after.test),
+    ):
+        if before is not None and after is not None:
+            pairs = [(name, float(getattr(before, k)), float(getattr(after, k))) for k, name in FIGURES]
+            rows += [
+                (
+                    f"{words.role(role)} {name}",
+                    words.millimetres(b),
+                    words.millimetres(a),
+                    words.reduction(b, a),
+                )
+                for name, b, a in pairs
+            ]
+    return rows

@@ -1,0 +1,245 @@
+"""The sections of a report: each tells of one thing that `Report` holds, in words, tables and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import plotly.graph_objects as go
+
+from calib.calibration.calibrate import Calibration
+from calib.calibration.noise_check import check_sigma
+from calib.calibration.pose_errors import running_median
+from calib.calibration.uncertainty import Combination, known_sums
+from calib.corners.search import CornerSearch
+from calib.dataset.dataset import Dataset
+from calib.diagnosis.residual_tests import InputTest
+from calib.diagnosis.screening import Candidate
+from calib.measurement.measured_points import failed_searches
+from inspector.figures.plots import correlation_heatmap, pose_residuals
+from inspector.figures.residual_plots import SELECTED, residual_against
+from inspector.markup import numbers as words
+from inspector.markup.effects import probability, untestable_words, value_row
+from inspector.panels.fit import PARAMETER_COLUMNS, parameter_rows
+from inspector.panels.residuals import AXES, band_note, input_title, joint_title, shown, turned
+from inspector.report import page
+from inspector.report.content import Look, Report
+
+Parts = list[str | page.Figure]
+SHOWN_INPUTS = 2
+_P = 0.01
+
+
+def dataset(report: Report) -> Parts:
+    """What was measured, where, under which conditions, and what is odd about it."""
+    given = report.session.dataset
+    poses = given.poses
+    roles = [f"{np.count_nonzero(poses.role == role)} {words.role(role)}" for role in ("train", "test")]
+    setups = [str(name) for name in np.unique(poses.setup)]
+    rows: list[tuple[str, object]] = [("dataset", given.name)]
+    if given.description:
+        rows.append(("description", given.description))
+    rows += [
+        ("robot", f"{given.robot.name}, {given.robot.n_joints} joints"),
+        ("poses", f"{len(poses)}: 1 reference, {words.listing(roles)}"),
+        ("measured", _measured(given, report.session.searches)),
+        ("placements of the scanner", len(setups)),
+        ("noise declared", _noise(report.calibration)),
+        ("conditions written down", words.listing(_conditions(given)) or "none"),
+    ]
+    notes = [*report.calibration.warnings, *_of_scans(given, report.session.searches)]
+    return [page.facts(rows), *([page.bullets(notes)] if notes else [])]
+
+
+def _measured(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> str:
+    if dataset.points is not None:
+        return f"{words.count(len(dataset.points), 'point')} given in the dataset's table of points"
+    found = len(searches) - len(failed_searches(searches))
+    jig = f"a jig of {dataset.jig.edge_mm:g} mm edges"
+    return f"the corner of {jig} in {found} of {words.count(len(searches), 'scan')}"
+
+
+def _of_scans(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> list[str]:
+    """Why scans have no corner, and which corners deserve a second look; nothing where points.csv has the points."""
+    if dataset.points is not None:
+        return []
+    failed = failed_searches(searches)
+    doubts = {
+        pose_id: doubts
+        for pose_id, search in searches.items()
+        if search.corner is not None and (doubts := search.corner.quality.doubts())
+    }
+    return [
+        *(f"{pose_id} has no corner and is left out: {reason}." for pose_id, reason in failed.items()),
+        *(f"The corner of {pose_id} deserves a look: {'; '.join(said)}." for pose_id, said in doubts.items()),
+    ]
+
+
+def _noise(calibration: Calibration) -> str:
+    checked = check_sigma(calibration)
+    if checked.declared_mm is None:
+        return "no; the residual alone tells it"
+    return f"{words.length(checked.declared_mm)} a coordinate of a measured point"
+
+
+def _conditions(dataset: Dataset) -> list[str]:
+    poses = dataset.poses
+    out = []
+    for name, values, unit in (
+        ("payload", poses.payload_kg, "kg"),
+        ("temperature", poses.temperature_c, "°C"),
+        ("time", poses.time_s, "s"),
+    ):
+        if values is not None:
+            out.append(f"{name} {values.min():g} to {values.max():g} {unit}")
+    if poses.approach is not None:
+        out.append("side of approach")
+    return [*out, *map(str, poses.extra.columns)]
+
+
+def ranking(report: Report) -> Parts:
+    """Every effect that could be missing, with its evidence, and those that cannot be tested here."""
+    rows = [
+        (
+            c.name,
+            f"{c.log_evidence:.1f}",
+            probability(c.p_holm),
+            f"{100 * c.explained_share:.0f}",
+            words.millimetres(c.cv_rmse_mm),
+            _likeness(c),
+        )
+        for c in report.ranking.candidates
+    ]
+    named = [c.name in report.calibration.model.family_names for c in report.ranking.candidates]
+    columns = ("effect", "log evidence", "p (Holm)", "explains, %", "CV, mm", "could also be made by")
+    out: Parts = [
+        page.paragraph(
+            f"Each effect held against what the model of {report.ranking_of} leaves over. CV: error of a "
+            "coordinate when each pose is predicted from the others, "
+            f"{words.millimetres(report.ranking.cv_rmse_mm)} mm without any of them."
+        ),
+        page.table(columns, rows, left=(0, 5), mark=next((i for i, c in enumerate(named) if c), None)),
+    ]
+    best = next((c for c in report.ranking.candidates if c.values), None)
+    if best is not None:
+        values = [value_row(value) for value in best.values]
+        caption = f"{best.name}: its coefficients as that ranking estimates them"
+        out.append(page.table(("parameter", "value", "sigma", "unit"), values, caption=caption, left=(0, 3)))
+    silent = report.diagnosis.untestable if report.diagnosis else report.ranking.untestable
+    if silent:
+        out.append(page.paragraph("Cannot be tested with these data:"))
+        out.append(page.bullets(untestable_words(silent)))
+    return out
+
+
+def _likeness(candidate: Candidate) -> str:
+    """The effects that could make most of what a candidate explains."""
+    most = sorted(candidate.overlaps.items(), key=lambda item: -item[1])[:3]
+    return ", ".join(f"{name} {100 * share:.0f}\u00a0%" for name, share in most) or "–"
+
+
+def look(report: Report, look: Look) -> Parts:
+    """What a fit leaves over against the inputs that it has most order in."""
+    inputs = [test for test in look.remains.inputs if test.input in look.failure.inputs]
+    if not inputs:
+        return [page.paragraph(f"{look.title}: no input varies that the residual could follow.")]
+    rows = [
+        (input_title(t.input, report.dataset.robot), _channel(t, report.dataset), probability(t.p_value))
+        for t in inputs[:5]
+    ]
+    caption = (
+        f"Model: {look.title}. Order against the inputs, the most first; p is corrected for all looked at"
+    )
+    out: Parts = [page.table(("input", "shows most in", "p"), rows, left=(0, 1), caption=caption)]
+    structured = [t for t in inputs if t.p_value < _P] or inputs[:1]
+    return [*out, *(_against(report, look, t) for t in structured[:SHOWN_INPUTS])]
+
+
+def _channel(test: InputTest, dataset: Dataset) -> str:
+    """What `failure.shown` calls the part of the residual that a test saw most order in."""
+    if test.where.startswith("joint"):
+        return joint_title(int(test.where.split()[1]) - 1, dataset.robot)
+    return next(title for title, axis in AXES.items() if "xyz"[axis] == test.where)
+
+
+def _against(report: Report, look: Look, test: InputTest) -> page.Figure:
+    robot, failure = report.dataset.robot, look.failure
+    joint = int(test.where.split()[1]) - 1 if test.where.startswith("joint") else None
+    x = turned(test.input, failure.inputs[test.input], robot)
+    y, y_title, band = shown(failure, _channel(test, report.dataset), joint, robot)
+    x_title, train = input_title(test.input, robot), ~failure.is_test
+
+    def draw(dark: bool) -> go.Figure:
+        drawn = residual_against(
+            x, y, failure.pose_ids, failure.is_test, x_title=x_title, y_title=y_title, band=band,
+            smooth=running_median(x[train], y[train]), dark=dark,
+        )  # fmt: skip
+        return drawn.for_each_trace(_hide, selector={"name": SELECTED})  # no pose is selected on paper
+
+    order = "No order beyond noise" if test.p_value >= _P else "Order"
+    found = f"{order} against {x_title} (p = {probability(test.p_value)})"
+    caption = f"Model: {look.title}. {found}. {band_note(failure, band)}"
+    return page.Figure(draw, caption)
+
+
+def _hide(trace: go.Scatter) -> None:
+    trace.update(visible=False)
+
+
+def by_pose(report: Report) -> Parts:
+    """The error of each pose after the last fit."""
+    frame = report.calibration.after.to_frame(report.dataset)
+
+    def draw(dark: bool) -> go.Figure:
+        ids, roles = frame["pose"].tolist(), frame["role"].tolist()
+        return pose_residuals(ids, roles, frame["error_mm"].to_numpy(), what="3D error after", dark=dark)
+
+    return [page.Figure(draw, "Predicted minus measured, length in mm, with everything above in the model.")]
+
+
+def redundancy(report: Report) -> Parts:
+    """Which parameters act alike, and how many can be known."""
+    analysis = report.redundancy
+
+    def draw(dark: bool) -> go.Figure:
+        return correlation_heatmap(
+            analysis.parameters, analysis.pearson, dark=dark, no_influence=analysis.no_influence
+        )
+
+    rows: list[tuple[str, object]] = [
+        ("parameters", len(analysis.parameters)),
+        ("independent (rank)", analysis.rank),
+        ("kept by pairs, as Park does", f"{len(analysis.kept)}: {', '.join(analysis.kept)}"),
+        ("carry all the information", ", ".join(analysis.independent)),
+    ]
+    caption = "Pearson's r between the columns of the nominal Jacobian; grey: no influence."
+    return [
+        page.paragraph(f"Seen by {analysis.seen}."),
+        page.facts(rows),
+        page.bullets(analysis.summary().split("\n")[1:]),
+        page.Figure(draw, caption, height_px=640, width_px=740),
+    ]
+
+
+def parameters(report: Report) -> Parts:
+    """All parameters, and the sums that are known better than their parts."""
+    out: Parts = [
+        page.table(PARAMETER_COLUMNS, parameter_rows(report.calibration), left=(0, 5)),
+        page.paragraph(
+            "* the data tell next to nothing of it by itself: the value is held by its tolerance, or shared.",
+            soft=True,
+        ),
+    ]
+    sums = known_sums(report.calibration)
+    if sums:
+        out.append(page.paragraph("Sums that the data know better than their parts:"))
+        out.append(page.bullets(_sum(c, report.calibration) for c in sums))
+    return out
+
+
+def _sum(known: Combination, calibration: Calibration) -> str:
+    """A sum of parameters of one unit; angles in degrees, as in the table."""
+    units = {p.name: p.unit for p in calibration.fit.parameters}
+    angle = units[next(iter(known.coefficients))] == "rad"
+    scale, unit = (float(np.degrees(1.0)), "°") if angle else (1.0, " mm")
+    return f"{known.words} = {scale * known.value:.6g}{unit} ± {scale * known.sigma:.2g}{unit}"

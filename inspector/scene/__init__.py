@@ -1,0 +1,1 @@
+"""Nodes of the 3D view from arrays."""

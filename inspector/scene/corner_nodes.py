@@ -1,0 +1,112 @@
+"""What measured corners look like: nodes for `SceneView.draw`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from inspector.markup.palette import HIGHLIGHT, rgb
+from inspector.scene.scene_view import M_PER_MM, cloud, to_scene
+from inspector.scene.shapes import ellipsoids, unit_sphere
+
+DOT_MM = 5.0  # diameter of a corner in the scene
+DOT_SHARE = 0.005  # of the field that the corners lie in, where that is more
+
+HALO = 0.9  # radius of the selected corner's halo over the diameter of a dot
+
+
+def dot_mm(xyz_mm: NDArray) -> float:
+    """Diameter of a dot among points (N, 3): they can be told apart near and far."""
+    return max(DOT_MM, DOT_SHARE * float(np.linalg.norm(np.ptp(xyz_mm, axis=0)))) if len(xyz_mm) else DOT_MM
+
+
+def corner(
+    api: viser.SceneApi,
+    name: str,
+    xyz_mm: NDArray,
+    covariance_mm2: NDArray | None,
+    factor: float,
+    edges_mm: NDArray | None,
+    text: str,
+) -> list[viser.SceneNodeHandle]:
+    """The selected corner: its 1-sigma ellipsoid enlarged by `factor`, the jig's three edges, a label."""
+    nodes: list[viser.SceneNodeHandle] = []
+    if edges_mm is not None:
+        nodes.append(
+            api.add_line_segments(
+                f"{name}/edges", to_scene(edges_mm), rgb(HIGHLIGHT), thickness=2.5, thickness_units="screen"
+            )
+        )
+    if covariance_mm2 is not None:
+        colours = np.array([rgb(HIGHLIGHT)], dtype=np.uint8)
+        nodes.append(
+            _ellipsoids(api, f"{name}/ellipsoid", xyz_mm[None], covariance_mm2[None], factor, colours)
+        )
+    at = tuple(to_scene(xyz_mm).astype(float))
+    nodes.append(
+        api.add_label(f"{name}/label", text, position=at, font_screen_scale=0.85, anchor="bottom-left")
+    )
+    return nodes
+
+
+def corners(
+    api: viser.SceneApi,
+    name: str,
+    xyz_mm: NDArray,
+    covariance_mm2: NDArray | None,
+    colours: NDArray,
+    factor: float,
+    on_click: Callable[[int], None],
+) -> list[viser.SceneNodeHandle]:
+    """All corners as dots with their enlarged ellipsoids; a click tells which. (N, 3), (N, 3, 3), (N, 3)."""
+    if not len(xyz_mm):
+        return []
+    at, diameter = to_scene(xyz_mm), dot_mm(xyz_mm)
+    nodes: list[viser.SceneNodeHandle] = [cloud(api, f"{name}/points", xyz_mm, colours, diameter)]
+    # Points cannot be clicked, and a lit sphere this small is mostly highlight: unseen spheres take the clicks.
+    dots = api.add_batched_meshes_simple(
+        f"{name}/dots", *unit_sphere(6, 8), np.tile([1.0, 0, 0, 0], (len(at), 1)), at,
+        batched_scales=np.full((len(at), 3), 0.8 * diameter * M_PER_MM), opacity=0.004, lod="off",
+        cast_shadow=False, receive_shadow=False,
+    )  # fmt: skip
+
+    @dots.on_click
+    def _(event: viser.SceneNodePointerEvent[viser.BatchedMeshHandle]) -> None:
+        if event.instance_index is not None and 0 <= event.instance_index < len(at):
+            on_click(event.instance_index)
+
+    nodes.append(dots)
+    if covariance_mm2 is not None:
+        nodes.append(
+            _ellipsoids(api, f"{name}/ellipsoids", xyz_mm, covariance_mm2, factor, colours, opacity=0.35)
+        )
+    return nodes
+
+
+def halo(api: viser.SceneApi, name: str, at_mm: NDArray, diameter_mm: float) -> list[viser.SceneNodeHandle]:
+    """A mark (3,) around the dot of the selected corner."""
+    return [
+        api.add_icosphere(
+            name, radius=HALO * diameter_mm * M_PER_MM, color=rgb(HIGHLIGHT), opacity=0.35,
+            position=tuple(to_scene(at_mm).astype(float)), cast_shadow=False, receive_shadow=False,
+        )
+    ]  # fmt: skip
+
+
+def _ellipsoids(
+    api: viser.SceneApi,
+    name: str,
+    xyz_mm: NDArray,
+    covariance_mm2: NDArray,
+    factor: float,
+    colours: NDArray,
+    opacity: float | None = None,
+) -> viser.BatchedMeshHandle:
+    wxyz, half_mm = ellipsoids(covariance_mm2, factor)
+    return api.add_batched_meshes_simple(
+        name, *unit_sphere(), wxyz, to_scene(xyz_mm), batched_scales=to_scene(half_mm), batched_colors=colours,
+        opacity=opacity, lod="off", cast_shadow=False, receive_shadow=False,
+    )  # fmt: skip

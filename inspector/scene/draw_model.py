@@ -1,0 +1,190 @@
+"""From the view to the scene: the arm, what the model's versions predict, and the jig's model over the scan."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from calib.calibration.model_versions import Version
+from calib.corners.jig_distance import face_distances, jig_outline
+from calib.dataset.dataset import Dataset
+from calib.errors import CalibError
+from calib.fitting.observations import Observations
+from calib.scans.scan import Scan
+from inspector.markup import colour_scale as colour_map
+from inspector.markup import numbers as words
+from inspector.markup.palette import FACE_COLOURS, MODEL_COLOURS, rgb, role_colour
+from inspector.panels.base import BY_ERROR, View
+from inspector.scene import corner_nodes, model_nodes
+from inspector.scene.link_mesh import load_link_mesh
+from inspector.scene.scene_view import ROOT, SceneView
+
+ARROW_SHARE = 0.0014  # of the field: radius of a residual's arrow
+TIP_SHARE = 0.8  # of a measured point: diameter of a predicted one
+ABOVE_MM = 20.0  # how far over the points their text stands
+
+
+def error_limit_mm(view: View) -> float:
+    """The end of the scale of errors: of the chosen version's pose that is off the most."""
+    if view.version is None:
+        return 1.0
+    return colour_map.round_limit(float(np.nanmax(view.version.pose_errors_mm(), initial=0.0)))
+
+
+def pose_colours(view: View) -> NDArray[np.uint8]:
+    """(N, 3) the colour of each pose's measured point: its role's, or that of the chosen version's error."""
+    if view.colouring == BY_ERROR and view.version is not None:
+        return colour_map.coloured(view.version.pose_errors_mm(), 0.0, error_limit_mm(view), colour_map.ERROR)
+    roles = view.session.dataset.poses.role
+    return np.array([rgb(role_colour(str(role))) for role in roles], dtype=np.uint8)
+
+
+# ---- predictions ----------------------------------------------------------------------------------------------------
+
+
+def draw_residuals(scene: SceneView, view: View) -> None:
+    """From each measured point an arrow to where each compared version predicts it, `view.arrows` times too long."""
+    shown = [version for version in view.versions if version.name in view.compared]
+    drawn = {version.name: _predictions(version, view) for version in shown}
+    everything = [start for start, _ in drawn.values()]
+    start = np.concatenate(everything) if everything else np.zeros((0, 3))
+    if not len(start):
+        for layer in ("residuals", "predicted"):
+            scene.draw(layer, lambda api, name: [])
+        return
+    tips = {name: at + view.arrows * error for name, (at, error) in drawn.items()}
+    arrows, colours = _arrows(drawn, tips)
+    field_mm = float(np.linalg.norm(np.ptp(start, axis=0))) + 50.0
+    longest = {name: float(np.linalg.norm(e, axis=1).max(initial=0.0)) for name, (_, e) in drawn.items()}
+    text = residual_words(view.arrows, longest)
+    top = np.array([start[:, 0].mean(), start[:, 1].min() - ABOVE_MM, start[:, 2].mean()])
+    scene.draw(
+        "residuals",
+        lambda api, name: model_nodes.residuals(
+            api, name, arrows, colours, ARROW_SHARE * field_mm, text, top
+        ),
+    )
+    size_mm = TIP_SHARE * corner_nodes.dot_mm(start)
+    scene.draw("predicted", lambda api, name: model_nodes.predicted(api, name, tips, MODEL_COLOURS, size_mm))
+
+
+def _predictions(version: Version, view: View) -> tuple[NDArray, NDArray]:
+    """The measured points seen from the selected pose's scanner placement (K, 3), and the errors there (K, 3)."""
+    dataset = version.calibration.dataset
+    poses = dataset.poses
+    measured = Observations.of(dataset, np.ones(len(poses), dtype=bool)).points
+    here = poses.setup[measured.pose] == poses.setup[view.pose]
+    return measured.xyz_mm[here], version.evaluation.error_mm[here]
+
+
+def _arrows(
+    drawn: Mapping[str, tuple[NDArray, NDArray]], tips: Mapping[str, NDArray]
+) -> tuple[NDArray, NDArray]:
+    """Arrows (K, 2, 3) that have a length, and their colours (K, 3)."""
+    arrows, colours = [], []
+    for name, (start, error) in drawn.items():
+        seen = np.linalg.norm(error, axis=1) > 0
+        arrows.append(np.stack([start, tips[name]], axis=1)[seen])
+        colours.append(np.tile(np.array(rgb(MODEL_COLOURS[name]), dtype=np.uint8), (int(seen.sum()), 1)))
+    return np.concatenate(arrows), np.concatenate(colours)
+
+
+def residual_words(factor: float, longest_mm: Mapping[str, float]) -> str:
+    """What the arrows are: how many times too long, and the longest error of each version."""
+    lengths = [words.length(mm) for mm in longest_mm.values()]
+    if len(lengths) == 1:
+        return f"residuals × {factor:g}, longest {lengths[0]}"
+    named = "; ".join(f"{name} {length}" for name, length in zip(longest_mm, lengths, strict=True))
+    return f"residuals × {factor:g}, longest: {named}"
+
+
+# ---- the arm --------------------------------------------------------------------------------------------------------
+
+
+class ArmDrawing:
+    """The arm at the selected pose. Meshes are sent once a dataset; another pose only moves them."""
+
+    def __init__(self, scene: SceneView) -> None:
+        self._scene = scene
+        self._of: object = None  # what the meshes were loaded for
+        self._meshes: dict[int, viser.MeshHandle] = {}  # by joint
+        self._solids = model_nodes.Solids()
+        self.problems: tuple[str, ...] = ()  # meshes that cannot be drawn, and why
+
+    def draw(self, view: View) -> None:
+        """The chosen version's arm, from where it places the scanner."""
+        version = view.version
+        arm = None if version is None else version.arm(view.pose)
+        if version is None or arm is None:
+            self._scene.draw("arm", lambda api, name: [])
+            self._of, self._meshes, self._solids = None, {}, model_nodes.Solids()
+            return
+        dataset = view.session.dataset
+        setup = str(dataset.poses.setup[view.pose])
+        placed = version.evaluation.scanner_T_base[setup]
+        text = f"{view.pose_id}, {version.name}"
+
+        def make(api: viser.SceneApi, name: str) -> list[viser.SceneNodeHandle]:
+            self._load(api, dataset)
+            for joint, handle in self._meshes.items():
+                handle.wxyz, handle.position = model_nodes.pose_of(arm.base_T_link[joint])
+            colour, meshed = MODEL_COLOURS[version.name], tuple(self._meshes)
+            return [
+                *model_nodes.arm(api, name, self._solids, arm, colour, text, meshed),
+                *model_nodes.base(api, name, placed),
+                *self._meshes.values(),
+            ]
+
+        self._scene.draw("arm", make)
+
+    def _load(self, api: viser.SceneApi, dataset: Dataset) -> None:
+        if self._of is dataset.robot:
+            return
+        self._of, self._meshes, problems = dataset.robot, {}, []
+        for joint in range(dataset.robot.n_joints):
+            try:
+                mesh = load_link_mesh(dataset, joint)
+            except CalibError as error:
+                problems.append(str(error))
+                continue
+            if mesh is not None:
+                self._meshes[joint] = model_nodes.link_mesh(api, f"{ROOT}/arm/mesh{joint}", mesh)
+        self.problems = tuple(problems)
+
+
+# ---- the jig over the scan ------------------------------------------------------------------------------------------
+
+
+def distance_limit_mm(distances_mm: NDArray) -> float:
+    """The end of the scale of distances: 98 in 100 of them lie within."""
+    known = np.abs(distances_mm[np.isfinite(distances_mm)])
+    return colour_map.round_limit(float(np.percentile(known, 98))) if len(known) else 1.0
+
+
+def jig_distances(view: View, scan: Scan | None) -> NDArray | None:
+    """Signed distance (N,) of the scan's points to the jig's faces, nan beside the jig; None without a corner."""
+    corner = None if view.search is None else view.search.corner
+    if scan is None or corner is None:
+        return None
+    return face_distances(scan.points_mm, corner, view.session.dataset.jig)[0]
+
+
+def draw_jig(scene: SceneView, view: View) -> None:
+    """The jig's model where the corner was found."""
+    corner = None if view.search is None else view.search.corner
+    outline = np.zeros((0, 3, 3)) if corner is None else jig_outline(corner, view.session.dataset.jig)
+    scene.draw("jig", lambda api, name: model_nodes.jig(api, name, outline, FACE_COLOURS[: len(outline)]))
+
+
+def draw_distance(scene: SceneView, scan: Scan | None, distances_mm: NDArray | None) -> None:
+    """The scan's points on the jig, coloured by their distance to its faces."""
+    if scan is None or distances_mm is None:
+        scene.draw_distance(np.zeros((0, 3)), np.zeros((0, 3)))
+        return
+    on_jig = np.isfinite(distances_mm)
+    limit = distance_limit_mm(distances_mm)
+    colours = colour_map.coloured(distances_mm[on_jig], -limit, limit, colour_map.SIGNED)
+    scene.draw_distance(scan.points_mm[on_jig], colours)

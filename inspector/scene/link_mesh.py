@@ -1,0 +1,63 @@
+"""The meshes that robot.toml names for looking at: each in its link's own frame, in mm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.dataset.dataset import Dataset
+from calib.errors import DatasetError
+
+MOST_TRIANGLES = 200_000  # of one link: more slow every page down and show nothing more
+KINDS = (".stl", ".ply", ".obj", ".off", ".glb")
+
+
+@dataclass(frozen=True)
+class LinkMesh:
+    """The triangles of one link."""
+
+    vertices_mm: NDArray[np.float64]  # (V, 3) in the link's own frame
+    triangles: NDArray[np.int64]  # (T, 3) indices into them
+
+
+def load_link_mesh(dataset: Dataset, joint: int) -> LinkMesh | None:
+    """The mesh of the link that this joint moves; None where robot.toml names none.
+
+    Raises:
+        DatasetError: a file outside the dataset's folder, missing, of an unknown kind, unreadable or too large.
+    """
+    name = dataset.robot.joints[joint].mesh
+    if name is None or dataset.folder is None:
+        return None
+    place = f"{dataset.folder}: mesh of joint {joint + 1}, {name!r}"
+    folder = dataset.folder.resolve()
+    path = (folder / name).resolve()
+    if not path.is_relative_to(folder):
+        raise DatasetError(f"{place}, lies outside the dataset's folder; put it inside")
+    if path.suffix.lower() not in KINDS:
+        raise DatasetError(f"{place}: found a {path.suffix or 'nameless'} file; {', '.join(KINDS)} would do")
+    if not path.is_file():
+        raise DatasetError(f"{place}: there is no such file; add it, or take the key out of robot.toml")
+    return _read(path, place)
+
+
+def _read(path: Path, place: str) -> LinkMesh:
+    import trimesh
+
+    try:
+        mesh = trimesh.load_mesh(path, process=False)
+        if isinstance(mesh, trimesh.Scene):
+            mesh = mesh.to_mesh()
+        vertices, triangles = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
+    except Exception as error:  # whatever a foreign file makes the reader raise
+        raise DatasetError(f"{place}: it cannot be read ({type(error).__name__}: {error})") from error
+    if triangles.ndim != 2 or not len(triangles) or not np.isfinite(vertices).all():
+        raise DatasetError(f"{place}: found no triangles with finite corners; export the mesh again")
+    if len(triangles) > MOST_TRIANGLES:
+        raise DatasetError(
+            f"{place}: found {len(triangles):,} triangles; {MOST_TRIANGLES:,} or fewer would do, simplify the mesh"
+        )
+    return LinkMesh(vertices, triangles)

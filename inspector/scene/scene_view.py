@@ -1,0 +1,221 @@
+"""Draws plain arrays in viser. The only file that turns millimetres into viser's units (metres).
+
+Everything hangs under one frame that is moved so that the point looked at lies in viser's origin: the view orbits
+around the corner of the selected pose, also after the next pose is chosen, without a word about cameras. What is big is
+sent once under a fixed name; a layer is a node name, so showing and hiding sends no points again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+
+import numpy as np
+import viser
+from numpy.typing import ArrayLike, NDArray
+
+from inspector.markup.palette import FACE_COLOURS, SCAN_ON_DARK, SCAN_ON_LIGHT, rgb
+from inspector.scene.shapes import shaded, thin
+
+M_PER_MM = 1e-3
+DETAIL_POINTS = 200_000  # of the selected scan; 3 MB at single precision
+OVERVIEW_POINTS = 3_000  # of each other scan, at most
+OVERVIEW_TOTAL = 200_000
+ON_FACE = 1.25  # how much larger the points of the jig's faces are drawn
+
+ROOT = "/scene"
+LAYERS = (
+    "overview",
+    "scan",
+    "faces",
+    "distance",
+    "jig",
+    "sets",
+    "rejected",
+    "groups",
+    "corner",
+    "corners",
+    "predicted",
+    "residuals",
+    "arm",
+    "scanner",
+)
+HALO = "halo"  # a part of the layer of corners
+DOWN = (0.0, 1.0, 0.0)  # in a scanner's frame, which is a camera's: y points down
+BESIDE = (0.35, -0.30, 0.0)  # of the scanner, and a little above: where looks come from
+
+
+def to_scene(points_mm: ArrayLike) -> NDArray:
+    """Metres, single precision: 0.06 um at 1 m. points_mm  # (..., 3)"""
+    return (np.asarray(points_mm, dtype=np.float64) * M_PER_MM).astype(np.float32)
+
+
+def cloud(
+    api: viser.SceneApi, name: str, points_mm: NDArray, colours: ArrayLike, size_mm: float
+) -> viser.PointCloudHandle:
+    """A node of round points (N, 3) in the scanner's frame; colours (3,) or (N, 3)."""
+    return api.add_point_cloud(
+        name, to_scene(points_mm), np.asarray(colours, dtype=np.uint8), point_size=size_mm * M_PER_MM,
+        precision="float32", point_shape="circle", point_shading="flat",
+    )  # fmt: skip
+
+
+class SceneView:
+    """What is on show. Every method replaces what it drew before."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._server = server
+        self._scene = server.scene
+        self._scene.set_up_direction(tuple(-np.array(DOWN)))
+        self._scene.world_axes.visible = False
+        self._root = self._scene.add_frame(ROOT, show_axes=False)
+        self._layers = {name: self._scene.add_frame(f"{ROOT}/{name}", show_axes=False) for name in LAYERS}
+        self._overview: dict[int, viser.PointCloudHandle] = {}
+        self._hidden_overview: int | None = None
+        self._drawn: dict[str, list[viser.SceneNodeHandle]] = {name: [] for name in (*LAYERS, HALO)}
+        self._keys: dict[str, object] = {}  # what a layer was drawn for
+        self._point_mm = 1.2
+        self._scan_colour = SCAN_ON_LIGHT
+        self._draw_scanner()
+
+    def _replace(self, layer: str, nodes: Sequence[viser.SceneNodeHandle]) -> None:
+        """Nodes of a layer that were not drawn again under the same name go away."""
+        names = {node.name for node in nodes}
+        for old in self._drawn[layer]:
+            if old.name not in names:
+                old.remove()
+        self._drawn[layer] = list(nodes)
+
+    def atomic(self) -> AbstractContextManager[None]:
+        """Pages get what is drawn inside all at once."""
+        return self._server.atomic()
+
+    def draw(
+        self,
+        layer: str,
+        make: Callable[[viser.SceneApi, str], Sequence[viser.SceneNodeHandle]],
+        *,
+        key: object = None,
+    ) -> None:
+        """Fill a layer with the nodes that `make` adds below the name it is given.
+
+        Nothing is drawn again for the same `key`: it spares the wire, and pages now and then show nothing of a batch
+        of meshes that is added anew.
+        """
+        if key is not None and self._keys.get(layer) == key:
+            return
+        self._keys[layer] = key
+        with self._server.atomic():
+            self._replace(layer, make(self._scene, f"{ROOT}/{layer}"))
+
+    def draw_halo(self, make: Callable[[viser.SceneApi, str], Sequence[viser.SceneNodeHandle]]) -> None:
+        """What marks the selected corner among all of them, drawn apart because it moves."""
+        with self._server.atomic():
+            self._replace(HALO, make(self._scene, f"{ROOT}/corners/halo"))
+
+    # ---- the view ---------------------------------------------------------------------------------------------------
+
+    def show(self, layer: str, visible: bool) -> None:
+        """Show or hide a layer; nothing is sent again."""
+        self._layers[layer].visible = visible
+
+    def focus(self, point_mm: ArrayLike) -> None:
+        """Bring this point to the middle of the view."""
+        self._root.position = tuple(-to_scene(point_mm).astype(float))
+
+    def look(
+        self, distance_mm: float, focus_mm: ArrayLike, *, down: ArrayLike = DOWN, beside: ArrayLike = BESIDE
+    ) -> None:
+        """Look at the focus from the scanner's side and a little `beside` it, in every page open or to come."""
+        back, down = -np.asarray(focus_mm, dtype=float), np.asarray(down, dtype=float)
+        length = float(np.linalg.norm(back))
+        back = np.array([0.0, 0.0, -1.0]) if length < 1e-9 else back / length
+        direction = back + np.asarray(beside, dtype=float)
+        eye = direction / np.linalg.norm(direction) * distance_mm * M_PER_MM
+        start = self._server.initial_camera
+        start.position, start.look_at, start.up = tuple(eye), (0.0, 0.0, 0.0), tuple(-down)
+        start.near = 0.001
+        for client in self._server.get_clients().values():
+            with client.atomic():
+                client.camera.position = eye
+                client.camera.look_at = np.zeros(3)
+                client.camera.up_direction = -down
+
+    def dark(self, dark: bool) -> None:
+        """The selected scan stands out from a dark or a light background."""
+        self._scan_colour = SCAN_ON_DARK if dark else SCAN_ON_LIGHT
+        for node in self._drawn["scan"]:
+            if isinstance(node, viser.PointCloudHandle):
+                node.colors = np.array(rgb(self._scan_colour), dtype=np.uint8)
+
+    def point_size(self, size_mm: float) -> None:
+        """Diameter of the points of all clouds."""
+        self._point_mm = size_mm
+        for layer in ("scan", "faces", "distance"):
+            for node in self._drawn[layer]:
+                if isinstance(node, viser.PointCloudHandle):
+                    node.point_size = size_mm * M_PER_MM * (1.0 if layer == "scan" else ON_FACE)
+        for other in self._overview.values():
+            other.point_size = size_mm * M_PER_MM
+
+    def _draw_scanner(self) -> None:
+        name = f"{ROOT}/scanner"
+        self._scene.add_frame(f"{name}/axes", axes_length=0.06, axes_radius=0.0015)
+        self._scene.add_label(f"{name}/label", "scanner (z: view)", font_screen_scale=0.8)
+
+    # ---- scans ------------------------------------------------------------------------------------------------------
+
+    def draw_overview(
+        self, index: int, points_mm: NDArray, colour: str, scans: int, normals: NDArray | None = None
+    ) -> None:
+        """One of so many scans, in few points, lit from the side where their normals are known."""
+        kept = thin(points_mm, max(200, min(OVERVIEW_POINTS, OVERVIEW_TOTAL // max(scans, 1))))
+        colours = shaded(np.array(rgb(colour)), normals[kept]) if normals is not None else rgb(colour)
+        node = cloud(self._scene, f"{ROOT}/overview/{index}", points_mm[kept], colours, self._point_mm)
+        node.visible = index != self._hidden_overview
+        self._overview[index] = node
+
+    def hide_in_overview(self, index: int | None, apart: Callable[[int], bool] = lambda _: False) -> None:
+        """Leave out the scan that is drawn in full, and those for which `apart` holds."""
+        self._hidden_overview = index
+        for i, other in self._overview.items():
+            visible = i != index and not apart(i)
+            if other.visible != visible:
+                other.visible = visible
+
+    def clear_overview(self) -> None:
+        """Forget the scans of the dataset before."""
+        for other in self._overview.values():
+            other.remove()
+        self._overview.clear()
+
+    def draw_scan(self, points_mm: NDArray, faces: Sequence[NDArray] = ()) -> int:
+        """The selected scan; `faces` are index arrays into it. Returns how many points are drawn."""
+        face_of = np.full(len(points_mm), -1)
+        for number, inliers in enumerate(faces):
+            face_of[inliers] = number
+        kept = thin(points_mm, DETAIL_POINTS)
+        points, face_of = points_mm[kept], face_of[kept]
+        rest, on_face = face_of < 0, face_of >= 0
+        colours = np.array([rgb(c) for c in FACE_COLOURS], dtype=np.uint8)
+        with self._server.atomic():
+            on_none, ink = [], rgb(self._scan_colour)
+            if rest.any():
+                name = f"{ROOT}/scan/points"
+                on_none = [cloud(self._scene, name, points[rest], ink, self._point_mm)]
+            self._replace("scan", on_none)
+            self._draw_on_faces("faces", points[on_face], colours[face_of[on_face]])
+        return len(kept)
+
+    def draw_distance(self, points_mm: NDArray, colours: NDArray) -> None:
+        """Points (N, 3) of the selected scan on the jig, in colours (N, 3) that say how far off its faces they lie."""
+        kept = thin(points_mm, DETAIL_POINTS)
+        with self._server.atomic():
+            self._draw_on_faces("distance", points_mm[kept], colours[kept])
+
+    def _draw_on_faces(self, layer: str, points_mm: NDArray, colours: NDArray) -> None:
+        nodes = []
+        if len(points_mm):
+            name = f"{ROOT}/{layer}/points"
+            nodes = [cloud(self._scene, name, points_mm, colours, self._point_mm * ON_FACE)]
+        self._replace(layer, nodes)

@@ -1,0 +1,1 @@
+"""The locked-down viser server, its worker thread and background jobs."""

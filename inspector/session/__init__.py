@@ -1,0 +1,1 @@
+"""What is known of a dataset and what is on show, and the session file. No viser."""

@@ -1,0 +1,79 @@
+"""The user's own effects, from a file that is read again whenever it changes on disk."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from calib.dataset.dataset import Dataset
+from calib.effects.catalogue import Family
+from calib.effects.user_file import load_effects
+from calib.errors import CalibError
+
+POLL_S = 0.5
+_Version = tuple[int, int] | None
+
+
+class OwnEffects:
+    """The families of one file, made for each dataset. What cannot be read leaves the last good."""
+
+    def __init__(self, path: Path | None = None) -> None:
+        self.path = path
+        self.words = ""  # what went wrong, one line; "" where all is well
+        self._good: dict[str, tuple[_Version, tuple[Family, ...]]] = {}  # by dataset, with the file's version
+
+    def stale(self, name: str, known: tuple[Family, ...]) -> bool:
+        """Whether a dataset's families have to be asked for again: the file is another, or they are not `known`."""
+        if self.path is None:
+            return False
+        version, families = self._good.get(name, (None, ()))
+        return name not in self._good or version != self.version or families is not known
+
+    def families(self, name: str, dataset: Dataset) -> tuple[Family, ...]:
+        """The families as the file has them now; those of before where it has an error, which `words` then tells."""
+        if self.path is None:
+            return ()
+        version = self.version
+        before, families = self._good.get(name, (None, ()))
+        if name in self._good and before == version:
+            return families
+        try:
+            families = load_effects(self.path, dataset)
+            self.words = ""
+        except CalibError as error:
+            kept = f"; {', '.join(f.name for f in families)} as before" if families else ""
+            self.words = f"{error}{kept}"
+        self._good[name] = (version, families)
+        return families
+
+    @property
+    def version(self) -> _Version:
+        """When the file was changed last, and its size; None where there is none."""
+        try:
+            status = self.path.stat() if self.path is not None else None
+        except OSError:
+            return None
+        return None if status is None else (status.st_mtime_ns, status.st_size)
+
+
+class Watch:
+    """Calls `on_change` soon after the file's version changes, on a thread of its own, until stopped."""
+
+    def __init__(self, own: OwnEffects, on_change: Callable[[], None]) -> None:
+        self._own, self._on_change = own, on_change
+        self._stop = threading.Event()
+        self._seen = own.version
+        if own.path is not None:
+            threading.Thread(target=self._run, name="inspector-watch", daemon=True).start()
+
+    def stop(self) -> None:
+        """No more calls after this one, but one that has begun."""
+        self._stop.set()
+
+    def _run(self) -> None:
+        while not self._stop.wait(POLL_S):
+            version = self._own.version
+            if version != self._seen:
+                self._seen = version
+                self._on_change()

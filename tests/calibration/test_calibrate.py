@@ -1,0 +1,319 @@
+"""Calibration as a whole: what falls, on which poses, and when it is refused. Jang's tables where they have numbers."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib import frames
+from calib.calibration.calibrate import calibrate
+from calib.dataset.dataset import Dataset, Points
+from calib.dataset.files.folder import load_dataset
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.dataset.repeats import find_repeats, pooled_sigma_mm, repeats_of
+from calib.effects.catalogue import family_of
+from calib.errors import FitError
+from calib.fitting.model import geometric_model
+from calib.fitting.observations import Observations
+from calib.fitting.scanner_frame import fit_scanner_frame
+from calib.identifiability.structural import redundancy
+from calib.kinematics.robot import Target
+from calib.simulation.simulate import simulate_dataset
+from calib.validation.acceptance import check
+from tests.support.arms import REFERENCE, dataset_of, elementary_points, jang_arm, park_arm, perturbed
+from tests.test_frames import random_transform
+
+SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def simulated(seed: int = 0, **more: object) -> Dataset:
+    rng = np.random.default_rng(seed)
+    robot = jang_arm()
+    options: dict = {"poses": 64, "test": 13, "noise_mm": 0.02, "sigma_mm": 0.02} | more
+    return dataset_of(robot, perturbed(robot, rng), rng, base_T_scanner=random_transform(rng), **options)
+
+
+@pytest.mark.parametrize("residual", ["position", "distance"])
+def test_the_held_out_error_falls_to_the_noise(residual: str) -> None:
+    result = calibrate(simulated(), residual=residual)
+    assert result.before.test is not None
+    assert result.after.test is not None
+    assert result.before.test.rmse_mm > 1.0
+    # 0.02 mm an axis is 0.035 mm in 3D; the fit's own uncertainty comes on top.
+    assert result.after.test.rmse_mm < {"position": 0.06, "distance": 0.12}[residual]
+    assert result.sigma_mm == pytest.approx(0.02, rel=0.35)
+    assert result.steps[0].train_rmse_mm == pytest.approx(result.before.train.rmse_mm)  # type: ignore[union-attr]
+    assert result.steps[-1].test_rmse_mm == pytest.approx(result.after.test.rmse_mm)
+
+
+def test_the_calibrated_table_reaches_places_it_never_saw() -> None:
+    rng = np.random.default_rng(3)
+    robot = park_arm("panda")
+    true = perturbed(robot, rng)
+    result = calibrate(dataset_of(robot, true, rng, noise_mm=0.0))
+    q = rng.uniform(-np.pi, np.pi, (100, 7))
+    # The base frame is not known, so shapes are compared.
+    found, truth = elementary_points(result.robot, q), elementary_points(true, q)
+    fitted = frames.apply(frames.best_fit_transform(found, truth), found)
+    np.testing.assert_allclose(fitted, truth, atol=1e-5)
+
+
+def test_test_poses_have_no_say_in_the_fit() -> None:
+    dataset = simulated()
+    assert dataset.points is not None
+    points = dataset.points
+    shifted = points.xyz_mm + np.where(dataset.poses.is_test[points.pose], 5.0, 0.0)[:, None]
+    other = calibrate(dataset.with_points(Points(points.pose, shifted, points.target)))
+    np.testing.assert_array_equal(other.fit.x, calibrate(dataset).fit.x)
+    assert other.after.test is not None
+    assert other.after.test.rmse_mm > 5.0
+
+
+def test_figures_by_hand() -> None:
+    """RMSE, max and mean of the 3D error and of distances to the reference, from the definitions."""
+    dataset = simulated(noise_mm=0.3)
+    result = calibrate(dataset, residual="distance")
+    assert dataset.points is not None
+    measured = dataset.points.xyz_mm
+    base = elementary_points(result.robot, dataset.poses.q)
+    train = ~dataset.poses.is_test
+    placed = frames.apply(frames.best_fit_transform(base[train], measured[train]), base)
+    error = np.linalg.norm(placed - measured, axis=1)
+    length = np.abs(np.linalg.norm(base - base[0], axis=1) - np.linalg.norm(measured - measured[0], axis=1))
+    for figures, of in ((result.after.train, train), (result.after.test, ~train)):
+        assert figures is not None
+        assert figures.rmse_mm == pytest.approx(np.sqrt(np.mean(error[of] ** 2)), rel=1e-9)
+        assert figures.max_mm == pytest.approx(error[of].max(), rel=1e-9)
+        assert figures.mean_mm == pytest.approx(error[of].mean(), rel=1e-9)
+        distances = length[of & (np.arange(len(length)) > 0)]
+        assert figures.distance_max_mm == pytest.approx(distances.max(), rel=1e-9)
+        assert figures.distance_mean_mm == pytest.approx(distances.mean(), rel=1e-9)
+
+
+def test_setups_have_frames_of_their_own_and_one_without_training_says_so() -> None:
+    rng = np.random.default_rng(1)
+    dataset = simulated()
+    poses = dataset.poses
+    setup = np.where(np.arange(64) % 2 == 0, "left", "right")
+    setup[poses.is_test] = "far"
+    assert dataset.points is not None
+    xyz = dataset.points.xyz_mm.copy()
+    for name in ("left", "right", "far"):
+        xyz[setup == name] = frames.apply(random_transform(rng), xyz[setup == name])
+    split = replace(dataset, poses=replace(poses, setup=setup)).with_points(
+        Points(dataset.points.pose, xyz, dataset.points.target)
+    )
+    for residual in ("position", "distance"):
+        result = calibrate(split, residual=residual)
+        assert result.after.train is not None
+        assert result.after.test is not None
+        assert result.after.train.rmse_mm < 0.1
+        assert result.after.test.rmse_mm < 0.2
+        assert any("'far' has no training pose" in note for note in result.warnings)
+
+
+def test_several_targets_on_the_tool_are_one_fit() -> None:
+    rng = np.random.default_rng(8)
+    robot = replace(jang_arm(), targets=(Target("smr2", (40.0, -30.0, -60.0)),))
+    true = perturbed(robot, rng)
+    dataset = dataset_of(robot, true, rng, noise_mm=0.0)
+    assert dataset.points is not None
+    offset = np.array([40.0, -30.0, -60.0])
+    tool = true.table[-1]
+    flange_as_tool = true.with_table(np.vstack([true.table[:-1], [[0, 0, 0, 0, 0]]]))
+    # The flange's axes, by moving a zero tool along them.
+    at = elementary_points(flange_as_tool, dataset.poses.q)
+    second = at.copy()
+    z = elementary_points(
+        flange_as_tool.with_table(np.vstack([true.table[:-1], [[0, 0, 1, 0, 0]]])), dataset.poses.q
+    )
+    x = elementary_points(
+        flange_as_tool.with_table(np.vstack([true.table[:-1], [[1, 0, 0, 0, 0]]])), dataset.poses.q
+    )
+    axes = np.stack([x - at, np.cross(z - at, x - at), z - at], axis=-1)
+    second = at + axes @ offset
+    points = Points(
+        np.tile(np.arange(64), 2),
+        np.vstack([dataset.points.xyz_mm, second]),
+        np.array(["jig"] * 64 + ["smr2"] * 64),
+    )
+    result = calibrate(dataset.with_points(points))
+    assert result.after.train is not None
+    assert result.after.train.rmse_mm < 1e-6
+    assert np.abs(result.robot.table[-1] - tool).max() < 2.0
+
+
+def test_covariances_weigh_the_points() -> None:
+    """A frame fitted with full covariances beats one fitted without, on points that are bad along one axis."""
+    rng = np.random.default_rng(0)
+    base = rng.normal(size=(40, 3)) * 300
+    truth = random_transform(rng)
+    axis = rng.normal(size=(40, 3))
+    axis /= np.linalg.norm(axis, axis=1)[:, None]
+    covariance = 0.01**2 * np.eye(3) + 1.0**2 * axis[:, :, None] * axis[:, None, :]
+    errors: dict[str, list[float]] = {"with": [], "without": []}
+    for _ in range(30):
+        noise = np.einsum("mij,mj->mi", np.linalg.cholesky(covariance), rng.normal(size=(40, 3)))
+        scanner = frames.apply(truth, base) + noise
+        for name, used in (("with", covariance), ("without", np.broadcast_to(np.eye(3), (40, 3, 3)))):
+            found = fit_scanner_frame(base, scanner, used)
+            errors[name].append(float(np.mean((frames.apply(found, base) - frames.apply(truth, base)) ** 2)))
+    assert np.mean(errors["with"]) < 0.05 * np.mean(errors["without"])
+
+
+def test_too_few_poses_are_refused_with_the_number_that_would_do() -> None:
+    robot = jang_arm()
+    rng = np.random.default_rng(0)
+    with pytest.raises(FitError, match=r"8 training poses give 18 equations.*19 knowable.*at least 9 "):
+        calibrate(dataset_of(robot, robot, rng, poses=8, noise_mm=0.1))
+    with pytest.raises(FitError, match=r"12 training poses give 11 equations"):
+        calibrate(dataset_of(robot, robot, rng, poses=12, noise_mm=0.1), residual="distance")
+    with pytest.raises(FitError, match="no measured points"):
+        calibrate(replace(simulated(), points=None))
+
+
+def test_all_poses_alike_are_refused() -> None:
+    dataset = simulated()
+    same = replace(dataset, poses=replace(dataset.poses, q=np.zeros_like(dataset.poses.q)))
+    assert same.points is not None
+    noise = np.random.default_rng(0).normal(size=(64, 3)) * 0.05
+    stands = same.with_points(Points(same.points.pose, noise + np.array([1.0, 2.0, 3.0]), same.points.target))
+    verdict = check(stands)
+    assert not any(f.name == "fit" and f.passed for f in verdict.findings)
+    with pytest.raises(FitError, match="tell nothing of the arm's parameters"):
+        calibrate(stands)
+    with pytest.raises(FitError, match="distances between different places"):
+        redundancy(stands, residual="distance")
+
+
+def test_a_fit_that_made_it_worse_is_not_exported() -> None:
+    good = calibrate(simulated())
+    good.require_improvement()
+    worse = replace(good, before=good.after, after=good.before)
+    with pytest.raises(FitError, match="the test poses got worse"):
+        worse.require_improvement()
+    worse.require_improvement(force=True)
+    with pytest.raises(FitError, match="did not converge"):
+        replace(good, fit=replace(good.fit, converged=False, reason="tired")).require_improvement()
+
+
+def test_redundancy_of_distances_loses_what_turns_the_base() -> None:
+    dataset = simulated()
+    position, distance = redundancy(dataset), redundancy(dataset, residual="distance")
+    assert position.rank == 21
+    assert distance.rank == 19
+    assert {"d1", "theta1", "beta1"} <= set(distance.no_influence)
+    assert not {"d1", "theta1"} & set(position.no_influence)
+    with pytest.raises(FitError, match="no residual named"):
+        redundancy(dataset, residual="angles")
+
+
+def test_jangs_table_3_explains_his_arm() -> None:
+    """Data of the arm that Table 3 describes: fitting from Table 2 finds an arm that moves alike."""
+    rng = np.random.default_rng(0)
+    true = jang_arm("jang_table3_rb5_calibrated.csv")
+    dataset = dataset_of(jang_arm(), true, rng, test=13, noise_mm=0.0)
+    for residual in ("position", "distance"):
+        result = calibrate(dataset, residual=residual)
+        assert result.after.test is not None
+        assert result.before.test is not None
+        assert result.before.test.max_mm > 3.0
+        assert result.after.test.max_mm < 1e-4
+
+
+def test_table_1_recomputed_from_its_rows() -> None:
+    """Position error 0.026-0.095 mm and deviations 0.03-0.09 mm an axis, as the paper states."""
+    with (REFERENCE / "jang_table1_repeats.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    places = {}
+    for name in ("P1", "P2", "P3", "P4"):
+        xyz = {r["cycle"]: [float(r[f"{a}_mm"]) for a in "xyz"] for r in rows if r["point"] == name}
+        reference = xyz.pop("reference")
+        places[name] = repeats_of(name, list(xyz.values()), reference)
+    offsets = [p.offset_mm for p in places.values()]
+    assert round(min(offsets), 3) == 0.026  # type: ignore[type-var,arg-type]
+    assert round(max(offsets), 3) == 0.095  # type: ignore[type-var,arg-type]
+    deviations = np.array([p.sigma_mm for p in places.values()])
+    assert round(float(deviations.min()), 2) == 0.03
+    assert round(float(deviations.max()), 2) == 0.09
+
+
+def test_repeats_are_found_and_pooled() -> None:
+    rng = np.random.default_rng(0)
+    dataset = simulated()
+    poses = replace(dataset.poses, q=np.repeat(dataset.poses.q[:16], 4, axis=0))
+    centre = np.repeat(rng.normal(size=(16, 3)) * 100, 4, axis=0)
+    points = Points(np.arange(64), centre + 0.03 * rng.normal(size=(64, 3)), np.full(64, "jig"))
+    found = find_repeats(replace(dataset, poses=poses, points=points))
+    assert [r.count for r in found] == [4] * 16
+    assert pooled_sigma_mm(found) == pytest.approx(0.03, rel=0.2)
+    assert find_repeats(dataset) == ()
+
+
+def test_data_of_another_arm_fail_the_check_whatever_the_improvement() -> None:
+    dataset = simulated()
+    assert dataset.points is not None
+    points = dataset.points
+    scattered = np.random.default_rng(0).normal(size=points.xyz_mm.shape) * 300.0
+    verdict = check(dataset.with_points(Points(points.pose, scattered, points.target)))
+    assert not verdict.passed
+    assert "does not describe these data" in " ".join(verdict.reasons)
+
+
+def test_check_passes_fails_and_says_why() -> None:
+    verdict = check(simulated())
+    assert verdict.passed
+    assert verdict.reasons == ()
+    strict = check(simulated(), max_test_rmse_mm=1e-4)
+    assert not strict.passed
+    assert "0.0001 mm was asked for" in strict.reasons[0]
+
+
+@pytest.mark.skipif(not SHARED_DATA.is_dir(), reason="the real measurements are not part of the project")
+@pytest.mark.parametrize(("name", "limit_mm"), [("mukca_panda_2_clean", 0.235), ("mukca_panda_1", 0.85)])
+def test_real_arms_reach_the_floor_of_an_independent_fit(name: str, limit_mm: float) -> None:
+    result = calibrate(load_dataset(SHARED_DATA / name))
+    assert result.after.test is not None
+    assert result.after.test.rmse_mm <= limit_mm
+
+
+def test_observations_are_the_training_poses() -> None:
+    dataset = simulated()
+    observed = Observations.of(dataset)
+    assert len(observed.points) == 51
+    assert geometric_model(dataset.robot).parameters[0].name == "a1"
+
+
+@pytest.mark.parametrize("robot_name", ["rb5", "panda"])
+def test_a_fit_that_goes_on_from_another_ends_where_it_would_have_ended(robot_name: str) -> None:
+    dataset = simulate_dataset(
+        builtin_robot(robot_name),
+        rng=np.random.default_rng(5),
+        effects=("joint_compliance",),
+        visible_sigmas=3.0,
+    ).dataset
+    members = family_of(dataset, "joint_compliance").members
+    plain = calibrate(dataset)
+    alone, on = calibrate(dataset, effects=members), calibrate(dataset, effects=members, start=plain)
+    np.testing.assert_allclose(on.fit.x, alone.fit.x, atol=0.0, rtol=1e-9)
+    np.testing.assert_array_equal([s.train_rmse_mm for s in on.steps], [s.train_rmse_mm for s in alone.steps])
+    assert on.fit.rank == alone.fit.rank
+    assert on.before.train is not None
+    assert plain.before.train is not None
+    assert on.before.train.rmse_mm == plain.before.train.rmse_mm
+    # Added in two rounds, or one less again: the loads come from other links, which differ by what effects moved.
+    wobbling = family_of(dataset, "transmission_error").members
+    both = calibrate(dataset, effects=(*members, *wobbling))
+    for again in (
+        calibrate(dataset, effects=(*members, *wobbling), start=on),
+        calibrate(dataset, effects=(*wobbling, *members), start=both),
+    ):
+        values = dict(zip([p.name for p in again.fit.parameters], again.fit.x, strict=True))
+        off = [abs(values[p.name] - v) for p, v in zip(both.fit.parameters, both.fit.x, strict=True)]
+        assert np.max(np.array(off) / both.fit.sigma) < 0.05
+    less = calibrate(dataset, start=both)
+    assert np.max(np.abs(less.fit.x - plain.fit.x) / plain.fit.sigma) < 0.01

@@ -1,0 +1,90 @@
+"""What a fit claims to know, against what it does know over many simulated arms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib import frames
+from calib.calibration.calibrate import calibrate
+from calib.calibration.uncertainty import combination, correlated_pairs, known_sums, prediction_covariance
+from calib.errors import FitError
+from tests.support.arms import dataset_of, elementary_points, jang_arm, park_arm, perturbed
+
+
+def test_sums_are_known_although_their_parts_are_not() -> None:
+    rng = np.random.default_rng(0)
+    robot = park_arm("rb5")
+    true = perturbed(robot, rng, mm=0.5, rad=0.001)
+    result = calibrate(dataset_of(robot, true, rng, noise_mm=0.03))
+    sums = {c.words: c for c in known_sums(result)}
+    assert {"d2 + d3 + d4", "a6 + aTCP", "theta4 - beta4"} <= set(sums)
+    for words in ("a6 + aTCP", "d2 + d3 + d4", "d6 + dTCP"):
+        known = sums[words]
+        assert known.sigma < 0.2 * known.worst_part_sigma, words
+    truth = dict(zip(robot.parameter_names, true.table.ravel(), strict=True))
+    known = sums["a6 + aTCP"]
+    assert abs(known.value - truth["a6"] - truth["aTCP"]) < 5 * known.sigma
+
+
+def test_a_sum_that_these_poses_leave_open_is_not_called_known() -> None:
+    rng = np.random.default_rng(0)
+    robot = jang_arm()
+    few = calibrate(dataset_of(robot, perturbed(robot, rng), rng, poses=10, noise_mm=0.03, range_rad=0.01))
+    many = calibrate(dataset_of(robot, perturbed(robot, rng), rng, poses=60, noise_mm=0.03))
+    told = [{c.words for c in known_sums(result)} for result in (few, many)]
+    assert "d6 + dTCP" in told[1]
+    assert told[0] < told[1]
+    both = combination(few, {"d6": 1.0, "dTCP": 1.0})
+    assert not both.is_known
+    assert (both.unit, both.tolerance) == ("mm", 1.0)
+    assert combination(many, {"a2": 1.0, "theta2": 1.0}).unit == ""
+
+
+def test_any_sum_can_be_asked_for_and_an_unknown_name_is_refused() -> None:
+    rng = np.random.default_rng(0)
+    robot = jang_arm()
+    result = calibrate(dataset_of(robot, perturbed(robot, rng), rng, noise_mm=0.03))
+    half = combination(result, {"a2": 0.5, "a3": -2.0})
+    assert half.words == "0.5 a2 - 2 a3"
+    table = result.robot.table
+    assert half.value == pytest.approx(0.5 * table[1, 0] - 2 * table[2, 0])
+    with pytest.raises(FitError, match="no fitted parameter named 'x1'"):
+        combination(result, {"x1": 1.0})
+
+
+def test_pairs_that_blur_each_other_are_named() -> None:
+    rng = np.random.default_rng(0)
+    robot = jang_arm()
+    pairs = correlated_pairs(calibrate(dataset_of(robot, perturbed(robot, rng), rng, noise_mm=0.03)))
+    found = {frozenset((p.first, p.second)) for p in pairs}
+    assert frozenset(("d6", "dTCP")) in found  # only their sum is known: their errors are opposite
+    assert all(abs(pair.r) > 0.8 for pair in pairs)
+    assert [abs(p.r) for p in pairs] == sorted((abs(p.r) for p in pairs), reverse=True)
+
+
+@pytest.mark.parametrize("range_rad", [np.pi, 0.6])
+def test_predictions_err_as_much_as_they_say(range_rad: float) -> None:
+    """Mean squared Mahalanobis distance of predicted points, over arms drawn from the prior: 3."""
+    robot = jang_arm()
+    squared = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        true = perturbed(robot, rng, mm=1.0, rad=np.radians(0.5))
+        result = calibrate(dataset_of(robot, true, rng, poses=40, noise_mm=0.05, range_rad=range_rad))
+        q = rng.uniform(-1.2 * range_rad, 1.2 * range_rad, (6, 6))
+        covariance = prediction_covariance(result, q)
+        predicted = frames.apply(result.after.scanner_T_base[""], elementary_points(result.robot, q))
+        error = predicted - elementary_points(true, q)
+        squared += np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error).tolist()
+    assert 2.2 < float(np.mean(squared)) < 4.0
+
+
+def test_far_from_the_training_poses_a_prediction_is_worse() -> None:
+    rng = np.random.default_rng(0)
+    robot = jang_arm()
+    result = calibrate(dataset_of(robot, perturbed(robot, rng), rng, poses=40, noise_mm=0.05, range_rad=0.4))
+    near, far = prediction_covariance(result, np.array([[0.1] * 6, [2.5] * 6]))
+    assert np.trace(far) > 10 * np.trace(near)
+    with pytest.raises(FitError, match="setup 'left' has no training points"):
+        prediction_covariance(result, np.zeros((1, 6)), setup="left")

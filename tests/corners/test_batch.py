@@ -1,0 +1,228 @@
+"""Corners on any executor: the same to the bit, a few scans at a time, and an early end that leaves nothing running."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calib.corners.search import CornerSearch, find_corners
+from calib.dataset.dataset import Scanner
+from calib.errors import CornerError
+from calib.jig import Jig
+from calib.parallel import as_they_come
+from calib.scans.scan import write_scan
+from inspector.cli.parser import main
+from inspector.cli.progress import processes
+from tests.support.scan_scene import make_scene
+
+SPAWN = multiprocessing.get_context("spawn")
+COUNT = 5
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
+    """What find_corners reads of a dataset; the last scan is missing."""
+    folder = tmp_path_factory.mktemp("scans")
+    names = [f"p{seed}.ply" for seed in range(COUNT)]
+    for seed, name in enumerate(names[:-1]):
+        write_scan(folder / name, make_scene(np.random.default_rng(seed), 5_000, field_mm=110).scan)
+    return SimpleNamespace(
+        name="d",
+        poses=SimpleNamespace(ids=tuple(name.removesuffix(".ply") for name in names)),
+        jig=Jig(),
+        scanner=Scanner(scan_sigma_mm=0.02),
+        scan_path=lambda i: folder / names[i],
+    )
+
+
+@pytest.fixture(scope="module")
+def alone(dataset: Any) -> dict[str, CornerSearch]:
+    found = find_corners(dataset)
+    assert [search.corner is not None for search in found.values()] == [True] * (COUNT - 1) + [False]
+    return found
+
+
+def bits(search: CornerSearch) -> tuple[Any, ...]:
+    """Everything that a search found, for a comparison to the last bit; only the time may differ."""
+    arrays = [search.voxel_points_mm, search.voxel_normals, search.sets.rejected_by]
+    if search.corner is not None:
+        arrays += [search.corner.xyz_mm, search.corner.covariance_mm2]
+        arrays += [face.inliers for face in search.corner.faces] + [f.normal for f in search.corner.faces]
+    return search.failure, search.chosen, len(search.groups), *(a.tobytes() for a in arrays)
+
+
+@contextmanager
+def dask() -> Iterator[Executor]:
+    distributed = pytest.importorskip("distributed")
+    cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    with cluster, distributed.Client(cluster) as client, client.get_executor() as executor:
+        yield executor
+
+
+EXECUTORS = {
+    "threads": lambda: ThreadPoolExecutor(3),
+    "processes": lambda: ProcessPoolExecutor(2, mp_context=SPAWN),
+    "dask": dask,
+}
+
+
+@pytest.mark.parametrize("kind", EXECUTORS)
+def test_the_same_to_the_bit_on_any_executor(dataset: Any, alone: dict[str, CornerSearch], kind: str) -> None:
+    steps: list[tuple[int, int, str]] = []
+    with EXECUTORS[kind]() as executor:
+        found = find_corners(
+            dataset, executor=executor, in_flight=3, on_progress=lambda *step: steps.append(step)
+        )
+    assert list(found) == list(alone)
+    for pose_id, search in found.items():
+        assert bits(search) == bits(alone[pose_id])
+    assert [step[:2] for step in steps] == [(i + 1, COUNT) for i in range(COUNT)]
+    assert {step[2] for step in steps} == set(alone)
+
+
+def test_another_name_changes_nothing_and_more_blas_threads_only_the_covariances_last_digits(
+    dataset: Any, alone: dict[str, CornerSearch], tmp_path: Path
+) -> None:
+    """LAPACK's eigenvectors depend on the number of threads in their last digits; here and on Dask's it is 1."""
+    copy = tmp_path / "another name.ply"
+    copy.write_bytes(dataset.scan_path(0).read_bytes())
+    code = (
+        "import sys; from pathlib import Path\n"
+        "from calib.corners.search import search_file; from calib.jig import Jig\n"
+        "found = search_file(Path(sys.argv[1]), Jig(), 0.02).corner\n"
+        "print(found.xyz_mm.tobytes().hex(), found.covariance_mm2.tobytes().hex())"
+    )
+    corner = alone["p0"].corner
+    assert corner is not None
+    threads = {"OPENBLAS_NUM_THREADS": "2", "OMP_NUM_THREADS": "2"}  # conftest.py sets 1
+    said = subprocess.run(
+        [sys.executable, "-c", code, str(copy)],
+        env={**os.environ, **threads}, check=True, capture_output=True, text=True,
+    ).stdout.split()  # fmt: skip
+    assert said[0] == corner.xyz_mm.tobytes().hex()
+    covariance = np.frombuffer(bytes.fromhex(said[1])).reshape(3, 3)
+    np.testing.assert_allclose(covariance, corner.covariance_mm2, rtol=1e-9)
+
+
+def test_what_is_only_looked_at_may_stay_away(dataset: Any, alone: dict[str, CornerSearch]) -> None:
+    with ProcessPoolExecutor(1, mp_context=SPAWN) as executor:
+        brief = find_corners(dataset, executor=executor, intermediate=False)
+    for pose_id, search in alone.items():
+        assert brief[pose_id].filter_counts() == search.filter_counts()
+        said = [s.summary().rpartition(",")[0] for s in (brief[pose_id], search)]  # without the seconds
+        assert said[0] == said[1]
+        if search.corner is not None:
+            assert brief[pose_id].corner.xyz_mm.tobytes() == search.corner.xyz_mm.tobytes()  # type: ignore[union-attr]
+            assert len(pickle.dumps(brief[pose_id])) < 0.2 * len(pickle.dumps(search))
+
+
+def _die(path: Path, **_: Any) -> None:
+    os._exit(3)
+
+
+def test_a_process_that_dies_is_told(dataset: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("calib.corners.search.search_file", _die)
+    with ProcessPoolExecutor(1, mp_context=SPAWN) as executor, pytest.raises(CornerError, match="fewer proc"):
+        find_corners(dataset, executor=executor)
+
+
+class Counting(Executor):
+    """Threads that count what they were given and have not finished or been relieved of."""
+
+    def __init__(self, workers: int) -> None:
+        self.threads = ThreadPoolExecutor(workers)
+        self.futures: list[Future[Any]] = []
+        self.most = 0
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        self.futures.append(self.threads.submit(fn, *args, **kwargs))
+        self.most = max(self.most, sum(not future.done() for future in self.futures))
+        return self.futures[-1]
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    count=st.integers(0, 30), in_flight=st.integers(1, 9), workers=st.integers(1, 4), seed=st.integers(0, 99)
+)
+def test_each_item_once_and_no_more_at_a_time_than_allowed(
+    count: int, in_flight: int, workers: int, seed: int
+) -> None:
+    naps = np.random.default_rng(seed).uniform(0, 2e-3, count)
+
+    def square(i: int) -> int:
+        time.sleep(naps[i])
+        return i * i
+
+    executor = Counting(workers)
+    with executor.threads:
+        found = list(as_they_come(square, range(count), executor, in_flight))
+    assert sorted(found) == [(i, i * i) for i in range(count)]
+    assert executor.most <= in_flight
+    assert list(as_they_come(square, range(count), None, in_flight)) == [(i, i * i) for i in range(count)]
+
+
+@pytest.mark.parametrize("how", ["the caller stops", "an item raises"])
+def test_an_early_end_cancels_what_waits(how: str) -> None:
+    started: list[int] = []
+
+    def work(i: int) -> int:
+        started.append(i)
+        time.sleep(0.01)
+        if how == "an item raises" and i == 1:
+            raise ValueError(i)
+        return i
+
+    executor = Counting(1)
+    with executor.threads:
+        running = as_they_come(work, range(1000), executor, 50)
+        if how == "an item raises":
+            with pytest.raises(ValueError, match="1"):
+                list(running)
+        else:
+            next(running)
+            running.close()  # type: ignore[attr-defined]
+    assert len(started) < 10
+    assert sum(future.cancelled() for future in executor.futures) > 40
+
+
+def test_the_command_finds_the_same_with_any_number_of_processes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["simulate", str(tmp_path / "cell"), "--robot", "rb5", "--poses", "3", "--scans"]) == 0
+    capsys.readouterr()
+    printed = []
+    for count in ("1", "2"):
+        assert main(["corners", str(tmp_path / "cell"), "--processes", count, "--json"]) == 0
+        corners = json.loads(capsys.readouterr().out)["corners"]
+        printed.append([{k: v for k, v in corner.items() if k != "seconds"} for corner in corners])
+    assert len(printed[0]) == 3
+    assert printed[0] == printed[1]
+    with pytest.raises(SystemExit) as stopped:
+        main(["corners", str(tmp_path / "cell"), "--processes", "0"])
+    assert stopped.value.code == 2
+
+
+def test_processes_leave_an_interrupt_to_the_one_that_started_them() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with processes(10, 2) as executor:
+        assert executor is not None
+        assert signal.getsignal(signal.SIGINT) is before
+        heard = [executor.submit(signal.getsignal, signal.SIGINT) for _ in range(4)]
+        assert {one.result() for one in heard} == {signal.SIG_IGN}

@@ -1,0 +1,137 @@
+"""robot.toml: what is written is what is read, and every mistake is one line that names its place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_toml
+from calib.errors import DatasetError
+from calib.kinematics.robot import Robot
+from calib.options import BUILTIN_ROBOTS
+from tests.support.arms import jang_arm, perturbed
+
+GOOD = """
+name = "two"
+serial = "X-17"
+
+[[joints]]
+a_mm = 100.0
+alpha_deg = 90.0
+d_mm = 10.0
+theta_deg = 0.0
+colour = "red"
+
+[[joints]]
+type = "prismatic"
+a_mm = 200.0
+alpha_deg = 0.0
+d_mm = 0.0
+theta_deg = 0.0
+min_mm = -50.0
+max_mm = 50.0
+
+[tool]
+a_mm = 0.0
+alpha_deg = 0.0
+d_mm = 50.0
+theta_deg = 0.0
+maker = "us"
+
+[[targets]]
+name = "smr2"
+xyz_mm = [1.0, 2.0, 3.0]
+"""
+
+
+def written(robot: Robot, path: Path) -> Robot:
+    path.write_text(robot_to_toml(robot), encoding="utf-8")
+    return load_robot(path)
+
+
+def test_round_trip_loses_nothing_not_even_keys_it_does_not_know(tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text(GOOD)
+    robot = load_robot(path)
+    assert robot.joints[1].max == 50.0
+    assert robot.extra == {"serial": "X-17"}
+    assert robot.joints[0].extra == {"colour": "red"}
+    assert robot.tool.extra == {"maker": "us"}
+    assert written(robot, tmp_path / "again.toml") == robot
+
+
+@pytest.mark.parametrize("name", BUILTIN_ROBOTS)
+def test_built_in_robots_read_and_survive_writing(name: str, tmp_path: Path) -> None:
+    robot = builtin_robot(name)
+    assert all(joint.mass_kg and joint.com_mm for joint in robot.joints)
+    assert written(robot, tmp_path / "robot.toml") == robot
+
+
+def test_the_built_in_rb5_is_jangs_table_2() -> None:
+    np.testing.assert_allclose(builtin_robot("rb5").table, jang_arm().table, atol=1e-12)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_calibrated_table_comes_back_to_the_last_digits(seed: int) -> None:
+    robot = perturbed(builtin_robot("panda"), np.random.default_rng(seed))
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        again = written(robot, Path(folder) / "robot.toml")
+    np.testing.assert_allclose(again.table, robot.table, rtol=1e-14, atol=1e-16)
+
+
+def test_degrees_as_typed_stay_as_typed(tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text(GOOD.replace("alpha_deg = 90.0", "alpha_deg = -90.012"))
+    assert "alpha_deg = -90.012\n" in robot_to_toml(load_robot(path))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("a_mm = 100.0\n", "", "[[joints]] 1.a_mm: the key is missing"),
+        ("a_mm = 100.0", 'a_mm = "long"', "[[joints]] 1.a_mm: found 'long'; a finite number is needed"),
+        ("a_mm = 100.0", "a_mm = nan", "a finite number is needed"),
+        ('type = "prismatic"', 'type = "ball"', "expected 'revolute' or 'prismatic'"),
+        ("max_mm = 50.0", "max_mm = -60.0", "not above min_mm"),
+        ("[tool]", "[tooth]", "found no [tool]"),
+        ("xyz_mm = [1.0, 2.0, 3.0]", "xyz_mm = [1.0, 2.0]", "three finite numbers"),
+        ('name = "smr2"', 'name = "jig"', "each target needs its own"),
+        ("a_mm = 100.0", "a_mm = = 1", "not valid TOML"),
+    ],
+)
+def test_mistakes_are_named(tmp_path: Path, old: str, new: str, says: str) -> None:
+    path = tmp_path / "robot.toml"
+    assert old in GOOD
+    path.write_text(GOOD.replace(old, new))
+    with pytest.raises(DatasetError) as caught:
+        load_robot(path)
+    assert says in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_metres_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text(GOOD.replace("100.0", "0.1").replace("200.0", "0.2").replace("d_mm = 10.0", "d_mm = 0.01")
+                    .replace("d_mm = 50.0", "d_mm = 0.05"))  # fmt: skip
+    with pytest.raises(DatasetError, match="looks like metres"):
+        load_robot(path)
+
+
+def test_an_unknown_built_in_name_lists_what_there_is() -> None:
+    with pytest.raises(DatasetError, match="there are rb5, panda"):
+        builtin_robot("kuka")
+
+
+def test_no_joint_and_no_file(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="no such file"):
+        load_robot(tmp_path / "robot.toml")
+    (tmp_path / "robot.toml").write_text("name = 'x'\n")
+    with pytest.raises(DatasetError, match=r"found no \[\[joints\]\]"):
+        load_robot(tmp_path / "robot.toml")

@@ -1,0 +1,148 @@
+"""What to do next with a model built by hand, and what a parameter means on the arm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.calibration.calibrate import Calibration, calibrate
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.diagnosis.advice import advise
+from calib.diagnosis.explanation import input_in_words, left_in_short
+from calib.diagnosis.parameter_meaning import meaning
+from calib.diagnosis.pose_recommendation import nearest_rival, poses_between
+from calib.diagnosis.projected_residual import leftover_of
+from calib.diagnosis.residual_tests import Remains, examine
+from calib.diagnosis.screening import Screening, screen
+from calib.diagnosis.stepwise import diagnose
+from calib.effects.catalogue import effects_for
+from calib.kinematics.chain import target_jacobian
+from calib.simulation.simulate import simulate_dataset
+
+
+def fitted(*effects: str, seed: int = 4) -> tuple[Calibration, Screening, Remains]:
+    dataset = simulate_dataset(
+        builtin_robot("rb5"),
+        rng=np.random.default_rng(seed),
+        effects=[(name, 4.0) for name in effects],
+        conditions=True,
+        poses=50,
+    ).dataset
+    result = calibrate(dataset)
+    return result, screen(result, effects_for(dataset)), examine(dataset, leftover_of(result))
+
+
+@pytest.fixture(scope="module")
+def hidden() -> tuple[Calibration, Screening, Remains]:
+    return fitted("transmission_error")
+
+
+@pytest.fixture(scope="module")
+def clean() -> tuple[Calibration, Screening, Remains]:
+    return fitted(seed=8)
+
+
+def test_the_effect_that_leads_is_to_be_added(hidden: tuple[Calibration, Screening, Remains]) -> None:
+    _, screening, remains = hidden
+    advice = advise(screening, remains)
+    assert (advice.kind, advice.effects) == ("add", ("transmission_error",))
+    assert "a pattern against" in advice.words
+
+
+def test_noise_is_the_end(clean: tuple[Calibration, Screening, Remains]) -> None:
+    _, screening, remains = clean
+    assert advise(screening, remains).kind == "done"
+    assert left_in_short(remains) == "noise"
+
+
+def test_the_end_says_what_could_not_be_tested(clean: tuple[Calibration, Screening, Remains]) -> None:
+    _, screening, remains = clean
+    only_scale = tuple(u for u in screening.untestable if u.name == "scanner_scale")
+    assert only_scale
+    assert advise(replace(screening, untestable=only_scale), remains).words.endswith(
+        "nothing more is missing."
+    )
+    blind = (*only_scale, replace(only_scale[0], name="backlash"))
+    assert "cannot test 1 of the effects" in advise(replace(screening, untestable=blind), remains).words
+    assert "can test none" in advise(replace(screening, candidates=(), untestable=blind), remains).words
+
+
+def test_each_kind_of_remains_has_its_words(clean: tuple[Calibration, Screening, Remains]) -> None:
+    _, screening, remains = clean
+    first = replace(remains.inputs[0], input="torque4", p_value=1e-4)
+    pattern = replace(remains, inputs=(first, *remains.inputs[1:]))
+    large = replace(remains, lack_of_fit_p=1e-6)
+    lone = replace(remains, outlier_poses=("p07",))
+    assert left_in_short(pattern) == "a pattern against gravity's torque on joint 4"
+    assert "more than noise" in left_in_short(large)
+    assert "p07" in left_in_short(lone)
+    assert [advise(screening, r).kind for r in (pattern, large, lone)] == ["unknown", "unknown", "outliers"]
+
+
+def test_causes_that_are_alike_are_not_decided(hidden: tuple[Calibration, Screening, Remains]) -> None:
+    _, screening, remains = hidden
+    best = screening.candidates[0]
+    twin = replace(
+        best, family=replace(best.family, name="twin"), log_evidence=best.log_evidence - 1.0, overlaps={}
+    )
+    doubled = replace(best, overlaps={"twin": 0.9})
+    advice = advise(replace(screening, candidates=(doubled, twin)), remains)
+    assert (advice.kind, advice.effects) == ("ambiguous", ("transmission_error", "twin"))
+
+
+def test_the_page_and_the_diagnosis_judge_alike() -> None:
+    result, _, remains = fitted("joint_compliance", seed=3)
+    found = diagnose(result.dataset, max_steps=0)
+    assert found.remains == remains
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("q3", "joint 3 (q3)"),
+        ("approach1", "the approach of joint 1"), ("time_s", "time"), ("y", "y of the scanner's frame"),
+        ("order", "the order of measuring"), ("humidity2", "humidity2"),
+    ],
+)  # fmt: skip
+def test_inputs_in_words(name: str, words: str) -> None:
+    assert input_in_words(name) == words
+
+
+def test_parameters_say_what_they_do_on_the_arm(hidden: tuple[Calibration, Screening, Remains]) -> None:
+    result = hidden[0]
+    poses = result.dataset.poses
+    assert meaning("transmission_error.J1.sin1_rad", 1e-3, "rad", result) == "0.057°"
+    torque_nm = np.abs(result.model.state(result.fit.x, poses).gravity_torques_nm[:, 1]).max()
+    words = meaning("joint_compliance.J2.c", 2e-5, "rad/Nm", result)
+    assert words == f"{np.degrees(2e-5 * torque_nm):.2g}° at {torque_nm:.3g} Nm, stiffness 50 kNm/rad"
+    assert meaning("thermal_growth.kappa", 1.2e-5, "1/K", result) == "12 µm a metre and kelvin"
+    travel = np.degrees(np.ptp(poses.q[:, 0]))
+    assert (
+        meaning("joint_scale.J1.k", 1e-4, "1", result)
+        == f"{1e-4 * travel:.2g}° over the {travel:.0f}° of its travel"
+    )
+    hours = np.ptp(poses.time_s) / 3600 if poses.time_s is not None else 0.0
+    assert (
+        meaning("scanner_drift.vx", 1e-5, "mm/s", result)
+        == f"{0.036 * hours:.2g} mm over the {hours:.2g} h measured"
+    )
+    assert meaning("tool_sag.x", 0.1, "mm", result) == ""  # millimetres speak for themselves
+    assert meaning("mine.share", 0.02, "1", result) == "2 %"
+    assert meaning("transmission_error.J1.sin1_rad", 0.0, "rad", result) == ""
+
+
+def test_where_two_causes_differ_most_they_do_differ(hidden: tuple[Calibration, Screening, Remains]) -> None:
+    result, screening, _ = hidden
+    rival = nearest_rival(screening, "transmission_error")
+    assert rival is not None
+    assert rival.name != "transmission_error"
+    best = screening.candidates[0]
+    poses = poses_between(result, (best, rival), count=3, tried=200)
+    few = poses_between(result, (best, rival), count=3, tried=20)
+    assert poses[0].separation_mm >= few[0].separation_mm  # more tries are never worse
+    assert poses_between(result, (best,), count=3) == ()
+    assert nearest_rival(screening, "no such effect") is None
+    reach = np.linalg.norm(target_jacobian(result.dataset.robot, result.dataset.poses.q), axis=1).max()
+    assert poses[0].separation_mm < 0.02 * reach  # hundredths of a radian at the arm's reach, not more

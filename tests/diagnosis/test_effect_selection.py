@@ -1,0 +1,92 @@
+"""Effects added one by one: the diagnosis' own step, by name, and again from names and sizes alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import load_dataset
+from calib.diagnosis.effect_selection import Added, add_in_turn, calibrate_with, proposed, recalled
+from calib.diagnosis.screening import screen
+from calib.diagnosis.stepwise import Diagnosis, diagnose
+from calib.effects.catalogue import family_of
+from calib.errors import CalibError
+from tests.support.hidden_dataset import HIDDEN, write_hidden
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return load_dataset(write_hidden(Path(tmp_path_factory.mktemp("hidden"))))
+
+
+@pytest.fixture(scope="module")
+def found(dataset: Dataset) -> Diagnosis:
+    return diagnose(dataset)
+
+
+def test_adding_by_name_is_the_step_that_the_diagnosis_took(dataset: Dataset, found: Diagnosis) -> None:
+    plain, with_it = add_in_turn(dataset, [HIDDEN])
+    assert found.missing == (HIDDEN,)
+    np.testing.assert_allclose(plain.calibration.fit.x, found.steps[0].calibration.fit.x, rtol=1e-12)
+    np.testing.assert_allclose(with_it.calibration.fit.x, found.calibration.fit.x, rtol=1e-12)
+    assert (plain.name, with_it.name) == (None, HIDDEN)
+    tolerances = with_it.calibration.to_frame().set_index("name")["tolerance"]
+    assert all(tolerances[name] == size for name, size in with_it.added[0].sizes.items())
+
+
+def test_names_and_sizes_alone_bring_the_same_fit_back(dataset: Dataset) -> None:
+    added = add_in_turn(dataset, [HIDDEN])[-1].added
+    again = recalled(dataset, HIDDEN, dict(added[0].sizes))
+    assert again == added[0]
+    few = {name: size for name, size in added[0].sizes.items() if ".J2." in name}
+    assert [(m.joint, m.order) for m in recalled(dataset, HIDDEN, few).members] == [(1, 1), (1, 2), (1, 3)]  # type: ignore[attr-defined]
+    first, second = calibrate_with(dataset, added), calibrate_with(dataset, [again])
+    assert np.array_equal(first.fit.x, second.fit.x)
+
+
+def test_a_second_effect_is_screened_beside_the_first(dataset: Dataset, found: Diagnosis) -> None:
+    ranked = found.steps[0].screening.candidates
+    other = next(c for c in reversed(ranked) if c.members and c.name != HIDDEN).name
+    steps = add_in_turn(dataset, [other, HIDDEN, other], prior=True)
+    assert [step.name for step in steps] == [None, other, HIDDEN]
+    assert [len(step.added) for step in steps] == [0, 1, 2]
+    assert steps[-1].calibration.model.family_names == (other, HIDDEN)
+    beside = screen(steps[1].calibration, [family_of(dataset, HIDDEN)]).candidates[0]
+    assert steps[2].added[1] == Added.of(beside)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"), [("rust", "no effect named 'rust'"), ("scanner_scale", "cannot be fitted here")]
+)
+def test_what_cannot_be_added_is_refused_before_the_work(dataset: Dataset, name: str, says: str) -> None:
+    with pytest.raises(CalibError, match=says):
+        add_in_turn(dataset, [HIDDEN, name])
+    with pytest.raises(CalibError, match=says):
+        recalled(dataset, name, {f"{name}.x": 1.0})
+
+
+def test_only_candidates_are_proposed(found: Diagnosis) -> None:
+    ranked = found.steps[0].screening
+    assert proposed(ranked, HIDDEN) == Added.of(ranked.candidates[0])
+    with pytest.raises(CalibError, match="not among the candidates: transmission_error"):
+        proposed(ranked, "rust")
+    with pytest.raises(CalibError, match="none is ranked yet"):
+        proposed(None, HIDDEN)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "says"),
+    [
+        ({}, "no size for any of its parameters"),
+        ({"transmission_error.J9.sin1_rad": 1e-4}, "no parameter 'transmission_error.J9.sin1_rad'"),
+        ({"transmission_error.J2.sin1_rad": 1e-4}, "no size for transmission_error.J2.cos1_rad"),
+        ({"transmission_error.J2.sin1_rad": 0.0, "transmission_error.J2.cos1_rad": 1e-4}, "above 0"),
+        ({"transmission_error.J2.sin1_rad": float("nan"), "transmission_error.J2.cos1_rad": 1e-4}, "above 0"),
+    ],
+)
+def test_sizes_that_cannot_be_are_refused(dataset: Dataset, sizes: dict[str, float], says: str) -> None:
+    with pytest.raises(CalibError, match=says):
+        recalled(dataset, HIDDEN, sizes)

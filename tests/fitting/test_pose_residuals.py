@@ -1,0 +1,257 @@
+"""Full poses: derivatives against differences, elimination against brute force, recovery within the sigmas."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from calib import frames
+from calib.calibration.calibrate import calibrate
+from calib.dataset.dataset import Dataset, Orientations
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.effects.catalogue import effects_for, family_of
+from calib.effects.effect import full_name
+from calib.effects.link_errors import LinkErrors
+from calib.errors import FitError
+from calib.fitting.model import Model, geometric_model
+from calib.fitting.observations import Observations, place_scanner, predict_poses
+from calib.fitting.pose_residuals import PoseResiduals
+from calib.fitting.position_residuals import make_residuals
+from calib.fitting.trust_region import solve
+from calib.identifiability.structural import redundancy, structural_rank
+from calib.simulation.simulate import simulate_dataset
+from calib.simulation.truth.equilibrium import base_T_target
+from tests.effects.test_catalogue import DATASET, MEMBERS, label
+from tests.fitting.test_residuals import check_gradient
+
+SIGMA_RAD = 1e-4
+
+
+def full_poses(seed: int, *, poses: int = 40, robot: str = "rb5", **options: object) -> Dataset:
+    """A simulated arm's poses with 0.05 mm and 0.1 mrad of noise, the jig sitting on the tool anyhow."""
+    made = simulate_dataset(
+        builtin_robot(robot),
+        rng=np.random.default_rng(seed),
+        poses=poses,
+        orientation_sigma_rad=SIGMA_RAD,
+        **options,  # type: ignore[arg-type]
+    )
+    return seated(made.dataset, Rotation.random(random_state=seed).as_matrix())
+
+
+def seated(dataset: Dataset, seat: np.ndarray) -> Dataset:
+    assert dataset.points is not None
+    given = dataset.points.orientations
+    assert given is not None
+    turned = replace(given, scanner_R_jig=given.scanner_R_jig @ seat)
+    return dataset.with_points(replace(dataset.points, orientations=turned))
+
+
+def uneven(dataset: Dataset, rng: np.random.Generator) -> Dataset:
+    """One covariance of all six errors of its own for each pose; every fifth has no orientation."""
+    assert dataset.points is not None
+    given = dataset.points.orientations
+    assert given is not None
+    root = rng.normal(size=(len(dataset.points), 6, 6)) * np.repeat([0.05, SIGMA_RAD], 3)[:, None]
+    whole = root @ np.swapaxes(root, 1, 2)
+    measured = given.scanner_R_jig.copy()
+    measured[::5] = np.nan
+    orientations = Orientations(measured, whole[:, 3:, 3:], whole[:, :3, 3:])
+    points = replace(dataset.points, covariance_mm2=whole[:, :3, :3], orientations=orientations)
+    return dataset.with_points(points)
+
+
+@pytest.mark.parametrize("effect", [*MEMBERS, LinkErrors(DATASET.robot)], ids=label)
+def test_the_attitudes_jacobian_is_the_derivative(effect) -> None:
+    """Each effect's part, its scanner's frame placed, at a point away from zero."""
+    rng = np.random.default_rng(1)
+    nominal = geometric_model(DATASET.robot)
+    observed = place_scanner(Observations.of(DATASET), nominal, np.zeros(len(nominal.parameters)))
+    poses, seen = observed.used_poses[0], observed.seen()
+    links = () if isinstance(effect, LinkErrors) else (LinkErrors(DATASET.robot),)
+    model = Model(DATASET.robot, (*links, effect))
+    x = rng.normal(size=len(model.parameters)) * model.scales * 0.3
+    place, attitude, by = model.linearise_pose(x, poses, seen)
+    np.testing.assert_allclose(place, model.predict(x, poses, seen=seen), atol=1e-9)
+    for k in range(len(x) - len(effect.parameters), len(x)):
+        step = np.zeros(len(x))
+        step[k] = 1e-3 * model.scales[k]
+        high, low = (model.state(x + s, poses, seen).attitude for s in (step, -step))
+        turn = frames.rotvec_from_rotation(high @ np.swapaxes(low, 1, 2)) / (2 * step[k])
+        np.testing.assert_allclose(by[:, 3:, k] * model.scales[k], turn * model.scales[k], atol=1e-8)
+    np.testing.assert_allclose(attitude, model.state(x, poses, seen).attitude)
+
+
+def test_a_drifting_scanner_turns_what_it_sees_as_the_truth_says() -> None:
+    """The effect's turn of the jig and that of the independent simulator."""
+    made = simulate_dataset(
+        builtin_robot("rb5"), rng=np.random.default_rng(3), poses=60, effects=["scanner_drift"],
+        noise_mm=1e-4, orientation_sigma_rad=1e-7,
+    )  # fmt: skip
+    dataset = made.dataset
+    drift = next(f for f in effects_for(dataset) if f.name == "scanner_drift")
+    model = Model(dataset.robot, (LinkErrors(dataset.robot), *drift.members))
+    nominal = geometric_model(dataset.robot)
+    observed = place_scanner(Observations.of(dataset), nominal, np.zeros(len(nominal.parameters)))
+    fit = solve(make_residuals("pose", model, observed))
+    found = dict(zip((p.name for p in model.parameters), fit.x, strict=True))
+    names = [full_name(drift.members[0], p) for p in drift.members[0].parameters][3:]
+    cause = made.truth.causes[0]
+    np.testing.assert_allclose([found[name] for name in names], cause.w_rad_per_s, rtol=0.02, atol=1e-9)
+    assert fit.noise < 1.3  # positions and orientations tell one story
+
+
+@pytest.mark.parametrize("setups", [1, 2])
+def test_the_jacobian_is_the_derivative_of_the_cost(setups: int) -> None:
+    """Frames and seat are eliminated, yet the cost's gradient 2 J^T r has to be exact."""
+    rng = np.random.default_rng(1)
+    dataset = uneven(full_poses(2, setups=setups), rng)
+    residuals = make_residuals("pose", geometric_model(dataset.robot), Observations.of(dataset))
+    assert residuals.degrees_spent == 6 * setups + 3
+    check_gradient(residuals, rng)
+
+
+def test_no_other_frame_and_seat_fit_better() -> None:
+    """Elimination against a general minimiser over the nine unknowns, with nothing shared."""
+    dataset = uneven(full_poses(4), np.random.default_rng(4))
+    observed = Observations.of(dataset)
+    residuals = PoseResiduals(geometric_model(dataset.robot), observed)
+    x = np.zeros(len(residuals.parameters))
+    base_mm, attitude = predict_poses(residuals.model, x, observed)
+    orientations = observed.points.orientations
+    assert orientations is not None
+    assert orientations.covariance_rad2 is not None
+    assert orientations.cross_mm_rad is not None
+    placed = residuals.placement(x)
+    (start,) = placed.scanner_T_base.values()
+
+    def everything(u: np.ndarray) -> np.ndarray:
+        turn, seat = Rotation.from_rotvec(u[3:6]).as_matrix(), Rotation.from_rotvec(u[6:]).as_matrix()
+        out = []
+        for m in range(len(base_mm)):
+            place = turn @ start[:3, :3] @ base_mm[m] + start[:3, 3] + u[:3] - observed.points.xyz_mm[m]
+            covariance = observed.covariance_mm2[m]
+            if orientations.known[m]:
+                jig = turn @ start[:3, :3] @ attitude[m] @ seat @ placed.tool_R_jig
+                off = Rotation.from_matrix(jig @ orientations.scanner_R_jig[m].T).as_rotvec()
+                place = np.concatenate([place, off])
+                cross = orientations.cross_mm_rad[m]
+                covariance = np.block([[covariance, cross], [cross.T, orientations.covariance_rad2[m]]])
+            out.append(np.linalg.solve(np.linalg.cholesky(covariance), place))
+        return np.concatenate(out)
+
+    ours = residuals.residual(x)
+    away = np.repeat([1.0, 1e-3, 1e-2], 3) * np.random.default_rng(0).normal(size=9)
+    best = least_squares(everything, away, x_scale=np.repeat([0.1, 1e-4, 1e-4], 3), xtol=1e-15, ftol=1e-15)
+    assert float(ours @ ours) == pytest.approx(2.0 * best.cost, rel=1e-9)
+
+
+def test_a_fit_recovers_the_arm_within_its_sigmas_and_the_noise() -> None:
+    dataset = full_poses(5, poses=60)
+    model = geometric_model(dataset.robot)
+    residuals = make_residuals("pose", model, Observations.of(dataset))
+    fit = solve(residuals)
+    assert fit.converged
+    assert 0.85 < fit.noise < 1.15  # declared sigmas are right
+    rows = 6 * int(np.sum(~dataset.poses.is_test))
+    assert fit.rows == rows
+    assert fit.rank > solve(make_residuals("position", model, Observations.of(dataset))).rank
+
+
+def test_attitudes_of_the_fitted_arm_are_the_true_ones_up_to_base_and_seat() -> None:
+    made = simulate_dataset(
+        builtin_robot("panda"), rng=np.random.default_rng(6), poses=64, orientation_sigma_rad=SIGMA_RAD
+    )
+    dataset = made.dataset
+    model = geometric_model(dataset.robot)
+    q = np.random.default_rng(7).uniform(-2.0, 2.0, (30, 7))
+    poses = replace(
+        dataset.poses.select(np.zeros(30, dtype=np.int64)), q=q, ids=tuple(f"n{i}" for i in range(30))
+    )
+    true = base_T_target(made.truth, q)[:, :3, :3]
+    off = {}
+    for kind in ("position", "pose"):
+        fit = solve(make_residuals(kind, model, Observations.of(dataset)))
+        found = model.state(fit.x, poses).attitude
+        left, seat = np.eye(3), np.eye(3)
+        for _ in range(30):  # the best frame and the best seat in turns
+            left = frames.mean_rotation(true @ np.swapaxes(found @ seat, 1, 2))
+            seat = frames.mean_rotation(np.swapaxes(left @ found, 1, 2) @ true)
+        turn = frames.rotvec_from_rotation(left @ found @ seat @ np.swapaxes(true, 1, 2))
+        off[kind] = float(np.sqrt(np.mean(np.sum(turn**2, axis=1))))
+    assert off["pose"] < 2 * SIGMA_RAD
+    assert off["pose"] < 0.5 * off["position"]
+
+
+def test_data_without_what_it_takes_are_told() -> None:
+    dataset = full_poses(8, poses=12)
+    assert dataset.points is not None
+    model = geometric_model(dataset.robot)
+    points_only = dataset.with_points(replace(dataset.points, orientations=None))
+    no_sigma = replace(dataset, scanner=replace(dataset.scanner, orientation_sigma_rad=None))
+    for bad, says in ((points_only, "found no orientation"), (no_sigma, "orientation_sigma_deg")):
+        with pytest.raises(FitError, match=says):
+            make_residuals("pose", model, Observations.of(bad)).residual(np.zeros(len(model.parameters)))
+
+
+def test_calibrate_tells_attitudes_and_full_poses_know_two_parameters_more() -> None:
+    dataset = full_poses(9, poses=50)
+    result = calibrate(dataset, residual="pose")
+    assert result.attitudes is not None
+    before, after = result.attitudes
+    assert before.test is not None
+    assert after.test is not None
+    assert after.test.rmse_rad < 3.0 * SIGMA_RAD < 0.2 * before.test.rmse_rad
+    assert "test  attitude RMSE" in result.summary()
+    assert calibrate(dataset).attitudes is None
+    for robot, points, poses in (("rb5", 19, 21), ("panda", 22, 24)):
+        arm = builtin_robot(robot)
+        assert structural_rank(arm) == points
+        assert structural_rank(arm, residual="pose") == poses
+    place, pose = (redundancy(dataset, residual=kind) for kind in ("position", "pose"))
+    assert (place.rank, pose.rank) == (21, 23)
+    assert "alpha5" in place.dropped or "d5" in place.dropped
+    assert {"alpha5", "d5"} <= set(pose.independent)
+    # A constant turn behind the last joint is the jig's seat, whatever is measured.
+    assert {"theta6", "alphaTCP", "thetaTCP", "betaTCP"} <= set(pose.no_influence)
+
+
+def test_the_rank_of_poses_is_that_of_the_residual() -> None:
+    """The columns by kinematics alone against the residual's own Jacobian at the nominal arm."""
+    for robot in ("rb5", "panda"):
+        dataset = full_poses(10, poses=60, robot=robot)
+        residuals = make_residuals("pose", geometric_model(dataset.robot), Observations.of(dataset))
+        scales = np.array([p.scale for p in residuals.parameters])
+        s = np.linalg.svd(residuals.linearise(0 * scales).jacobian * scales, compute_uv=False)
+        assert int(np.sum(s > 1e-9 * s[0])) == structural_rank(dataset.robot, residual="pose")
+
+
+def test_too_few_poses_are_told_with_the_number_that_would_do() -> None:
+    with pytest.raises(FitError, match="measure at least 6 different poses"):
+        calibrate(full_poses(11, poses=5), residual="pose")
+
+
+def test_a_joint_six_that_points_cannot_see_is_seen_by_poses() -> None:
+    """The tool point lies on joint 6's axis: an eccentric encoder there turns the jig and moves nothing."""
+    dataset = full_poses(12, poses=60)
+    assert dataset.points is not None
+    q6 = dataset.poses.q[:, 5]
+    given = dataset.points.orientations
+    assert given is not None
+    arm = builtin_robot("rb5")
+    chain = geometric_model(arm).state(np.zeros(35), dataset.poses).chain
+    nominal = PoseResiduals(geometric_model(arm), Observations.of(dataset, np.ones(60, dtype=bool)))
+    frame = next(iter(nominal.placement(np.zeros(35)).scanner_T_base.values()))
+    axis = np.einsum("ij,nj->ni", frame[:3, :3], chain.base_T_frame[:, 5, :3, 2])
+    turned = frames.rotation_from_rotvec(2e-3 * np.sin(q6)[:, None] * axis) @ given.scanner_R_jig
+    spoiled = dataset.with_points(replace(dataset.points, orientations=replace(given, scanner_R_jig=turned)))
+    members = [m for m in family_of(spoiled, "transmission_error").members if m.joint == 5 and m.order == 1]
+    seen = calibrate(spoiled, residual="pose", effects=members).to_frame().set_index("name")
+    row = seen.loc["transmission_error.J6.sin1_rad"]
+    assert row["change"] == pytest.approx(2e-3, abs=max(5 * row["sigma"], 1e-4))
+    blind = calibrate(spoiled, residual="position", effects=members).to_frame().set_index("name")
+    assert abs(blind.loc["transmission_error.J6.sin1_rad", "change"]) < 2e-4

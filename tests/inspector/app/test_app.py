@@ -1,0 +1,498 @@
+"""The whole app without a browser: what a page is sent, what its widgets do, and that all places agree."""
+
+from __future__ import annotations
+
+import html
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import DatasetError
+from inspector.app.app import App, names_of, serving
+from inspector.app.tabs import STEPS
+from inspector.figures.plots import parameter_label
+from inspector.markup import numbers as words
+from inspector.markup.palette import ROLE_COLOURS
+from inspector.panels.planes import group_colours
+from inspector.panels.redundancy import ALL, ANGLES, LENGTHS, group_sentence
+from inspector.panels.review import NEXT, PREVIOUS
+from inspector.scene.scene_view import OVERVIEW_POINTS, ROOT
+from inspector.session.transitions import Session
+from tests.support.app import IDLE_S, idle_app, plain, shows
+from tests.support.tiny_dataset import BROKEN, HOSTILE, POSES, write_tiny
+from tests.support.wire_client import WireClient
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_tiny(tmp_path_factory.mktemp("datasets"))
+
+
+@pytest.fixture(scope="module")
+def running(folder: Path) -> Iterator[App]:
+    with idle_app(folder) as app:
+        yield app
+
+
+@pytest.fixture
+def app(running: App) -> App:
+    """The app on the dataset with scans, all of them searched, at its first pose."""
+    running.open("cell")
+    running.look("All scans")
+    running.dark(False)
+    assert running.worker.wait_idle(IDLE_S)
+    return running
+
+
+@pytest.fixture
+def page(app: App) -> Iterator[WireClient]:
+    with WireClient(app.server.get_port()) as client:
+        yield client
+
+
+def session(app: App) -> Session:
+    assert app.stage.view is not None
+    return app.stage.view.session
+
+
+def figure(page: WireClient, kind: str) -> list[dict[str, object]]:
+    """The traces of the figure whose traces are of this kind."""
+    drawn = [json.loads(f).get("data", []) for f in page.figures() if f]
+    return next(traces for traces in drawn if traces and traces[-1]["type"] == kind)
+
+
+def drawn_figures(page: WireClient) -> list[str]:
+    """The figures that have something in them."""
+    return [f for f in page.figures() if json.loads(f or "{}").get("data")]
+
+
+# ---- opening --------------------------------------------------------------------------------------------------------
+
+
+def test_a_folder_of_datasets_opens_at_the_first_and_works_through_it(app: App, page: WireClient) -> None:
+    assert set(page.tabs()) == {"Review", *STEPS, *(name for inside in STEPS.values() for name in inside)}
+    assert list(STEPS) == [name for name in page.tabs() if name in STEPS]
+    assert page.props("Dataset")["options"] == ["cell", "points"]
+    assert len(session(app).searches) == POSES
+    shows(page, f"{POSES - 1} of {POSES} corners found", "1 failed")
+    assert session(app).redundancy is not None
+    assert session(app).calibration is not None
+    assert len(drawn_figures(page)) >= 5
+
+
+def test_a_single_dataset_opens_too_and_a_wrong_path_is_one_clear_error(folder: Path, tmp_path: Path) -> None:
+    with idle_app(folder / "points") as app:
+        assert session(app).calibration is not None
+    for wrong in (tmp_path, tmp_path / "nowhere"):
+        with pytest.raises(DatasetError), serving(wrong, port=0):
+            pass
+
+
+def test_what_is_ready_is_shown_while_the_rest_is_searched(folder: Path) -> None:
+    with serving(folder, port=0) as app, WireClient(app.server.get_port()) as page:
+        page.wait(lambda p: "Searching corners: 2" in plain(p), 30)
+        page.trigger("Next pose")
+        page.wait(lambda p: f"2 of {POSES}," in plain(p) and plain(p).count("face 1") >= 2)
+        assert app.worker.running("open")  # and the search goes on
+        done = len(session(app).searches)
+        assert 2 <= done < POSES
+        page.wait(lambda p: f"of {POSES} corners found" in plain(p), 30)
+
+
+def test_the_search_can_be_stopped_and_goes_on_where_it_was(folder: Path) -> None:
+    with serving(folder, port=0) as app, WireClient(app.server.get_port()) as page:
+        page.wait(lambda p: "Searching corners: 2" in plain(p), 30)
+        page.click("Stop the search")
+        page.wait(lambda p: "Stopped:" in plain(p))
+        assert app.worker.wait_idle(IDLE_S)
+        stopped_at = dict(session(app).searches)
+        assert 0 < len(stopped_at) < POSES
+        assert session(app).calibration is None
+        page.wait(lambda p: p.has("Go on searching"))
+        page.click("Go on searching")
+        page.wait(lambda p: f"of {POSES} corners found" in plain(p), 30)
+        assert app.worker.wait_idle(IDLE_S)
+        assert all(session(app).searches[pose] is search for pose, search in stopped_at.items())
+        assert session(app).calibration is not None
+
+
+def outlined(page: WireClient) -> list[str]:
+    """The poses that are outlined in the bar chart of residuals."""
+    return [
+        name
+        for trace in figure(page, "bar")
+        for name, width in zip(trace["x"], trace["marker"]["line"]["width"], strict=True)  # type: ignore[call-overload, index]
+        if width
+    ]
+
+
+# ---- one selection everywhere ---------------------------------------------------------------------------------------
+
+
+def test_next_and_previous_change_every_place(app: App, page: WireClient) -> None:
+    ids = session(app).dataset.poses.ids
+    page.set(label="", value=NEXT)
+    shows(page, f"2 of {POSES}")
+    assert app.worker.wait_idle(IDLE_S)
+    page.wait(lambda p: p.value("Pose").startswith(f"{ids[1]} "))
+    page.wait(lambda p: plain(p).count(f"Pose {ids[1]}") == 4)  # Scans, Planes, Corner and Compare
+    page.wait(lambda p: outlined(p) == [ids[1]])
+    page.set(label="", value=PREVIOUS)
+    shows(page, f"1 of {POSES}")
+
+
+def test_keys_and_the_list_select_too_and_late_pages_see_the_same(app: App, page: WireClient) -> None:
+    ids = session(app).dataset.poses.ids
+    page.trigger("Next pose")
+    shows(page, f"2 of {POSES}")
+    page.set("Pose", page.props("Pose")["options"][9])
+    shows(page, f"10 of {POSES}", f"Pose {ids[9]}")
+    page.trigger("Previous pose")
+    shows(page, f"9 of {POSES}")
+    assert app.worker.wait_idle(IDLE_S)
+    with WireClient(app.server.get_port()) as late:
+        assert late.value("Pose").startswith(f"{ids[8]} ")
+        assert f"9 of {POSES}" in plain(late)
+        assert f"{ROOT}/faces/points" in late.scene
+
+
+def test_fifty_quick_presses_end_at_the_last_pose_and_stay_there(app: App, page: WireClient) -> None:
+    for _ in range(50):
+        page.trigger("Next pose")
+    shows(page, f"{POSES} of {POSES}")
+    page.trigger("Previous pose")
+    shows(page, f"{POSES - 1} of {POSES}")
+
+
+def test_a_click_on_a_corner_selects_its_pose(app: App, page: WireClient) -> None:
+    poses = [i for i in range(POSES) if i != BROKEN]
+    dots = page.scene[f"{ROOT}/corners/dots"]
+    assert np.asarray(dots["props"]["batched_positions"]).size == 3 * len(poses)
+    click = {"type": "SceneNodeClickMessage", "name": f"{ROOT}/corners/dots", "ray_origin": [0, 0, 0]}
+    click |= {"ray_direction": [0, 0, 1], "screen_pos": [0.5, 0.5], "modifier": None, "owner": dots["owner"]}
+    for no_corner in (10**9, -1, None):
+        page.send(**click, instance_index=no_corner)
+    page.send(**click, instance_index=6)
+    shows(page, f"{poses[6] + 1} of {POSES}")
+
+
+# ---- the scene ------------------------------------------------------------------------------------------------------
+
+
+def _points(message: dict[str, object]) -> np.ndarray:
+    return np.asarray(message["props"]["points"]).reshape(-1, 3)  # type: ignore[index]
+
+
+def test_the_selected_scan_is_drawn_in_full_and_exact_and_the_others_lightly(
+    app: App, page: WireClient
+) -> None:
+    from calib.scans.scan import load_scan
+
+    path = session(app).dataset.scan_path(0)
+    assert path is not None
+    scan = load_scan(path).points_mm
+    drawn = [page.scene[f"{ROOT}/{name}/points"] for name in ("scan", "faces")]
+    assert all(m["props"]["precision"] == "float32" for m in drawn)
+    got = np.concatenate([_points(m) for m in drawn])
+    assert len(got) == len(scan)
+    order_got, order = np.lexsort(got.T), np.lexsort((scan / 1000).T.astype(np.float32))
+    np.testing.assert_allclose(got[order_got] * 1000, scan[order], atol=1e-3)
+    overview = {n: m for n, m in page.scene.items() if n.startswith(f"{ROOT}/overview/")}
+    assert len(overview) == POSES
+    assert not overview[f"{ROOT}/overview/0"]["visible"]  # it is drawn in full
+    assert all(overview[f"{ROOT}/overview/{i}"]["visible"] for i in range(1, POSES))
+    assert sum(len(_points(m)) for m in overview.values()) <= OVERVIEW_POINTS * POSES
+
+
+def test_the_faces_on_show_are_the_inliers_of_the_search(app: App, page: WireClient) -> None:
+    corner = session(app).searches[session(app).dataset.poses.ids[0]].corner
+    assert corner is not None
+    faces = page.scene[f"{ROOT}/faces/points"]["props"]
+    colours = np.asarray(faces["colors"]).reshape(-1, 3)
+    assert sorted(np.unique(colours, axis=0, return_counts=True)[1]) == sorted(f.points for f in corner.faces)
+
+
+def test_views_choose_layers_and_layers_can_be_switched(app: App, page: WireClient) -> None:
+    def visible(name: str) -> bool:
+        return bool(page.scene[f"{ROOT}/{name}"]["visible"])
+
+    page.wait(lambda p: visible("overview") and not visible("sets"))
+    page.set("3D view", "Planes")
+    page.wait(lambda p: visible("sets") and visible("groups") and not visible("overview"))
+    page.wait(lambda p: p.value("Sets passed") is True and p.value("All scans") is False)
+    page.wait(lambda p: f"{ROOT}/sets/lines" in p.scene and f"{ROOT}/groups/discs" in p.scene)
+    page.set("Sets passed", False)
+    page.wait(lambda p: not visible("sets"))
+    page.trigger("Look at: Corner")
+    page.wait(lambda p: visible("corner") and not visible("groups"))
+
+
+def test_the_corner_lies_in_the_middle_of_the_view(app: App, page: WireClient) -> None:
+    page.set("3D view", "Corner")
+    corner = session(app).searches[session(app).dataset.poses.ids[0]].corner
+    assert corner is not None
+    page.wait(lambda p: p.value("This corner") and not p.value("This scan"))
+    assert app.worker.wait_idle(IDLE_S)
+    np.testing.assert_allclose(app.stage.scene._root.position, -corner.xyz_mm / 1000, atol=1e-6)
+
+
+# ---- the tabs say what was found ------------------------------------------------------------------------------------
+
+
+def test_planes_tab_counts_what_the_filters_did(app: App, page: WireClient) -> None:
+    search = session(app).searches[session(app).dataset.poses.ids[0]]
+    text = plain(page)
+    for count in search.filter_counts().values():
+        assert f"{count:,}" in text
+    assert f"Plane groups ({len(search.groups)})" in text
+    assert search.corner is not None
+    for face in search.corner.faces:
+        assert f"{face.points:,}" in text
+    colours = group_colours(search, True)
+    chosen = {colours[i] for i in search.chosen}
+    assert len(chosen) == len(search.chosen)
+    assert len(set(colours) - chosen) == 1  # all others in one grey
+    assert len(set(group_colours(search, False))) > 4
+
+
+def test_a_failed_scan_says_why_in_words(app: App, page: WireClient) -> None:
+    app.select(BROKEN)
+    failure = session(app).searches[session(app).dataset.poses.ids[BROKEN]].failure
+    assert len(failure) > 20
+    shows(page, f"No corner: {failure}")
+    assert app.worker.wait_idle(IDLE_S)
+    page.wait(lambda p: not {f"{ROOT}/corner/ellipsoid", f"{ROOT}/faces/points"} & p.scene.keys())
+    page.wait(lambda p: plain(p).count("failed") >= 2)  # the progress line and the list of poses
+
+
+def test_corner_tab_gives_position_and_sigma_with_units(app: App, page: WireClient) -> None:
+    corner = session(app).searches[session(app).dataset.poses.ids[0]].corner
+    assert corner is not None
+    text = plain(page)
+    for axis in range(3):
+        assert f"{corner.xyz_mm[axis]:.4f}" in text
+        assert words.length(float(np.sqrt(corner.covariance_mm2[axis, axis]))) in text
+    label = page.scene[f"{ROOT}/corner/label"]["props"]["text"]
+    factor = page.value("Ellipsoids ×")
+    assert f"1σ × {factor}" in label
+    assert f"Drawn {factor} times larger" in text
+
+
+def test_the_exaggeration_changes_picture_and_words(app: App, page: WireClient) -> None:
+    before = np.asarray(page.scene[f"{ROOT}/corner/ellipsoid"]["props"]["batched_scales"]).ravel()
+    old = float(page.value("Ellipsoids ×"))
+    page.set("Ellipsoids ×", "10")
+    shows(page, "Drawn 10 times larger")
+    assert app.worker.wait_idle(IDLE_S)
+    page.wait(lambda p: "1σ × 10" in p.scene[f"{ROOT}/corner/label"]["props"]["text"])
+    after = np.asarray(page.scene[f"{ROOT}/corner/ellipsoid"]["props"]["batched_scales"]).ravel()
+    np.testing.assert_allclose(after, before * 10 / old, rtol=1e-5)
+
+
+def test_redundancy_tab_splits_as_park_or_not_and_names_groups(app: App, page: WireClient) -> None:
+    analysis = session(app).redundancy
+    assert analysis is not None
+    lengths = sum(unit == "mm" for unit in analysis.units)
+    for choice, size in (
+        (ANGLES, len(analysis.units) - lengths),
+        (ALL, len(analysis.units)),
+        (LENGTHS, lengths),
+    ):
+        page.set("Parameters", choice)
+        page.wait(lambda p, size=size: len(figure(p, "heatmap")[-1]["x"]) == size)  # type: ignore[arg-type, misc]
+    for group in analysis.groups:
+        assert parameter_label(group[-1]) + " always act together" in plain(page)
+    assert "a6 and aTCP always act together (r = 1): keep a6" in plain(page)
+    page.set("Measured", "distance")
+    page.wait(lambda p: session(app).redundancy is not analysis)
+    other = session(app).redundancy
+    assert other is not None
+    assert other.rank < analysis.rank  # d1 and theta1 are invisible to distances
+    shows(page, "d1, θ1, β1")
+    page.set("Measured", "position")
+    page.wait(lambda p: session(app).redundancy is not other)
+
+
+@pytest.mark.parametrize(
+    ("group", "kept", "r", "sentence"),
+    [
+        (("a6", "aTCP"), ("a6",), 1.0, "a6 and aTCP always act together (r = 1): keep a6"),
+        (("theta1", "beta1"), ("theta1",), -1.0, "θ1 and β1 always act together (r = -1): keep θ1"),
+        (("d2", "d3", "d4"), ("d2",), 1.0, "d2, d3 and d4 always act together (|r| = 1): keep d2"),
+    ],
+)
+def test_group_sentence(group: tuple[str, ...], kept: tuple[str, ...], r: float, sentence: str) -> None:
+    assert group_sentence(group, kept, r) == sentence
+
+
+def test_fit_tab_shows_the_calibrations_own_numbers(app: App, page: WireClient) -> None:
+    result = session(app).calibration
+    assert result is not None
+    before, after = result.before.train, result.after.train
+    assert before is not None
+    assert after is not None
+    text = plain(page)
+    for number in (before.rmse_mm, after.rmse_mm, before.distance_max_mm, after.distance_max_mm):
+        assert words.millimetres(number) in text
+    assert words.reduction(before.rmse_mm, after.rmse_mm) in text
+    curves = {trace["name"]: trace for trace in figure(page, "scatter")}
+    assert set(curves) == {"training", "test"}
+
+
+def test_calibrate_with_distances_or_say_in_words_why_not(app: App, page: WireClient) -> None:
+    first = session(app).calibration
+    page.set("Fit", "distance")
+    page.click("Calibrate")
+    page.wait(lambda p: p.notifications or session(app).calibration is not first, 30)
+    assert app.worker.wait_idle(IDLE_S)
+    second = session(app).calibration
+    assert second is not None
+    if page.notifications:  # 13 training poses are few for distances alone: the reason is on the page
+        reason = page.notifications[-1]["props"]["body"]
+        assert "training poses" in reason
+        shows(page, reason)
+    else:
+        assert second.residual == "distance"
+        shows(page, "distance, ")
+
+
+# ---- dark, other datasets, hostile names, errors --------------------------------------------------------------------
+
+
+def test_figures_follow_the_dark_page(app: App, page: WireClient) -> None:
+    light = sorted(drawn_figures(page))
+    page.set("Dark mode", True)
+    page.wait(lambda p: all(a != b for a, b in zip(sorted(drawn_figures(p)), light, strict=True)))
+    page.trigger("Dark or light")
+    page.wait(lambda p: p.value("Dark mode") is False)
+
+
+def test_switching_datasets_and_back_searches_nothing_again(app: App, page: WireClient) -> None:
+    searches = session(app).searches
+    page.set("Dataset", "points")
+    shows(page, "No scans to search")
+    assert app.worker.wait_idle(IDLE_S)
+    assert session(app).dataset.points is not None
+    page.wait(lambda p: not [n for n in p.scene if n.startswith(f"{ROOT}/overview/")])
+    page.wait(lambda p: f"{ROOT}/corners/dots" in p.scene)
+    page.set("Dataset", "cell")
+    shows(page, f"{POSES - 1} of {POSES} corners found, 1 failed")  # in no time
+    assert app.worker.wait_idle(IDLE_S)
+    assert session(app).searches is searches
+
+
+def test_names_from_files_never_become_markup(app: App, page: WireClient) -> None:
+    page.set("Dataset", "points")
+    shows(page, "No scans to search")
+    app.select(1)
+    shows(page, f"Pose {HOSTILE}")
+    assert app.worker.wait_idle(IDLE_S)
+    assert "<img" not in page.text()
+    assert "<b>" not in page.text()
+    assert html.escape(HOSTILE) in page.text()
+    assert not any("<img" in f or "<b>" in f for f in page.figures())
+
+
+def test_a_dataset_that_cannot_be_read_is_told_and_the_old_one_stays(
+    folder: Path, app: App, page: WireClient
+) -> None:
+    app._known = (*app._known, "gone")
+    app.stage._folders["gone"] = folder / "gone"  # type: ignore[index]
+    app.open("gone")
+    page.wait(lambda p: p.notifications)
+    assert "gone" in page.notifications[-1]["props"]["body"]
+    shows(page, page.notifications[-1]["props"]["body"])
+    assert app.worker.wait_idle(IDLE_S)
+    assert session(app).dataset.name == "cell"
+    page.trigger("Next pose")
+    shows(page, f"2 of {POSES}")
+
+
+def test_where_no_dataset_can_be_opened_the_page_says_so(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "points", tmp_path / "only")
+    (tmp_path / "only" / "poses.csv").write_text("pose,role\n")
+    with idle_app(tmp_path) as app, WireClient(app.server.get_port()) as page:
+        shows(page, "poses.csv", "No dataset is open")
+        assert "No scans to search" not in plain(page)
+
+
+def test_our_own_bug_is_told_too(app: App, page: WireClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("oops")
+
+    monkeypatch.setattr(app.stage, "select", broken)
+    page.trigger("Next pose")
+    page.wait(lambda p: p.notifications)
+    assert "ZeroDivisionError: oops" in page.notifications[-1]["props"]["body"]
+    monkeypatch.undo()
+    page.trigger("Previous pose")
+    shows(page, f"1 of {POSES}")
+
+
+def test_requests_that_no_widget_makes_are_ignored(app: App) -> None:
+    before = app.stage.view
+    app.open("no such dataset")
+    app.look("nowhere")
+    app.layer("no such layer", True)
+    app.redundancy("no such residual")
+    app.calibrate("no such residual")
+    app.version("no such version")
+    app.prediction("no such version", True)
+    app.colouring("by taste")
+    app.select(10**9)
+    app.select(-(10**9))
+    assert app.worker.wait_idle(IDLE_S)
+    assert app.stage.view is not None
+    assert before is not None
+    assert app.stage.view.session is before.session
+    assert app.stage.view.pose == 0
+
+
+def test_garbage_for_every_widget_changes_nothing(app: App, page: WireClient) -> None:
+    before = app.stage.view
+    garbage: list[object] = [
+        None,
+        -1e300,
+        10**9,
+        float("nan"),
+        "no such option",
+        "x" * 10_000,
+        [],
+        {},
+        [1, 2, 3],
+    ]
+    for uuid in list(page.gui):
+        for value in garbage:
+            page.send(type="GuiUpdateMessage", uuid=uuid, updates={"value": value})
+        for field in ("removed", "update_cb", "sync_cb", "props", "gui_api", "uuid"):
+            page.send(type="GuiUpdateMessage", uuid=uuid, updates={field: None})
+    page.trigger("Next pose")
+    shows(page, f"2 of {POSES}")
+    assert app.worker.wait_idle(IDLE_S)
+    assert app.stage.view is not None
+    assert before is not None
+    assert app.stage.view.session is before.session
+    assert not page.notifications
+
+
+def test_names_of_datasets_tell_them_apart(tmp_path: Path) -> None:
+    one, two, same = tmp_path / "a" / "cell", tmp_path / "b" / "other", tmp_path / "c" / "cell"
+    assert names_of([one, two]) == ["cell", "other"]
+    names = names_of([one, two, same])
+    assert len(set(names)) == 3
+    assert names[1] == "other"
+
+
+def test_words() -> None:
+    assert words.length(0.0123) == "12.3 µm"
+    assert words.length(1.5) == "1.500 mm"
+    assert words.length(float("nan")) == "–"
+    assert words.reduction(4.256, 0.291) == "93.16 %"
+    assert words.reduction(0, 1) == "–"
+    assert words.listing(("a", "b", "c")) == "a, b and c"
+    assert words.millimetres(2.5e-13) == "2.5e-13"
+    assert ROLE_COLOURS.keys() == {"reference", "train", "test"}

@@ -1,0 +1,545 @@
+"""The command: its JSON's keys, its exit codes, and that bad input is one line and nothing half-written."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calib.dataset.files.folder import load_dataset, write_dataset
+from calib.dataset.files.robot_toml import load_robot
+from inspector.cli.parser import _parser, main
+from tests.support.arms import dataset_of, jang_arm, perturbed
+
+
+@pytest.fixture(scope="module")
+def points_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    rng = np.random.default_rng(0)
+    robot = jang_arm()
+    folder = tmp_path_factory.mktemp("points") / "cell"
+    write_dataset(dataset_of(robot, perturbed(robot, rng), rng, test=13, noise_mm=0.03), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def scans_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("scans") / "cell"
+    assert main(["simulate", str(folder), "--robot", "rb5", "--poses", "4", "--scans", "--seed", "5"]) == 0
+    return folder
+
+
+@pytest.fixture
+def own_points(points_folder: Path, tmp_path: Path) -> Path:
+    """A copy of the dataset of points that a test may spoil."""
+    return Path(shutil.copytree(points_folder, tmp_path / "cell"))
+
+
+@pytest.fixture
+def own_scans(scans_folder: Path, tmp_path: Path) -> Path:
+    """A copy of the dataset of scans that a test may spoil."""
+    return Path(shutil.copytree(scans_folder, tmp_path / "cell"))
+
+
+def change(path: Path, **columns: object) -> None:
+    """Write other values into columns of a table; they may be functions of it."""
+    pd.read_csv(path).assign(**columns).to_csv(path, index=False)
+
+
+def run_json(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 0) -> dict:
+    assert main([*map(str, arguments), "--json"]) == code
+    out = capsys.readouterr().out
+    assert out.count("\n") == 1  # exactly one object, nothing else
+    return json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """The one line that a refusal prints; exit code 2, nothing on stdout."""
+    for extra in ([], ["--json"]):
+        assert main([*map(str, arguments), *extra]) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        lines = [line for line in captured.err.splitlines() if "warning" not in line]
+        assert len(lines) == 1, captured.err
+    return lines[0]
+
+
+def test_calibrate_has_the_promised_keys(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
+    for residual in ("position", "distance"):
+        document = run_json(capsys, "calibrate", points_folder, "--residual", residual)
+        assert document["residual"] == residual
+        assert document["effects"] == []
+        assert document["converged"] is True
+        assert document["rank"] == 19
+        figures = {"rmse_mm", "max_mm", "mean_mm", "distance_max_mm", "distance_mean_mm"}
+        for part in (document, document["before"]):
+            assert figures <= set(part["train"])
+            assert figures <= set(part["test"])
+        assert document["test"]["rmse_mm"] < 0.1 < document["before"]["test"]["rmse_mm"]
+        assert document["iterations"][0]["rmse_mm"] == pytest.approx(document["before"]["train"]["rmse_mm"])
+        assert document["iterations"][-1]["rmse_mm"] == pytest.approx(document["train"]["rmse_mm"])
+        assert document["sigma_mm"] == pytest.approx(0.03, rel=0.3)
+        names = [p["name"] for p in document["parameters"]]
+        assert names[:5] == ["a1", "alpha1", "d1", "theta1", "beta1"]
+        assert names[-1] == "betaTCP"
+        assert {"name", "value", "sigma", "unit", "nominal"} <= set(document["parameters"][0])
+        assert {p["unit"] for p in document["parameters"]} == {"mm", "rad"}
+
+
+def test_calibrate_writes_the_robot_that_it_found(
+    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "new" / "robot.toml"
+    document = run_json(capsys, "calibrate", points_folder, "--out", out)
+    table = load_robot(out).table.ravel()
+    np.testing.assert_allclose(table, [p["value"] for p in document["parameters"]], rtol=1e-12, atol=1e-15)
+
+
+def test_without_a_prior_unknowable_sigmas_are_null(
+    capsys: pytest.CaptureFixture[str], points_folder: Path
+) -> None:
+    document = run_json(capsys, "calibrate", points_folder, "--no-prior")
+    sigma = {p["name"]: p["sigma"] for p in document["parameters"]}
+    assert sigma["d1"] is None
+    assert sigma["a2"] is not None
+
+
+def test_tolerances_holds_and_robust_weights_by_command(
+    capsys: pytest.CaptureFixture[str], points_folder: Path
+) -> None:
+    document = run_json(
+        capsys,
+        "calibrate",
+        points_folder,
+        "--tolerance",
+        "a2=1e-9",
+        "--hold",
+        "d5",
+        "--robust",
+        "--residual",
+        "pairs",
+    )
+    parameters = {p["name"]: p for p in document["parameters"]}
+    assert "d5" not in parameters
+    assert abs(parameters["a2"]["change"]) < 1e-6
+    assert any("count less than half" in warning for warning in document["warnings"])
+    assert "no parameter named 'b7'" in refused(capsys, "calibrate", points_folder, "--tolerance", "b7=1")
+    assert "above 0" in refused(capsys, "calibrate", points_folder, "--tolerance", "a2=-1")
+    assert "no parameter named 'b7'" in refused(capsys, "calibrate", points_folder, "--hold", "b7")
+    assert "position, pairs or pose" in refused(
+        capsys, "calibrate", points_folder, "--robust", "--residual", "distance"
+    )
+
+
+def test_one_point_for_all_poses_is_no_calibration_and_is_not_written(
+    capsys: pytest.CaptureFixture[str], own_points: Path, tmp_path: Path
+) -> None:
+    """A tracker that lost its target: links of no length fit it without any residual."""
+    change(own_points / "points.csv", x_mm=100.0, y_mm=200.0, z_mm=300.0)
+    out = tmp_path / "robot.toml"
+    assert "times its tolerance" in refused(capsys, "calibrate", own_points, "--out", out)
+    assert not out.exists()
+    assert main(["calibrate", str(own_points), "--out", str(out), "--force"]) == 0
+    assert out.exists()
+    assert not run_json(capsys_after(capsys), "check", own_points, code=1)["passed"]
+
+
+def capsys_after(capsys: pytest.CaptureFixture[str]) -> pytest.CaptureFixture[str]:
+    """With what was printed so far forgotten."""
+    capsys.readouterr()
+    return capsys
+
+
+def test_what_is_no_file_is_not_replaced_by_one(
+    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
+) -> None:
+    """An output may be a link, or a pipe as in --out >(less); a folder in its place is told."""
+    kept, link, pipe = tmp_path / "kept.toml", tmp_path / "link.toml", tmp_path / "pipe"
+    link.symlink_to(kept)
+    assert main(["calibrate", str(points_folder), "--out", str(link)]) == 0
+    assert link.is_symlink()
+    assert load_robot(kept).n_joints == 6
+    os.mkfifo(pipe)
+    with subprocess.Popen(["cat", str(pipe)], stdout=subprocess.PIPE) as reader:
+        assert main(["calibrate", str(points_folder), "--out", str(pipe)]) == 0
+        assert reader.communicate()[0] == kept.read_bytes()
+    assert pipe.is_fifo()
+    capsys.readouterr()
+    assert "is a folder; name a file" in refused(capsys, "calibrate", points_folder, "--out", tmp_path)
+    assert "give one of rb5, panda" in refused(capsys, "simulate", tmp_path / "new", "--robot", "rb6")
+
+
+def test_known_sums_are_told(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
+    document = run_json(capsys, "calibrate", points_folder)
+    sums = {tuple(s["parameters"]): s for s in document["known_sums"]}
+    assert sums[("d6", "dTCP")]["sigma"] < 0.1 * sums[("d6", "dTCP")]["worst_part_sigma"]
+    assert not any("d1" in names for names in sums)
+    assert main(["calibrate", str(points_folder)]) == 0
+    assert "known: d6 + dTCP = " in capsys.readouterr().out
+
+
+def test_redundancy_has_the_promised_keys(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
+    document = run_json(capsys, "redundancy", points_folder)
+    names = document["parameters"]
+    assert len(names) == 35
+    assert np.shape(document["pearson"]) == (35, 35)
+    assert ["d2", "d3", "d4"] in document["groups"]
+    assert document["rank"] == 21
+    assert document["rank_unknown_frame"] == 19
+    zero = names.index(document["no_influence"][0])
+    assert all(value is None for value in document["pearson"][zero])
+    assert set(document["kept"]) == set(names) - {name for group in document["groups"] for name in group[1:]}
+    assert all("parameters" in relation for relation in document["combinations"])
+    assert run_json(capsys, "redundancy", points_folder, "--residual", "distance")["rank"] == 19
+
+
+def test_corners_has_the_promised_keys_and_finds_the_truth(
+    capsys: pytest.CaptureFixture[str], scans_folder: Path, own_scans: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "points.csv"
+    document = run_json(capsys, "corners", scans_folder, "--out", out)
+    truth = json.loads((scans_folder / "truth.json").read_text())["apex_mm"]
+    assert document["failed"] == []
+    assert [c["pose"] for c in document["corners"]] == list(truth)
+    for corner in document["corners"]:
+        assert np.linalg.norm(np.array(corner["xyz_mm"]) - truth[corner["pose"]]) < 0.1
+        assert np.all(np.linalg.eigvalsh(corner["covariance_mm2"]) > 0)
+        assert len(corner["planes"]) == 3
+        for plane in corner["planes"]:
+            assert np.linalg.norm(plane["normal"]) == pytest.approx(1.0)
+            assert plane["rms_mm"] < 0.1
+            # The corner lies on its planes (eq 2).
+            assert np.dot(plane["normal"], corner["xyz_mm"]) == pytest.approx(plane["offset_mm"], abs=1e-6)
+        assert corner["seconds"] > 0
+    # What was written is a points.csv that a dataset reads.
+    shutil.copy(out, own_scans / "points.csv")
+    text = (own_scans / "dataset.toml").read_text()
+    (own_scans / "dataset.toml").write_text(
+        text.replace('scans = "scans"', 'scans = "scans"\npoints = "points.csv"')
+    )
+    points = load_dataset(own_scans).points
+    assert points is not None
+    np.testing.assert_allclose(points.xyz_mm, [c["xyz_mm"] for c in document["corners"]])
+    assert points.covariance_mm2 is not None
+
+
+def test_a_scan_without_three_planes_is_told_and_the_others_are_used(
+    capsys: pytest.CaptureFixture[str], own_scans: Path
+) -> None:
+    scans = sorted((own_scans / "scans").iterdir())
+    flat = np.c_[np.random.default_rng(0).uniform(-50, 50, (4000, 2)), np.full(4000, 700.0)]
+    columns = "".join(f"property float {axis}\n" for axis in "xyz")
+    header = f"ply\nformat ascii 1.0\nelement vertex 4000\n{columns}end_header\n"
+    body = "\n".join(" ".join(f"{v:.4f}" for v in row) for row in flat)
+    scans[1].write_text(header + body + "\n")
+    document = run_json(capsys, "corners", own_scans)
+    assert [f["pose"] for f in document["failed"]] == [scans[1].stem]
+    assert "3" in document["failed"][0]["reason"]
+    assert len(document["corners"]) == 3
+    for scan in scans:
+        scan.write_text(header + body + "\n")
+    assert "no corner in any of 4 scans" in refused(capsys, "corners", own_scans)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(b"", "empty"), (b"\x00\xff junk that is no scan at all", "PLY"), (None, "promises")],
+)
+def test_a_scan_file_that_cannot_be_read_is_bad_input(
+    capsys: pytest.CaptureFixture[str], own_scans: Path, tmp_path: Path, content: bytes | None, says: str
+) -> None:
+    scan = sorted((own_scans / "scans").iterdir())[2]
+    scan.write_bytes(scan.read_bytes()[:5000] if content is None else content)
+    out = tmp_path / "points.csv"
+    line = refused(capsys, "corners", own_scans, "--out", out)
+    assert scan.name in line
+    assert says.lower() in line.lower()
+    assert not out.exists()
+
+
+def test_simulate_is_reproducible_and_says_where_the_truth_is(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    for name in ("a", "b"):
+        arguments = ["--robot", "panda", "--poses", "30", "--seed", "9", "--effect", "joint_compliance"]
+        document = run_json(capsys, "simulate", tmp_path / name / "cell", *arguments)
+        assert Path(document["truth"]).is_file()
+    for file in ("poses.csv", "points.csv", "robot.toml", "truth.json"):
+        assert (tmp_path / "a/cell" / file).read_bytes() == (tmp_path / "b/cell" / file).read_bytes()
+    assert len(load_dataset(tmp_path / "a/cell").poses) == 30
+    assert "is not empty" in refused(capsys, "simulate", tmp_path / "a/cell", "--robot", "rb5")
+    line = refused(capsys, "simulate", tmp_path / "c", "--robot", "rb5", "--effect", "magic")
+    assert "magic" in line
+    assert "joint_compliance" in line
+    assert not (tmp_path / "c").exists()
+    assert "robot.toml" in refused(capsys, "simulate", tmp_path / "c", "--robot", tmp_path / "robot.toml")
+
+
+def test_check_passes_or_says_why_not(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
+    good = run_json(capsys, "check", points_folder)
+    assert good["passed"] is True
+    assert good["reasons"] == []
+    bad = run_json(capsys, "check", points_folder, "--max-test-rmse-mm", "0.0001", code=1)
+    assert bad["passed"] is False
+    assert "was asked for" in bad["reasons"][0]
+    for document in (good, bad):  # the verdict is told; it does not decide the exit code
+        assert document["diagnosis"]["verdict"] == "adequate"
+        assert [f["passed"] for f in document["findings"] if f["name"] == "diagnosis"] == [None]
+    several = run_json(capsys, "check", points_folder.parent)
+    assert several["passed"] is True
+    assert main(["check", str(points_folder), "--max-test-rmse-mm", "0.0001"]) == 1
+    assert "NOT GOOD ENOUGH" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["corners", "redundancy", "calibrate", "check", "serve"])
+def test_a_folder_that_is_none_is_one_line(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str
+) -> None:
+    missing = tmp_path / "nowhere"
+    assert main([command, str(missing)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert str(missing) in captured.err
+
+
+def test_too_few_poses_and_an_unwritable_place(
+    capsys: pytest.CaptureFixture[str], points_folder: Path, own_points: Path, tmp_path: Path
+) -> None:
+    for name in ("poses.csv", "points.csv"):
+        pd.read_csv(own_points / name, dtype=str).head(6).to_csv(own_points / name, index=False)
+    assert "measure at least" in refused(capsys, "calibrate", own_points)
+    (tmp_path / "file").write_text("x")
+    line = refused(capsys, "calibrate", points_folder, "--out", tmp_path / "file" / "robot.toml")
+    assert str(tmp_path / "file") in line
+
+
+def test_warnings_go_to_stderr_and_leave_json_alone(
+    capsys: pytest.CaptureFixture[str], own_points: Path
+) -> None:
+    for name in (f"q{k + 1}_deg" for k in range(6)):
+        change(own_points / "poses.csv", **{name: lambda frame, name=name: np.radians(frame[name])})
+    main(["redundancy", str(own_points), "--json"])
+    captured = capsys.readouterr()
+    json.loads(captured.out)
+    assert "look like radians" in captured.err
+
+
+def test_a_reversed_joint_does_not_crash(
+    capsys: pytest.CaptureFixture[str], own_points: Path, tmp_path: Path
+) -> None:
+    """A wrong sign in the table is a common mistake: the answer is a bad error or a refusal, never a traceback."""
+    change(own_points / "poses.csv", q2_deg=lambda frame: -frame["q2_deg"])
+    out = tmp_path / "robot.toml"
+    assert main(["check", str(own_points), "--max-test-rmse-mm", "1.0"]) == 1
+    capsys.readouterr()
+    code = main(["calibrate", str(own_points), "--out", str(out)])
+    assert code in (0, 2)
+    assert out.exists() == (code == 0)
+
+
+def test_as_a_program_and_as_a_module(points_folder: Path, tmp_path: Path) -> None:
+    """From a folder that is not the project's, as a user calls it."""
+    for program in ([sys.executable, "-m", "inspector"], [str(Path(sys.executable).parent / "inspector")]):
+        done = subprocess.run(
+            [*program, "check", str(points_folder)], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        assert "passed" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["fly"], "fly"),
+        ([], "COMMAND"),
+        (["calibrate"], "PATH"),
+        (["calibrate", "x", "--residual", "angles"], "angles"),
+        (["serve", "x", "--port", "99999"], "99999 is not a port"),
+        (["serve", "x", "--port", "eighty"], "eighty is not a port; 0 to 65535"),
+        (["corners", "x", "--processes", "0"], "0 is not a number of processes"),
+        (["check", "x", "--max-test-rmse-mm", "nan"], "nan is not an error to ask for"),
+        (["check", "x", "--max-test-rmse-mm", "-1"], "-1 is not an error to ask for"),
+        (["simulate", "x", "--robot", "rb5", "--poses", "many"], "many"),
+    ],
+)
+def test_wrong_usage_is_one_line_too(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
+) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(arguments)
+    assert stopped.value.code == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert says in captured.err
+
+
+@pytest.fixture(scope="module")
+def hidden_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("hidden") / "cell"
+    arguments = ["--robot", "rb5", "--poses", "64", "--seed", "21", "--effect", "transmission_error"]
+    assert main(["simulate", str(folder), *arguments]) == 0
+    return folder
+
+
+def test_diagnose_has_the_promised_keys_and_names_the_cause(
+    capsys: pytest.CaptureFixture[str], hidden_folder: Path
+) -> None:
+    document = run_json(capsys, "diagnose", hidden_folder)
+    assert document["verdict"] == "named"
+    assert document["missing"] == ["transmission_error"]
+    assert document["ambiguous_set"] == []
+    first, second = document["steps"]
+    assert first["effect"] is None
+    assert second["effect"] == "transmission_error"
+    assert second["test_rmse_mm"] < 0.7 * first["test_rmse_mm"]
+    assert second["p_value"] < 1e-6
+    assert second["log_evidence_margin"] > 3
+    best = document["candidates"][0]
+    assert best["effect"] == "transmission_error"
+    keys = {"p_value", "p_holm", "log_evidence", "explained_share", "cv_rmse_mm", "overlaps", "parameters"}
+    assert keys <= set(best)
+    assert {"name", "value", "sigma", "unit"} <= set(best["parameters"][0])
+    assert "scanner_scale" in {u["effect"] for u in document["untestable"]}
+    assert all(u["why"] and u["would_help"] for u in document["untestable"])
+    leftover = document["leftover"]
+    assert leftover["noise_from"] == "dataset"
+    assert leftover["noise_mm"] == pytest.approx(0.05)
+    assert {"input", "p_value"} <= set(leftover["inputs"][0])
+    assert leftover["outlier_poses"] == []
+    assert "transmission_error" in document["explanation"]
+    assert main(["diagnose", str(hidden_folder)]) == 0
+    assert "Verdict: transmission_error was missing" in capsys.readouterr().out
+
+
+def test_calibrate_with_the_effect_is_the_diagnosis_step(
+    capsys: pytest.CaptureFixture[str], hidden_folder: Path
+) -> None:
+    plain = run_json(capsys, "calibrate", hidden_folder)
+    with_effect = run_json(capsys, "calibrate", hidden_folder, "--effect", "transmission_error")
+    assert with_effect["effects"] == ["transmission_error"]
+    assert with_effect["test"]["rmse_mm"] < 0.7 * plain["test"]["rmse_mm"]
+    names = {p["name"] for p in with_effect["parameters"]} - {p["name"] for p in plain["parameters"]}
+    assert "transmission_error.J2.sin2_rad" in names
+    given = run_json(capsys, "diagnose", hidden_folder, "--effect", "transmission_error")
+    assert given["missing"] == []
+    assert given["verdict"] == "adequate"
+    assert "rust" in refused(capsys, "diagnose", hidden_folder, "--effect", "rust")
+    assert "approach" in refused(capsys, "calibrate", hidden_folder, "--effect", "backlash")
+
+
+def test_check_tells_what_is_missing_and_still_passes(
+    capsys: pytest.CaptureFixture[str], hidden_folder: Path
+) -> None:
+    document = run_json(capsys, "check", hidden_folder)
+    assert document["diagnosis"]["missing"] == ["transmission_error"]
+    assert main(["check", str(hidden_folder)]) == 0
+    assert "note  diagnosis: transmission_error was missing" in capsys.readouterr().out
+
+
+def test_add_is_the_diagnosis_step_to_the_last_digit(
+    capsys: pytest.CaptureFixture[str], hidden_folder: Path, tmp_path: Path
+) -> None:
+    diagnosed = run_json(capsys, "diagnose", hidden_folder)["steps"]
+    document = run_json(capsys, "calibrate", hidden_folder, "--add", "transmission_error")
+    assert [step["effect"] for step in document["steps"]] == [None, "transmission_error"]
+    for step, found in zip(document["steps"], diagnosed, strict=True):
+        assert step["train"]["rmse_mm"] == pytest.approx(found["train_rmse_mm"], rel=1e-9)
+        assert step["test"]["rmse_mm"] == pytest.approx(found["test_rmse_mm"], rel=1e-9)
+        assert step["sigma_mm"] == pytest.approx(found["sigma_mm"], rel=1e-9)
+    tolerances = {p["name"]: p["tolerance"] for p in document["parameters"]}
+    sizes = document["steps"][1]["sizes"]
+    assert sizes
+    assert all(tolerances[name] == pytest.approx(size) for name, size in sizes.items())
+    assert main(["calibrate", str(hidden_folder), "--add", "transmission_error"]) == 0
+    out = capsys.readouterr().out
+    assert "link errors: train RMSE" in out
+    assert "+ transmission_error: train RMSE" in out
+    for name, says in (("rust", "rust"), ("scanner_scale", "cannot be fitted here")):
+        robot = tmp_path / "robot.toml"
+        assert says in refused(capsys, "calibrate", hidden_folder, "--add", name, "--out", robot)
+        assert not robot.exists()
+
+
+def test_validate_and_correct_take_the_options_of_a_fit(
+    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
+) -> None:
+    plain = run_json(capsys, "validate", points_folder)
+    held = run_json(capsys, "validate", points_folder, "--hold", "a2", "--tolerance", "d5=0.5")
+    assert (
+        held["held_out"]["rmse_mm"] > 1.2 * plain["held_out"]["rmse_mm"]
+    )  # a2 is off, and now it has to stay
+    out = tmp_path / "corrected.csv"
+    targets = ["--joints", points_folder / "poses.csv", "--out", out]
+    written = []
+    for extra in ([], ["--hold", "a2"], ["--no-prior"]):  # 1: some targets lie near a singular posture
+        assert main(["correct", str(points_folder), *map(str, targets), *extra]) in (0, 1)
+        written.append(out.read_text())
+    assert len(set(written)) == 3
+    capsys.readouterr()
+    for command in (["validate", points_folder], ["correct", points_folder, *targets]):
+        assert "no parameter named 'b7'" in refused(capsys, *command, "--hold", "b7")
+        assert "position, pairs or pose" in refused(capsys, *command, "--robust", "--residual", "distance")
+
+
+def test_effects_lists_the_catalogue(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["effects", "--json"]) == 0
+    effects = json.loads(capsys.readouterr().out)["effects"]
+    assert {"joint_compliance", "axis_wobble", "scanner_scale"} <= {e["name"] for e in effects}
+    for effect in effects:
+        assert effect["equation"]
+        assert effect["needs"]
+        assert all(p["unit"] for p in effect["parameters"])
+    assert main(["effects"]) == 0
+    assert "transmission_error: theta_j += A sin(n q_j)" in capsys.readouterr().out
+
+
+def test_an_effects_file_is_used_and_a_bad_one_is_one_line(
+    capsys: pytest.CaptureFixture[str], hidden_folder: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "from calib.effects.base import Parameter\n\n\n"
+        "print('read')\n\n\n"  # with --json it must not mix with the object
+        "class Fan:\n"
+        '    parameters = (Parameter("x_mm", unit="mm", scale=0.1),)\n\n'
+        "    def apply(self, state, *, x_mm):\n"
+        "        print('applied')\n"
+        "        return state.displace((x_mm * state.q_rad[:, :1] * [1.0, 0.0, 0.0]))\n"
+    )
+    document = run_json(capsys, "diagnose", hidden_folder, "--effects-file", path)
+    assert "fan" in {c["effect"] for c in document["candidates"]}
+    assert document["missing"] == ["transmission_error"]
+    path.write_text("def broken(:\n")
+    line = refused(capsys, "diagnose", hidden_folder, "--effects-file", path)
+    assert "line 1" in line
+    assert str(path) in line
+
+
+def test_help_loads_nothing_that_it_does_not_show() -> None:
+    program = (
+        "import sys\nfrom inspector.cli.parser import main\n"
+        "try: main(['--help'])\nfinally: print(list(sys.modules))"
+    )
+    said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False).stdout
+    loaded = said[said.rindex("[") :]
+    assert "'argparse'" in loaded
+    for slow in ("numpy", "scipy", "pandas", "viser", "inspector.cli.dataset_commands"):
+        assert f"'{slow}'" not in loaded
+
+
+def test_every_subcommand_has_the_function_that_it_names() -> None:
+    (subcommands,) = (a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
+    assert len(subcommands.choices) > 10
+    for sub in subcommands.choices.values():
+        module, name = sub.get_default("run").__qualname__.split(".")
+        assert callable(getattr(import_module(f"inspector.cli.{module}"), name))

@@ -1,0 +1,72 @@
+"""Full poses through the command: corners --orientation writes them, calibrate --residual pose fits them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.dataset.files.folder import load_dataset
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.simulation.simulate import simulate_dataset, write_simulation
+from inspector.cli.parser import main
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Scans of twelve poses; enough to place the scanner and to name the faces."""
+    folder = tmp_path_factory.mktemp("scans")
+    made = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(2), poses=12, scans=True)
+    write_simulation(made, folder)
+    return folder
+
+
+def test_corners_writes_full_poses_that_calibrate_reads(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plain, full = tmp_path / "plain.csv", tmp_path / "full.csv"
+    assert main(["corners", str(folder), "--out", str(plain), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["orientations"]
+    assert told["named_by"] == "robot"
+    assert told["refused"] == []
+    assert len(told["poses"]) == 12
+    assert all(pose["margin"] > 60.0 for pose in told["poses"])
+    assert main(["corners", str(folder), "--out", str(full), "--orientation"]) == 0
+    assert "faces named by the nominal robot at 12 poses" in capsys.readouterr().out
+    header, wider = (path.read_text().splitlines()[0].split(",") for path in (plain, full))
+    assert "qw" not in header
+    assert wider[: len(header)] == header
+    assert {"qw", "rzz_rad2", "z_rz_mm_rad"} <= set(wider)
+
+    measured = tmp_path / "measured"
+    measured.mkdir()
+    for name in ("robot.toml", "poses.csv"):
+        (measured / name).write_text((folder / name).read_text())
+    (measured / "points.csv").write_text(full.read_text())
+    text = (folder / "dataset.toml").read_text().replace('scans = "scans"', 'points = "points.csv"')
+    (measured / "dataset.toml").write_text(text)
+    points = load_dataset(measured).points
+    assert points is not None
+    assert points.orientations is not None
+    assert points.orientations.known.all()
+
+    found = []
+    for path in (folder, measured):  # from the scans at once, and by way of the file
+        assert main(["calibrate", str(path), "--residual", "pose", "--json"]) == 0
+        found.append(json.loads(capsys.readouterr().out))
+    assert found[0]["residual"] == "pose"
+    assert found[0]["attitudes"]["after"]["train"]["rmse_rad"] < 5e-4
+    assert found[0]["attitudes"]["before"]["train"]["rmse_rad"] > 2e-3
+    one, other = ([p["value"] for p in document["parameters"]] for document in found)
+    np.testing.assert_allclose(one, other, atol=1e-6)
+
+
+def test_points_without_orientations_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(3), poses=30)
+    write_simulation(made, tmp_path / "points")
+    assert main(["calibrate", str(tmp_path / "points"), "--residual", "pose"]) == 2
+    said = capsys.readouterr().err
+    assert "found no orientation at a training pose; give qw, qx, qy, qz in points.csv" in said
+    assert said.count("\n") == 1

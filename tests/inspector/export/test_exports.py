@@ -1,0 +1,374 @@
+"""What is carried off: every file against the numbers that it is made of, from the command and from the page."""
+
+from __future__ import annotations
+
+import html
+import io
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import trimesh
+from PIL import Image
+
+from calib.calibration.calibrate import Calibration
+from calib.calibration.residual_table import residual_table
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import load_dataset, write_dataset
+from calib.dataset.files.points_csv import load_points
+from calib.dataset.files.robot_toml import load_robot
+from calib.diagnosis.effect_selection import add_in_turn
+from calib.frames import apply
+from inspector.app.app import App
+from inspector.cli.parser import main
+from inspector.export import csv_and_png as exports
+from inspector.export.glb_scene import PREDICTED, scene_glb
+from inspector.panels.downloads import ITEMS, SCREENSHOT
+from inspector.scene.scene_view import ROOT
+from inspector.server.viser_server import url_of
+from inspector.session.session_file import dataset_of, load_session, opening
+from tests.support.app import IDLE_S, idle_app
+from tests.support.browser import colours_in, node_drawn, open_page
+from tests.support.hidden_dataset import HIDDEN, write_hidden
+from tests.support.tiny_dataset import HOSTILE
+from tests.support.wire_client import WireClient
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    below = tmp_path_factory.mktemp("exports")
+    plain = load_dataset(write_hidden(below, "plain"))
+    names = ["new" if i % 2 else "=old" for i in range(len(plain.poses))]
+    extra = pd.DataFrame({"batch": names, "error_mm": np.arange(len(names), dtype=float)})
+    poses = replace(plain.poses, extra=extra)
+    write_dataset(replace(plain, name=HOSTILE, poses=poses), below / "cell")
+    return below / "cell"
+
+
+@pytest.fixture(scope="module")
+def dataset(folder: Path) -> Dataset:
+    return load_dataset(folder)
+
+
+@pytest.fixture(scope="module")
+def fitted(dataset: Dataset) -> Calibration:
+    return add_in_turn(dataset, [HIDDEN])[-1].calibration
+
+
+# ---- tables ---------------------------------------------------------------------------------------------------------
+
+
+def test_residuals_have_a_row_a_pose_and_give_the_figures_of_the_fit(
+    dataset: Dataset, fitted: Calibration
+) -> None:
+    table = pd.read_csv(io.StringIO(exports.residuals_csv(fitted)))
+    assert table["pose"].tolist() == list(dataset.poses.ids)
+    assert table["role"].tolist() == dataset.poses.role.tolist()
+    error = table[[f"error_{axis}_mm" for axis in "xyz"]].to_numpy()
+    predicted = table[[f"predicted_{axis}_mm" for axis in "xyz"]].to_numpy()
+    measured = table[[f"measured_{axis}_mm" for axis in "xyz"]].to_numpy()
+    np.testing.assert_allclose(predicted - measured, error, atol=1e-9)
+    np.testing.assert_allclose(table["error_mm"], np.linalg.norm(error, axis=1), atol=1e-9)
+    assert dataset.points is not None
+    np.testing.assert_allclose(measured, dataset.points.xyz_mm, atol=1e-9)  # one point a pose here
+    for of, rows in (
+        (fitted.after.test, table["role"] == "test"),
+        (fitted.after.train, table["role"] != "test"),
+    ):
+        assert of is not None
+        assert np.sqrt(np.mean(table["error_mm"][rows] ** 2)) == pytest.approx(of.rmse_mm, rel=1e-9)
+        assert table["error_mm"][rows].max() == pytest.approx(of.max_mm, rel=1e-9)
+
+
+def test_residuals_carry_every_input_by_a_name_with_its_unit(folder: Path, fitted: Calibration) -> None:
+    table = residual_table(fitted)
+    given = pd.read_csv(folder / "poses.csv")
+    for name in [
+        *(f"q{j}_deg" for j in range(1, 7)),
+        "payload_kg",
+        "temperature_c",
+        "time_s",
+        "approach3",
+        "batch",
+    ]:
+        if table[name].dtype.kind == "f":
+            np.testing.assert_allclose(table[name], given[name], atol=1e-9)
+        else:
+            assert table[name].tolist() == given[name].tolist()
+    assert table["input_error_mm"].tolist() == given["error_mm"].tolist()  # the name was taken
+    assert any(name.startswith("torque") and name.endswith("_nm") for name in table)
+
+
+def test_repeats_of_a_pose_are_one_row(dataset: Dataset, fitted: Calibration) -> None:
+    assert dataset.points is not None
+    twice = np.repeat(np.arange(len(dataset.points)), 2)
+    points = dataset.points.select(twice)
+    shift = np.tile([[0.01, 0.0, 0.0], [-0.01, 0.0, 0.0]], (len(dataset.points), 1))
+    doubled = dataset.with_points(replace(points, xyz_mm=points.xyz_mm + shift))
+    table = residual_table(add_in_turn(doubled, [])[-1].calibration)
+    assert (table["points"] == 2).all()
+    measured = table[[f"measured_{axis}_mm" for axis in "xyz"]].to_numpy()
+    np.testing.assert_allclose(measured, dataset.points.xyz_mm, atol=1e-9)
+    assert len(residual_table(fitted)) == len(table)
+
+
+def test_points_come_back_as_points(dataset: Dataset, tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text(exports.corners_csv(dataset))
+    again, _ = load_points(path, dataset.robot, dataset.poses)
+    assert dataset.points is not None
+    np.testing.assert_allclose(again.xyz_mm, dataset.points.xyz_mm, atol=1e-12)
+    assert again.pose.tolist() == dataset.points.pose.tolist()
+
+
+@pytest.mark.parametrize(
+    ("dataset_name", "name"),
+    [
+        ("cell", "cell_report.html"),
+        ("../../etc/passwd", "etc_passwd_report.html"),
+        (HOSTILE, "img_src_x_onerror_window_pwned_1_b_p2_b_report.html"),
+        ("", "dataset_report.html"),
+        ("...", "dataset_report.html"),
+        ("机器人", "dataset_report.html"),
+        ("a" * 500, "a" * 60 + "_report.html"),
+    ],
+)
+def test_file_names_are_harmless(dataset_name: str, name: str) -> None:
+    assert exports.file_name(dataset_name, "report.html") == name
+
+
+# ---- pictures -------------------------------------------------------------------------------------------------------
+
+
+def test_a_png_is_the_image() -> None:
+    rng = np.random.default_rng(1)
+    image = rng.integers(0, 256, (7, 13, 3), dtype=np.uint8)
+    read = np.asarray(Image.open(io.BytesIO(exports.png(image))))
+    assert np.array_equal(read, image)
+    clear = np.dstack([image, np.zeros((7, 13), np.uint8)])
+    assert (exports.over(clear, (1, 2, 3)) == (1, 2, 3)).all()
+    assert np.array_equal(exports.over(np.dstack([image, np.full((7, 13), 255, np.uint8)]), (1, 2, 3)), image)
+    assert exports.over(image, (1, 2, 3)) is image
+
+
+def test_the_scene_is_in_metres_y_up_and_shows_where_the_model_predicts(
+    dataset: Dataset, fitted: Calibration
+) -> None:
+    scene = trimesh.load(io.BytesIO(scene_glb(fitted, 3, 100.0)), file_type="glb")
+    roles = ("reference", "test", "train")
+    assert {"arm revolute", "arm link", "arm tool", PREDICTED, "residuals x 100"} | {
+        f"measured {role}" for role in roles
+    } == set(scene.geometry)
+
+    def centres(name: str) -> np.ndarray:
+        """mm in the base frame, z up."""
+        mesh = scene.geometry[name].apply_transform(scene.graph.get(name)[0])
+        found = np.array([part.vertices.mean(axis=0) for part in mesh.split(only_watertight=False)])
+        return 1000.0 * np.stack([found[:, 0], -found[:, 2], found[:, 1]], axis=1)
+
+    def nearest(a: np.ndarray, b: np.ndarray) -> float:
+        return float(np.max(np.min(np.linalg.norm(a[:, None] - b[None], axis=2), axis=1)))
+
+    model_mm = fitted.model.predict(fitted.fit.x, dataset.poses)
+    predicted = centres(PREDICTED)
+    assert len(predicted) == len(dataset.poses)
+    assert nearest(predicted, model_mm) < 0.01
+    measured = np.concatenate([centres(f"measured {role}") for role in roles])
+    assert len(measured) == len(dataset.poses)
+    assert dataset.points is not None
+    frame = fitted.after.scanner_T_base[""]
+    assert nearest(apply(frame, measured), dataset.points.xyz_mm) < 0.01
+    tool = scene.geometry["arm tool"].apply_transform(scene.graph.get("arm tool")[0])
+    tip = model_mm[3][[0, 2, 1]] * [1.0, 1.0, -1.0] / 1000.0
+    assert np.min(np.linalg.norm(tool.vertices - tip, axis=1)) < 0.03
+
+
+# ---- commands -------------------------------------------------------------------------------------------------------
+
+
+def test_one_command_writes_them_all_and_another_opens_the_session(
+    folder: Path, fitted: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = {name: tmp_path / "new" / name for name in ("robot.toml", "r.csv", "s.glb", "s.json")}
+    flags = ("--out", "--residuals", "--scene", "--session")
+    given = [str(part) for pair in zip(flags, files.values(), strict=True) for part in pair]
+    assert main(["calibrate", str(folder), "--add", HIDDEN, "--json", *given]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert load_robot(files["robot.toml"]).table == pytest.approx(fitted.robot.table, rel=1e-12)
+    assert files["r.csv"].read_text() == exports.residuals_csv(fitted)
+    assert files["s.glb"].read_bytes()[:4] == b"glTF"
+    read = load_session(files["s.json"])
+    assert dataset_of(read, folder.parent) == folder
+    assert [step.label for step in read.history] == ["nominal", "link errors", f"+ {HIDDEN}"]
+    assert read.history[-1].figures[1] == pytest.approx(document["test"]["rmse_mm"], rel=1e-12)
+    assert opening(read, folder)[1] == ()
+
+
+def test_a_session_that_cannot_hold_the_fit_is_refused_and_nothing_is_written(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = ["--out", str(tmp_path / "robot.toml"), "--session", str(tmp_path / "s.json")]
+    for extra in (
+        ["--hold", "a2"],
+        ["--effect", HIDDEN],
+        ["--robust"],
+        ["--no-prior"],
+        ["--tolerance", "a2=1"],
+    ):
+        assert main(["calibrate", str(folder), *out, *extra]) == 2
+        captured = capsys.readouterr()
+        assert (captured.out, captured.err.count("\n")) == ("", 1)
+        assert f"leave out {extra[0]}" in captured.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_redundancy_matrix_is_that_of_the_json(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "r.csv"
+    assert main(["redundancy", str(folder), "--out", str(out), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    table = pd.read_csv(out, index_col="parameter")
+    assert table.index.tolist() == table.columns.tolist() == document["parameters"]
+    np.testing.assert_allclose(table.to_numpy(), np.array(document["pearson"], dtype=float), atol=1e-12)
+
+
+# ---- the page -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def app(folder: Path) -> Iterator[App]:
+    before = {path: path.read_bytes() for path in folder.parent.rglob("*") if path.is_file()}
+    with idle_app(folder) as running:
+        running.add_effect(HIDDEN)
+        assert running.worker.wait_idle(IDLE_S)
+        yield running
+    after = {path: path.read_bytes() for path in folder.parent.rglob("*") if path.is_file()}
+    assert before == after  # nothing was written where the server runs
+
+
+def taken(page: WireClient, what: str) -> bytes:
+    page.downloads.clear()
+    page.click(what)
+    page.wait(lambda p: p.downloads, 30.0)
+    (name, content), *more = page.downloads.items()
+    assert not more
+    assert name.startswith("img_src_x_onerror_")
+    return content
+
+
+def test_the_page_gives_what_the_commands_give(
+    app: App, fitted: Calibration, dataset: Dataset, tmp_path: Path
+) -> None:
+    with WireClient(app.server.get_port()) as page:
+        assert taken(page, "Residuals (CSV)").decode() == exports.residuals_csv(fitted)
+        assert taken(page, "Measured points (CSV)").decode() == exports.corners_csv(dataset)
+        path = tmp_path / "robot.toml"
+        path.write_bytes(taken(page, "Calibrated robot (TOML)"))
+        assert load_robot(path).table == pytest.approx(fitted.robot.table, rel=1e-12)
+        table = pd.read_csv(io.BytesIO(taken(page, "Redundancy (CSV)")), index_col="parameter")
+        assert table.shape == (35, 35)
+        assert taken(page, "3D scene (GLB)")[:4] == b"glTF"
+        report = taken(page, "Report (HTML)").decode()
+        assert f"link errors + {HIDDEN}" in report
+        assert HOSTILE not in report[: report.index("<script>/**")]
+
+
+def test_it_goes_to_the_page_that_asked_alone(app: App) -> None:
+    with WireClient(app.server.get_port()) as one, WireClient(app.server.get_port()) as two:
+        assert taken(one, "Redundancy (CSV)")
+        assert taken(two, "Residuals (CSV)").startswith(b"pose,")
+        assert list(one.downloads) == ["img_src_x_onerror_window_pwned_1_b_p2_b_redundancy.csv"]
+
+
+def test_a_page_that_leaves_or_sends_no_picture_does_no_harm(
+    app: App, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("inspector.app.downloads.RENDER_S", 0.5)
+    with WireClient(app.server.get_port()) as page:
+        page.click(SCREENSHOT)  # this client draws nothing
+        page.wait(lambda p: any("sent no picture" in n["props"]["body"] for n in p.notifications), 20.0)
+        page.click(SCREENSHOT)
+        page.click("Report (HTML)")
+    assert app.worker.wait_idle(IDLE_S)
+    with WireClient(app.server.get_port()) as page:
+        assert taken(page, "Redundancy (CSV)")
+
+
+def test_fifty_quick_presses_are_a_few_files(app: App) -> None:
+    with WireClient(app.server.get_port()) as page:
+        for _ in range(50):
+            page.click("Report (HTML)")
+        page.wait(lambda p: p.downloads, 30.0)
+        assert app.worker.wait_idle(IDLE_S)
+        assert 1 <= page.log.count("FileTransferStartDownload") <= 5
+
+
+def test_every_item_has_a_button_that_says_what_it_holds(app: App) -> None:
+    with WireClient(app.server.get_port()) as page:
+        for name, (_, holds) in ITEMS.items():
+            assert page.has(name)
+            assert holds in html.unescape(page.text())
+
+
+def test_a_session_from_the_page_opens_in_the_same_state(app: App, folder: Path, tmp_path: Path) -> None:
+    app.select(7)
+    app.look("Corner")
+    app.dark(True)
+    app.arrows(300.0)
+    assert app.worker.wait_idle(IDLE_S)
+    path = tmp_path / "session.json"
+    with WireClient(app.server.get_port()) as page:
+        path.write_bytes(taken(page, "Session (JSON)"))
+    saved, notes = opening(load_session(path), folder)
+    assert notes == ()
+    with idle_app(folder, saved=saved) as again:
+        before, now = app.stage.now, again.stage.now
+        assert str(now.session.history) == str(before.session.history)
+        assert now.session.effects == before.session.effects
+        assert (now.pose, now.dark, now.arrows, now.factor) == (7, True, 300.0, before.factor)
+        assert again.stage.look_name == "Corner"
+        assert now.session.screening is not None
+        with WireClient(again.server.get_port()) as page:
+            assert HIDDEN in page.text()
+
+
+def test_a_session_of_a_dataset_that_changed_says_so_on_the_page(
+    app: App, folder: Path, tmp_path: Path
+) -> None:
+    there = tmp_path / "cell"
+    path = tmp_path / "session.json"
+    with WireClient(app.server.get_port()) as page:
+        path.write_bytes(taken(page, "Session (JSON)"))
+    write_dataset(load_dataset(folder), there)
+    poses = (there / "poses.csv").read_text()
+    (there / "poses.csv").write_text(poses.replace("new", "newer"))
+    saved, notes = opening(load_session(path), there)
+    words = "The dataset has changed since the session was saved: poses.csv."
+    assert words in notes[0]
+    with idle_app(there, saved=saved) as again, WireClient(again.server.get_port()) as page:
+        page.wait(lambda p: "has changed since the session was saved" in p.text())
+
+
+@pytest.mark.browser
+def test_a_browser_downloads_its_picture_and_the_report(chromium: Any, app: App, tmp_path: Path) -> None:
+    app.dark(False)
+    with open_page(chromium, url_of(app.server), 1000, 700) as page:
+        page.set_default_timeout(120_000)
+        node_drawn(page, f"{ROOT}/corners/points")
+        page.get_by_role("tab", name="Take away").click()
+        for what, name in ((SCREENSHOT, "view.png"), ("Session (JSON)", "session.json")):
+            with page.expect_download() as download:
+                page.get_by_role("button", name=what).click()
+            download.value.save_as(tmp_path / name)
+            assert download.value.suggested_filename.endswith(name)
+        picture = Image.open(tmp_path / "view.png")
+        assert picture.mode == "RGB"
+        assert picture.width > 200
+        assert colours_in((tmp_path / "view.png").read_bytes()) > 20
+        assert load_session(tmp_path / "session.json").shown.dark is False

@@ -1,0 +1,257 @@
+"""Figures show the numbers they were given, with units, in light and dark."""
+
+from __future__ import annotations
+
+import html
+import json
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+
+from inspector.figures.plots import (
+    convergence,
+    correlation_heatmap,
+    error_history,
+    outline,
+    parameter_label,
+    pose_residuals,
+    shortened,
+)
+from inspector.figures.residual_plots import (
+    MEDIAN,
+    SELECTED,
+    added_variable,
+    place_views,
+    residual_against,
+    select,
+)
+from inspector.markup.palette import (
+    FACE_COLOURS,
+    FILTER_COLOURS,
+    GROUP_COLOURS,
+    REJECTED,
+    ROLE_COLOURS,
+    group_colour,
+    rgb,
+    role_colour,
+)
+
+NAMES = ("a1", "alpha2", "theta3", "d6", "aTCP")
+
+
+def _pearson() -> np.ndarray:
+    r = np.array(
+        [[1, 0.5, -0.25, np.nan, 0], [0.5, 1, 0, np.nan, -1], [-0.25, 0, 1, np.nan, 0.1], [np.nan] * 5,
+         [0, -1, 0.1, np.nan, 1]]
+    )  # fmt: skip
+    return r
+
+
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [("alpha3", "α3"), ("beta1", "β1"), ("thetaTCP", "θTCP"), ("a2", "a2"), ("dTCP", "dTCP")],
+)
+def test_parameter_label(name: str, label: str) -> None:
+    assert parameter_label(name) == label
+
+
+def test_heatmap_shows_every_value_and_marks_what_has_no_influence() -> None:
+    r = _pearson()
+    fig = correlation_heatmap(NAMES, r)
+    missing, values = fig.data
+    np.testing.assert_array_equal(np.asarray(values.z, float), r)
+    assert (values.zmin, values.zmax) == (-1, 1)
+    assert list(values.x) == list(values.y) == ["a1", "α2", "θ3", "d6", "aTCP"]
+    # exactly the NaN cells are covered by the grey trace, each named with the parameter that does nothing
+    np.testing.assert_array_equal(np.isnan(np.asarray(missing.z, float)), ~np.isnan(r))
+    assert "no influence" in missing.hovertemplate
+    assert missing.customdata[0][3] == "d6"
+    assert missing.customdata[3][3] == "d6"
+
+
+def test_heatmap_scale_is_symmetric_and_white_at_zero() -> None:
+    fig = correlation_heatmap(NAMES, np.eye(5))
+    assert len(fig.data) == 1  # nothing missing: no grey trace
+    scale = dict(fig.data[0].colorscale)
+    assert scale[0.5] == "#F7F7F7"
+    blue, red = rgb(scale[0.0]), rgb(scale[1.0])
+    assert blue[2] > blue[0]
+    assert red[0] > red[2]
+
+
+def test_heatmap_reads_from_the_top_left() -> None:
+    assert correlation_heatmap(NAMES, np.eye(5)).layout.yaxis.autorange == "reversed"
+
+
+def test_convergence_is_logarithmic_in_mm_and_keeps_the_numbers() -> None:
+    fig = convergence([10.0, 1.0, 0.1], [12.0, 2.0, 0.9])
+    assert fig.layout.yaxis.type == "log"
+    assert "mm" in fig.layout.yaxis.title.text
+    np.testing.assert_allclose(fig.data[0].y, [10, 1, 0.1])
+    np.testing.assert_allclose(fig.data[1].y, [12, 2, 0.9])
+    assert [t.name for t in fig.data] == ["training", "test"]
+    assert list(fig.data[0].x) == [0, 1, 2]
+
+
+def test_convergence_without_test_poses_and_with_an_exact_zero() -> None:
+    fig = convergence([1.0, 0.0], None)
+    assert len(fig.data) == 1
+    assert np.isnan(fig.data[0].y[1])
+
+
+def test_pose_residuals_colour_by_role_and_outline_the_selected_pose() -> None:
+    fig = pose_residuals(["p1", "p2", "p3"], ["reference", "train", "test"], [0.0, 0.1, 0.4], selected="p2")
+    by_name = {trace.name: trace for trace in fig.data}
+    assert by_name["test"].marker.color == ROLE_COLOURS["test"]
+    assert list(by_name["test"].y) == [0.4]
+    assert list(by_name["training"].marker.line.width) == [2]
+    assert list(by_name["test"].marker.line.width) == [0]
+    assert list(fig.layout.xaxis.categoryarray) == ["p1", "p2", "p3"]
+    assert "mm" in fig.layout.yaxis.title.text
+
+
+def test_a_hostile_pose_name_stays_text() -> None:
+    name = '<a href="http://evil.example">p1</a>'
+    drawn = residual_against(
+        [1], [1], [name], [False], x_title=name, y_title=name, band=(0, 1), selected=name
+    )
+    assert "<a" not in drawn.to_json()
+    assert _ringed(drawn) == [(1.0, 1.0)]
+    assert "<a" not in place_views([[1, 2, 3]], [1], [name], [False], title=name).to_json()
+    bar = pose_residuals([name], ["train"], [0.1]).data[0]
+    assert bar.x[0] == html.escape(name)
+    assert "<" not in bar.x[0]
+    assert "<" not in parameter_label(name)
+
+
+IDS = ["p1", "p2", "p3", "p4"]
+IS_TEST = [False, True, False, False]
+
+
+def _against(**more: Any) -> go.Figure:
+    return residual_against(
+        [1.0, 2.0, 3.0, 4.0], [0.1, 0.2, 0.3, np.nan], IDS, IS_TEST, x_title="joint 1 angle, °", y_title="error, mm",
+        band=(0.0, 0.15), **more,
+    )  # fmt: skip
+
+
+def _place(**more: Any) -> go.Figure:
+    place = np.arange(12.0).reshape(4, 3) * 100
+    return place_views(place, [0.1, 0.2, 0.4, 0.3], IDS, IS_TEST, title="error length, mm", **more)
+
+
+def _figures(dark: bool) -> list[go.Figure]:
+    smooth = ([1.0, 2.0, np.nan, 4.0], [0.1, 0.2, np.nan, 0.3])
+    return [
+        correlation_heatmap(NAMES, _pearson(), dark=dark),
+        convergence([1.0, 0.1], [1.0, 0.2], dark=dark),
+        pose_residuals(["p1"], ["train"], [0.1], dark=dark),
+        error_history(["nominal", "link errors"], [1.0, 0.1], [1.0, np.nan], 0.05, dark=dark),
+        _against(smooth=smooth, selected="p2", dark=dark),
+        _place(signed=True, selected="p2", dark=dark),
+        added_variable([0.1, 0.2], [0.2, 0.1], "joint_compliance", dark=dark),
+    ]
+
+
+def test_dark_and_light_differ_and_both_become_json() -> None:
+    for light, dark in zip(_figures(False), _figures(True), strict=True):
+        assert light.layout.font.color != dark.layout.font.color
+        assert light.layout.xaxis.gridcolor != dark.layout.xaxis.gridcolor
+        for fig in (light, dark):
+            assert json.loads(fig.to_json())["data"]
+
+
+def test_every_value_of_every_figure_is_one_that_plotly_knows_and_every_axis_has_its_unit() -> None:
+    for fig in (*_figures(False), *_figures(True)):
+        checked = go.Figure(fig.to_plotly_json())  # raises on what plotly does not know
+        assert len(checked.data) == len(fig.data)
+    for fig in _figures(False)[4:6]:
+        titles = [
+            axis["title"]["text"] for key, axis in fig.to_plotly_json()["layout"].items() if "axis" in key
+        ]
+        assert all("mm" in title or "°" in title for title in titles)
+
+
+def test_what_is_left_shows_test_poses_apart_and_stops_its_line_at_gaps() -> None:
+    fig = _against(smooth=([1.0, 2.0, np.nan, 4.0], [0.1, 0.2, np.nan, 0.3]))
+    by_name = {trace.name: trace for trace in fig.data}
+    train, test = by_name["training"], by_name["test"]
+    assert list(train.customdata) == ["p1", "p3", "p4"]
+    assert list(test.customdata) == ["p2"]
+    assert (train.marker.symbol, train.marker.color) != (test.marker.symbol, test.marker.color)
+    line = by_name[MEDIAN]
+    assert list(line.y) == [0.1, 0.2, None, 0.3]
+    assert line.connectgaps is False
+    assert [size > 0 for size in line.marker.size] == [False, False, False, True]  # alone: a dash
+    assert (fig.layout.shapes[0].y0, fig.layout.shapes[0].y1) == (0.0, 0.15)
+
+
+def _ringed(fig: go.Figure) -> list[tuple[float | None, float | None]]:
+    return [(ring.x[0], ring.y[0]) for ring in fig.data if ring.name == SELECTED]
+
+
+def test_selection_moves_a_ring_and_nothing_else() -> None:
+    fig = _against(selected="p1")
+    before = [trace.to_plotly_json() for trace in fig.data if trace.name != SELECTED]
+    assert _ringed(fig) == [(1.0, 0.1)]
+    assert _ringed(select(fig, "p2")) == [(2.0, 0.2)]
+    assert _ringed(select(fig, "not measured")) == _ringed(select(fig, None)) == [(None, None)]
+    assert [trace.to_plotly_json() for trace in fig.data if trace.name != SELECTED] == before
+    both = _place(selected="p3")
+    assert _ringed(both) == [(600.0, 700.0), (600.0, 800.0)]
+    bars = pose_residuals(["p1", "p2"], ["train", "train"], [0.1, 0.2], selected="p1")
+    assert list(outline(bars, "p2").data[0].marker.line.width) == [0, 2]
+
+
+def test_the_work_space_is_seen_from_above_and_from_the_side_with_one_scale_in_mm() -> None:
+    fig = _place()
+    above, side = (
+        next(t for t in fig.data if t.name == "training" and t.yaxis == axis) for axis in ("y", "y2")
+    )
+    assert (list(above.x), list(above.y)) == ([0.0, 600.0, 900.0], [100.0, 700.0, 1000.0])
+    assert (list(side.x), list(side.y)) == ([0.0, 600.0, 900.0], [200.0, 800.0, 1100.0])
+    coloured = [t for t in fig.data if t.customdata is not None]
+    assert {(t.marker.cmin, t.marker.cmax) for t in coloured} == {(0.0, 0.4)}
+    assert [t.marker.showscale for t in coloured].count(True) == 1
+    assert "mm" in coloured[0].marker.colorbar.title.text
+    assert {(t.marker.cmin, t.marker.cmax) for t in _place(signed=True).data if t.customdata} == {(-0.4, 0.4)}
+
+
+def test_palette_has_one_meaning_a_colour() -> None:
+    strong = [*FACE_COLOURS, *ROLE_COLOURS.values(), *FILTER_COLOURS, REJECTED]
+    assert len(set(strong)) == len(strong)
+    assert rgb("#FF8000") == (255, 128, 0)
+    assert role_colour("no such role") not in ROLE_COLOURS.values()
+    assert group_colour(0) == group_colour(len(GROUP_COLOURS))
+
+
+LONG = "pose_number_17_with_a_name_that_is_sixty_characters_long_abc"
+
+
+def test_long_names_leave_the_figure_its_room_and_are_whole_on_hover() -> None:
+    bars = pose_residuals([LONG, "p2"], ["train", "train"], [0.1, 0.2])
+    assert [len(text) for text in bars.layout.xaxis.ticktext] == [12, 2]
+    many = pose_residuals([LONG.replace("17", f"{k}") for k in (8, 17, 18)], ["train"] * 3, [0.1, 0.2, 0.3])
+    assert list(many.layout.xaxis.ticktext) == ["…8…", "…17…", "…18…"]
+    assert LONG in bars.data[0].x
+    steps = error_history(["nominal", f"+ {LONG}"], [1.0, 0.1], [1.0, 0.2], None)
+    assert steps.layout.xaxis.ticktext[0] == "nominal"
+    assert len(steps.layout.xaxis.ticktext[1]) <= 22
+    assert f"+ {LONG}" in steps.data[0].customdata
+    assert LONG not in added_variable([1.0], [1.0], LONG).layout.xaxis.title.text
+    assert shortened("transmission_error") == "transmission_error"
+    assert shortened("<b>" * 20) == html.escape(shortened_by_hand("<b>" * 20))
+
+
+def shortened_by_hand(name: str) -> str:
+    return f"{name[:11]}…{name[-10:]}"
+
+
+def test_of_two_hundred_poses_few_are_named_on_the_axis() -> None:
+    ids = [f"p{i:03d}" for i in range(200)]
+    axis = pose_residuals(ids, ["train"] * 200, np.ones(200)).layout.xaxis
+    assert 8 <= len(axis.tickvals) <= 16
+    assert list(axis.tickvals) == list(axis.ticktext)
+    assert len(axis.categoryarray) == 200

@@ -1,0 +1,265 @@
+"""Tab Compare without a browser: what is drawn and said is what the library says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.calibration.model_versions import EFFECTS, LINKS, NOMINAL, Version
+from calib.corners.jig_distance import face_distances
+from calib.dataset.files.folder import load_dataset, write_dataset
+from calib.scans.scan import load_scan
+from inspector.app.app import App
+from inspector.markup import numbers as words
+from inspector.markup.palette import MODEL_COLOURS, ROLE_COLOURS, rgb
+from inspector.panels.base import BY_ERROR, BY_ROLE
+from inspector.panels.compare import SHOW_ARM
+from inspector.scene.draw_model import distance_limit_mm, error_limit_mm
+from inspector.scene.scene_view import ROOT
+from tests.inspector.scene.test_link_mesh import box_stl
+from tests.support.app import IDLE_S, idle_app, plain
+from tests.support.hidden_dataset import write_hidden
+from tests.support.tiny_dataset import BROKEN, write_tiny
+from tests.support.wire_client import WireClient
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The datasets "cell" (scans), "hidden" (an effect), "points", and "meshed" (a link with a mesh)."""
+    folder = write_tiny(tmp_path_factory.mktemp("datasets"))
+    hidden = load_dataset(write_hidden(folder))
+    joints = list(hidden.robot.joints)
+    joints[1] = replace(joints[1], mesh="link2.stl")
+    joints[2] = replace(joints[2], mesh="<b>gone</b>.stl")
+    meshed = replace(hidden, name="meshed", robot=replace(hidden.robot, joints=tuple(joints)))
+    write_dataset(meshed, folder / "meshed")
+    (folder / "meshed" / "link2.stl").write_text(box_stl((0.0, 0.0, 0.0)))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def running(folder: Path) -> Iterator[App]:
+    with idle_app(folder) as app:
+        yield app
+
+
+@pytest.fixture
+def app(running: App) -> App:
+    """The app on the dataset with a hidden effect, the effect not in the model, at the first pose."""
+    running.open("hidden")
+    running.look("Arm")
+    assert running.worker.wait_idle(IDLE_S)
+    running.remove_effect("transmission_error")
+    running.version(LINKS)
+    running.arrows(100.0)
+    running.colouring(BY_ROLE)
+    for name in (NOMINAL, LINKS, EFFECTS):
+        running.prediction(name, name == LINKS)
+    assert running.worker.wait_idle(IDLE_S)
+    return running
+
+
+@pytest.fixture
+def page(app: App) -> Iterator[WireClient]:
+    with WireClient(app.server.get_port()) as client:
+        yield client
+
+
+def version(app: App, name: str) -> Version:
+    return next(v for v in app.stage.now.versions if v.name == name)
+
+
+def array(page: WireClient, node: str, prop: str, *shape: int) -> np.ndarray:
+    return np.asarray(page.scene[f"{ROOT}/{node}"]["props"][prop]).reshape(-1, *shape)
+
+
+def cylinder_ends_mm(page: WireClient) -> np.ndarray:
+    """Middle and length of each drawn cylinder (K, 4)."""
+    at = array(page, "arm/cylinders", "batched_positions", 3)
+    scale = array(page, "arm/cylinders", "batched_scales", 3)
+    return 1000 * np.column_stack([at, scale[:, 2]])
+
+
+def test_the_arm_is_drawn_in_the_scanners_frame_at_every_pose(app: App, page: WireClient) -> None:
+    for pose in (0, 7):
+        app.select(pose)
+        assert app.worker.wait_idle(IDLE_S)
+        arm = version(app, LINKS).arm(pose)
+        assert arm is not None
+        expected = np.column_stack(
+            [0.5 * (arm.start_mm + arm.end_mm), np.linalg.norm(arm.end_mm - arm.start_mm, axis=1)]
+        )
+        page.wait(lambda p, e=expected: np.allclose(cylinder_ends_mm(p), e, atol=1e-3))  # type: ignore[misc]
+        label = page.scene[f"{ROOT}/arm/label"]["props"]["text"]
+        assert label == f"{app.stage.now.pose_id}, {LINKS}"
+        measured = app.stage.now.session.dataset.points
+        assert measured is not None
+        tip = 1000 * np.asarray(page.scene[f"{ROOT}/arm/label"]["position"])
+        off = np.linalg.norm(tip - measured.xyz_mm[measured.pose == pose][0])
+        assert off == pytest.approx(version(app, LINKS).pose_errors_mm()[pose], abs=1e-3)
+
+
+def test_key_figures_are_those_of_each_version_with_the_noise(app: App, page: WireClient) -> None:
+    app.add_effect("transmission_error")
+    assert app.worker.wait_idle(IDLE_S)
+    page.wait(lambda p: f"p01, {EFFECTS}" in p.scene[f"{ROOT}/arm/label"]["props"]["text"])
+    for name in (NOMINAL, LINKS, EFFECTS):
+        for figures in (version(app, name).evaluation.train, version(app, name).evaluation.test):
+            assert figures is not None
+            row = f"{words.millimetres(figures.rmse_mm)} {words.millimetres(figures.max_mm)}"
+            assert row in " ".join(plain(page).split())
+        error = version(app, name).pose_error_vectors_mm()[0]
+        assert " ".join(f"{e:+.4f}" for e in error) in " ".join(plain(page).split())
+    assert "noise alone" in plain(page)
+    assert page.value("Model shown") == EFFECTS
+    assert page.value(EFFECTS) is True  # the newest version took the place of the one before
+    assert page.value(LINKS) is False
+
+
+def test_arrows_and_predicted_points_of_each_ticked_version(app: App, page: WireClient) -> None:
+    page.set(NOMINAL, True)
+    page.wait(lambda p: f"{ROOT}/predicted/1" in p.scene)
+    page.set("Residuals ×", "30")
+    page.wait(
+        lambda p: "residuals × 30, longest: nominal" in p.scene[f"{ROOT}/residuals/label"]["props"]["text"]
+    )
+    page.wait(lambda p: "drawn 30 times farther" in plain(p))
+    measured = app.stage.now.session.dataset.points
+    assert measured is not None
+    arrows = 1000 * array(page, "residuals/arrows", "points", 2, 3)
+    colours = array(page, "residuals/arrows", "colors", 3).reshape(len(arrows), -1, 3)[:, 0]
+    for number, name in enumerate((NOMINAL, LINKS)):
+        error = version(app, name).evaluation.error_mm
+        tips = measured.xyz_mm + 30.0 * error
+        np.testing.assert_allclose(1000 * array(page, f"predicted/{number}", "points", 3), tips, atol=1e-3)
+        own = arrows[(colours == rgb(MODEL_COLOURS[name])).all(axis=1)]
+        np.testing.assert_allclose(own[:, 0], measured.xyz_mm, atol=1e-3)
+        np.testing.assert_allclose(own[:, 1], tips, atol=1e-3)
+    page.set(NOMINAL, False)
+    page.set(LINKS, False)
+    page.wait(lambda p: not [n for n in p.scene if n.startswith(f"{ROOT}/residuals/")])
+
+
+def test_measured_points_by_role_or_by_error_with_a_scale(app: App, page: WireClient) -> None:
+    roles = app.stage.now.session.dataset.poses.role
+    expected = np.array([rgb(ROLE_COLOURS[str(r)]) for r in roles])
+    np.testing.assert_array_equal(array(page, "corners/points", "colors", 3), expected)
+    page.set("Measured points", BY_ERROR)
+    page.wait(lambda p: f"3D error of {LINKS}" in plain(p))
+    assert app.worker.wait_idle(IDLE_S)
+    limit = error_limit_mm(app.stage.now)
+    errors = version(app, LINKS).pose_errors_mm()
+    assert limit / 2.01 <= errors.max() <= limit
+    page.wait(lambda p: f"{limit:g} mm" in plain(p))
+    page.wait(lambda p: not np.array_equal(array(p, "corners/points", "colors", 3), expected))
+    drawn = array(page, "corners/points", "colors", 3).astype(int)
+    order = np.argsort(errors)  # along viridis green grows all the way
+    assert (np.diff(drawn[order][:, 1]) >= 0).all()
+    page.set("Model shown", NOMINAL)
+    page.wait(lambda p: f"3D error of {NOMINAL}" in plain(p))
+
+
+def test_the_selected_point_has_a_halo_and_the_scene_selects(app: App, page: WireClient) -> None:
+    app.select(3)
+    assert app.worker.wait_idle(IDLE_S)
+    points = app.stage.now.session.dataset.points
+    assert points is not None
+    expected = points.xyz_mm[points.pose == 3].mean(axis=0)
+    page.wait(
+        lambda p: np.allclose(
+            1000 * np.asarray(p.scene[f"{ROOT}/corners/halo"]["position"]), expected, atol=1e-3
+        )
+    )
+    batches = [page.scene[f"{ROOT}/{name}"] for name in ("arm/cylinders", "corners/dots")]
+    app.select(0)
+    assert app.worker.wait_idle(IDLE_S)
+    first = points.xyz_mm[points.pose == 0].mean(axis=0)
+    page.wait(
+        lambda p: np.allclose(
+            1000 * np.asarray(p.scene[f"{ROOT}/corners/halo"]["position"]), first, atol=1e-3
+        )
+    )
+    assert page.scene[f"{ROOT}/arm/cylinders"] is batches[0]  # moved, not added anew
+    assert page.scene[f"{ROOT}/corners/dots"] is batches[1]
+
+
+def test_a_hostile_page_changes_nothing(app: App, page: WireClient) -> None:
+    before = app.stage.now
+    for label in ("Model shown", "Measured points", "Residuals ×"):
+        for value in ("no such thing", None, 7, [], "x" * 10_000):
+            page.set(label, value)
+    for label in ("In 3D", "3D view"):
+        page.set(label, "nowhere")
+    page.trigger("Next pose")
+    page.trigger("Previous pose")
+    page.wait(lambda p: f"{before.pose_id}, {LINKS}" == p.scene[f"{ROOT}/arm/label"]["props"]["text"])
+    assert app.worker.wait_idle(IDLE_S)
+    after = app.stage.now
+    assert (after.chosen, after.colouring, after.compared) == (
+        before.chosen,
+        before.colouring,
+        before.compared,
+    )
+    assert after.session is before.session
+    assert not page.notifications
+
+
+def test_a_link_with_a_mesh_is_drawn_as_it_and_moves_with_its_frame(app: App, page: WireClient) -> None:
+    app.open("meshed")
+    assert app.worker.wait_idle(IDLE_S)
+    page.wait(lambda p: f"{ROOT}/arm/mesh1" in p.scene)
+    assert f"{ROOT}/arm/mesh2" not in page.scene
+    page.wait(lambda p: "&lt;b&gt;gone&lt;/b&gt;.stl" in p.text())  # why the third link has none
+    assert "<b>gone" not in page.text()
+    sent = page.log.count("MeshMessage")
+    for pose in (0, 5):
+        app.select(pose)
+        assert app.worker.wait_idle(IDLE_S)
+        arm = app.stage.now.version.arm(pose) if app.stage.now.version else None
+        assert arm is not None
+        node = app.stage.comparing._arm._meshes[1]
+        np.testing.assert_allclose(1000 * np.asarray(node.position), arm.base_T_link[1, :3, 3], atol=1e-3)
+        shown = int(np.sum(arm.link != 1))
+        page.wait(lambda p, k=shown: len(cylinder_ends_mm(p)) == k)  # type: ignore[misc]
+    assert page.log.count("MeshMessage") == sent  # the mesh itself was not sent again
+    app.open("hidden")
+    assert app.worker.wait_idle(IDLE_S)
+    page.wait(lambda p: f"{ROOT}/arm/mesh1" not in p.scene)
+
+
+def test_the_jig_lies_over_the_scan_coloured_by_distance(app: App, page: WireClient) -> None:
+    app.open("cell")
+    assert app.worker.wait_idle(IDLE_S)
+    app.look("Distance")
+    assert app.worker.wait_idle(IDLE_S)
+    dataset, search = app.stage.now.session.dataset, app.stage.now.search
+    assert search is not None
+    assert search.corner is not None
+    path = dataset.scan_path(0)
+    assert path is not None
+    scan = load_scan(path)
+    distance, _ = face_distances(scan.points_mm, search.corner, dataset.jig)
+    known = distance[np.isfinite(distance)]
+    assert np.abs(known).max() < 3.0
+    page.wait(lambda p: f"{len(known):,} of {len(distance):,}" in plain(p))
+    page.wait(lambda p: f"{ROOT}/distance/points" in p.scene)
+    assert len(array(page, "distance/points", "points", 3)) == len(known)
+    assert f"+{distance_limit_mm(distance):g} mm" in plain(page)
+    assert {n for n in page.scene if n.startswith(f"{ROOT}/jig/")} == {
+        *(f"{ROOT}/jig/face{i}" for i in range(3)), f"{ROOT}/jig/outline",
+    }  # fmt: skip
+    page.wait(lambda p: p.scene[f"{ROOT}/jig"]["visible"] and not p.scene[f"{ROOT}/arm"]["visible"])
+    app.select(BROKEN)
+    assert app.worker.wait_idle(IDLE_S)
+    page.wait(lambda p: "no place for the jig's model" in plain(p))
+    page.wait(lambda p: not [n for n in p.scene if n.startswith((f"{ROOT}/jig/", f"{ROOT}/distance/"))])
+
+
+def test_points_alone_offer_the_views_that_they_have(app: App, page: WireClient) -> None:
+    assert list(page.props("3D view")["options"]) == ["Arm", "All corners", "Corner"]
+    shows = [m for m in page.gui.values() if SHOW_ARM in m["props"].get("options", ())]
+    assert [list(m["props"]["options"]) for m in shows] == [[SHOW_ARM]]

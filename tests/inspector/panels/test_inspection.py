@@ -1,0 +1,200 @@
+"""What the page says of each scan's search: which filter rejected a set, doubts, looks, and what the colours mean."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calib.corners.search import CornerSearch
+from calib.scans.scan import Scan, load_scan, write_scan
+from inspector.app.app import App
+from inspector.markup.legend import EMPTY, legend_html
+from inspector.markup.palette import FILTER_COLOURS, rgb
+from inspector.panels.base import LOOKS, News, View
+from inspector.panels.corner import DISTANCES, corner_html
+from inspector.panels.planes import NOT_SEARCHED, looks_note, planes_html
+from inspector.panels.review import LOOK_LAYERS
+from inspector.panels.scans import corner_state, pose_table
+from inspector.report.content import report_of
+from inspector.report.report import report_html
+from inspector.scene.scene_view import ROOT
+from tests.support.app import IDLE_S, idle_app, shows
+from tests.support.tiny_dataset import BROKEN, POSES, write_tiny
+from tests.support.wire_client import WireClient
+
+NOISY, FEW = 6, 8  # poses whose scans are spoilt below
+
+
+@pytest.fixture(scope="module")
+def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
+    folder = write_tiny(tmp_path_factory.mktemp("datasets")) / "cell"
+    scans = sorted((folder / "scans").glob("*.ply"))
+    _spoil(scans[NOISY], lambda points: points + np.random.default_rng(0).normal(0.0, 0.2, points.shape))
+    _spoil(scans[FEW], lambda points: points[:40])
+    with idle_app(folder) as running:
+        yield running
+
+
+def _spoil(path: Path, spoil) -> None:  # type: ignore[no-untyped-def]
+    write_scan(path, Scan(path.stem, spoil(load_scan(path).points_mm)))
+
+
+@pytest.fixture
+def page(app: App) -> Iterator[WireClient]:
+    app.select(0)
+    app.look("All scans")
+    assert app.worker.wait_idle(IDLE_S)
+    with WireClient(app.server.get_port()) as client:
+        yield client
+
+
+def view(app: App, pose: int = 0) -> View:
+    return replace(app.stage.now, pose=pose)
+
+
+def search(app: App, pose: int) -> CornerSearch:
+    found = view(app, pose).search
+    assert found is not None
+    return found
+
+
+def test_rejected_sets_have_the_colour_of_their_filter_in_the_scene_and_in_the_table(
+    app: App, page: WireClient
+) -> None:
+    app.look("Planes")
+    page.wait(lambda p: f"{ROOT}/rejected/points" in p.scene)
+    colours = np.asarray(page.scene[f"{ROOT}/rejected/points"]["props"]["colors"]).reshape(-1, 3)
+    counts = search(app, 0).filter_counts()
+    for number, colour in enumerate(FILTER_COLOURS, start=1):
+        assert np.count_nonzero((colours == rgb(colour)).all(axis=1)) == counts[f"filter{number}"] > 0
+        row = planes_html(view(app)).split(f"rejected by filter {number}")[0].rsplit("<tr", 1)[1]
+        assert colour in row
+    shows(page, "sets rejected by filter")
+
+
+def test_a_scan_that_was_not_searched_for_planes_has_no_tables_of_zeros(app: App) -> None:
+    assert "40 points" in search(app, FEW).failure
+    said = planes_html(view(app, FEW))
+    assert NOT_SEARCHED in said
+    assert "<table" not in said
+    assert "<table" in planes_html(view(app, BROKEN))  # which was searched, in vain
+
+
+def test_doubts_are_told_in_the_list_beside_the_pose_and_in_the_progress(app: App, page: WireClient) -> None:
+    corner = search(app, NOISY).corner
+    assert corner is not None
+    doubts = corner.quality.doubts()
+    assert doubts
+    assert f"{len(doubts)} doubt" in corner_state(view(app), NOISY)
+    assert "failed" in corner_state(view(app), FEW)
+    states = [str(corner_state(view(app), i)) for i in range(POSES)]
+    assert states.count("found") >= POSES - 5
+    doubtful = sum("doubt" in state for state in states)
+    ids = view(app).session.dataset.poses.ids
+    shows(page, f"{POSES - 2} of {POSES} corners found", f"2 failed ({ids[BROKEN]}, {ids[FEW]})")
+    shows(page, f"{doubtful} with doubts ({ids[NOISY]}")
+    told = corner_html(view(app, NOISY))
+    assert told.index(doubts[0][:30]) < told.index("scanner frame")  # before the figures
+    app.select(NOISY)
+    shows(page, f"found, {len(doubts)} doubt", doubts[0])
+
+
+def test_more_than_one_look_is_told(app: App) -> None:
+    found, failed = search(app, 0), search(app, BROKEN)
+    assert failed.looks == 3
+    assert "looked at 3 times" in planes_html(view(app, BROKEN))
+    assert looks_note(replace(found, looks=1)) == ""
+    assert "at look 2 only" in looks_note(replace(found, looks=2))
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_the_legend_tells_what_the_colours_of_each_view_mean(app: App, page: WireClient, look: str) -> None:
+    said = {
+        "All scans": ("training", "face 1"),
+        "Scan": ("face 1", "this corner"),
+        "Planes": ("face 1", "plane group not chosen", "sets rejected by filter"),
+        "Corner": ("face 3", "this corner"),
+        "All corners": ("training", "residuals ×"),
+        "Distance": ("Distance to the nearest chosen face", "face 2"),
+        "Arm": ("training", "residuals ×"),
+    }
+    app.look(look)
+    assert app.worker.wait_idle(IDLE_S)
+    visible, off_mm = LOOK_LAYERS[look], app.stage.comparing.distances_mm
+    said_now = legend_html(view(app), visible, off_mm)
+    for part in said[look]:
+        assert part in said_now
+    page.wait(lambda p: said_now in p.text())
+
+
+def test_the_legend_leaves_out_what_is_not_there(app: App) -> None:
+    assert EMPTY in legend_html(view(app), set(), None)
+    nothing = legend_html(view(app, FEW), LOOK_LAYERS["Planes"] | LOOK_LAYERS["Distance"] | {"corner"}, None)
+    assert nothing == ""
+
+
+@pytest.mark.parametrize("look", ["Scan", "Planes", "Corner", "Distance"])
+def test_a_view_of_one_scan_shows_all_three_faces(app: App, page: WireClient, look: str) -> None:
+    del page
+    for pose in (0, 1, 2):
+        app.select(pose)
+        app.look(look)
+        assert app.worker.wait_idle(IDLE_S)
+        corner = search(app, pose).corner
+        assert corner is not None
+        eye = np.array(app.server.initial_camera.position)
+        turned = [float(face.normal @ eye / np.linalg.norm(eye)) for face in corner.faces]
+        assert min(turned) > np.cos(np.radians(75.0)), turned
+
+
+def test_distances_are_a_view_of_the_corner_tab(app: App, page: WireClient) -> None:
+    uuid = next(u for u, m in page.gui.items() if DISTANCES in (m["props"].get("options") or ()))
+    page.send(type="GuiUpdateMessage", uuid=uuid, updates={"value": DISTANCES})
+    page.wait(lambda p: p.value("Distances"))  # the layer's tick
+    assert app.stage.look_name == "Distance"
+
+
+def test_the_corner_says_what_its_sigma_comes_from(app: App, page: WireClient) -> None:
+    corner = search(app, 0).corner
+    assert corner is not None
+    shows(
+        page, f"{corner.quality.margin_mm:.2f} mm", f"{corner.quality.amplification:.1f} times less certain"
+    )
+
+
+def test_the_list_of_points_without_scans_has_no_columns_of_faces(app: App) -> None:
+    now = view(app)
+    alone = replace(now.session.dataset, scan_folder=None)
+    told = pose_table(replace(now, session=replace(now.session, dataset=alone, searches={})))
+    assert "worst face" not in told
+    assert "sigma" in told
+    assert "worst face" in pose_table(now)
+
+
+def test_the_report_tells_which_scans_have_no_corner_and_which_corners_have_doubts(app: App) -> None:
+    page = html.unescape(report_html(report_of(app.stage.now.session), now=datetime(2024, 5, 1, tzinfo=UTC)))
+    ids = app.stage.now.session.dataset.poses.ids
+    corner = search(app, NOISY).corner
+    assert corner is not None
+    assert f"{ids[FEW]} has no corner and is left out: {search(app, FEW).failure}" in page
+    assert f"The corner of {ids[NOISY]} deserves a look: {corner.quality.doubts()[0]}" in page
+    assert "Ringed" not in page  # no pose is selected on paper
+    assert "Seen by" in page
+
+
+def test_a_choice_whose_turn_is_still_to_come_is_not_taken_back() -> None:
+    widget, news = SimpleNamespace(value=""), News()
+    news.put(widget, "first")
+    assert widget.value == "first"
+    widget.value = "chosen by a page"
+    news.put(widget, "first")  # something else has changed meanwhile
+    assert widget.value == "chosen by a page"
+    news.put(widget, "second")
+    assert widget.value == "second"

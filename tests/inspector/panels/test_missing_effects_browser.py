@@ -1,0 +1,123 @@
+"""The learning loop in a real headless Chromium: the numbers that a person reads are those of the command."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from inspector.app.app import App
+from inspector.markup import numbers as words
+from inspector.panels.missing_effects import FIND, REDO, REMOVE, UNDO
+from inspector.scene.scene_view import ROOT
+from inspector.server.viser_server import url_of
+from tests.inspector.panels.test_missing_effects import ADD, command
+from tests.support.app import IDLE_S, idle_app
+from tests.support.browser import MS, node_drawn, open_page, says
+from tests.support.hidden_dataset import HIDDEN, write_hidden
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture(scope="module")
+def folder(chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    del chromium  # first: without a browser there is nothing to prepare
+    return write_hidden(tmp_path_factory.mktemp("hidden"))
+
+
+@pytest.fixture(scope="module")
+def app(folder: Path) -> Iterator[App]:
+    with idle_app(folder) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def page(chromium: Any, app: App) -> Iterator[Any]:
+    with open_page(chromium, url_of(app.server)) as opened:
+        yield opened
+
+
+def fact(page: Any, name: str) -> str:
+    """The value that is written beside a name."""
+    row = page.get_by_role("row").filter(has=page.get_by_role("cell", name=name, exact=True))
+    return str(row.locator("visible=true").first.get_by_role("cell").last.inner_text())
+
+
+def press(page: Any, name: str) -> None:
+    page.get_by_role("button", name=name, exact=True).click()
+
+
+def steps_drawn(page: Any, count: int) -> None:
+    """Wait until the history of the error has so many steps of test poses."""
+    page.wait_for_function(
+        """count => [...document.querySelectorAll('.js-plotly-plot')].some(plot => (plot.data || []).some(
+            t => t.name == 'noise alone') && plot.data.find(t => t.name == 'test').y.length == count)""",
+        arg=count, timeout=MS,
+    )  # fmt: skip
+
+
+def test_points_alone_open_on_the_model_with_points_and_arrows(page: Any) -> None:
+    first = page.get_by_role("tab", name="Learn", exact=True)
+    assert first.get_attribute("aria-selected") == "true"
+    says(page, FIND)
+    node_drawn(page, f"{ROOT}/corners/points")
+    node_drawn(page, f"{ROOT}/residuals/arrows")
+
+
+def test_the_loop_add_fall_undo_redo(page: Any, folder: Path) -> None:
+    told = command("diagnose", folder)
+    before, after = (words.millimetres(step["test_rmse_mm"]) for step in told["steps"])
+    assert fact(page, "test 3D RMSE") == f"{before} mm"
+    steps_drawn(page, 2)
+    press(page, ADD)
+    says(page, f"+ {HIDDEN}: the test error fell")
+    assert fact(page, "test 3D RMSE") == f"{after} mm"
+    assert fact(page, "training 3D RMSE") == f"{words.millimetres(told['steps'][1]['train_rmse_mm'])} mm"
+    steps_drawn(page, 3)
+    press(page, UNDO)
+    steps_drawn(page, 2)
+    assert fact(page, "test 3D RMSE") == f"{before} mm"
+    press(page, REDO)
+    steps_drawn(page, 3)
+    assert fact(page, "test 3D RMSE") == f"{after} mm"
+    press(page, REMOVE)
+    says(page, "It was needed")
+    steps_drawn(page, 4)
+
+
+def test_find_what_is_missing_ends_with_the_commands_verdict(page: Any, app: App, folder: Path) -> None:
+    told = command("diagnose", folder)
+    press(page, FIND)
+    says(page, told["explanation"].split("\n\n")[-1])
+    assert app.worker.wait_idle(IDLE_S)
+    assert told["verdict"] == "named"
+    assert fact(page, "model") == f"link errors + {HIDDEN}"
+    assert fact(page, "test 3D RMSE") == f"{words.millimetres(told['steps'][-1]['test_rmse_mm'])} mm"
+
+
+def test_where_it_fails_selects_the_pose_everywhere(page: Any, app: App) -> None:
+    page.get_by_role("tab", name="Where it fails", exact=True).click()
+    says(page, "Worst poses, mm")
+    failure = app.stage.now.session.failure
+    assert failure is not None
+    worst = failure.worst(1)[0]
+    page.get_by_label("Worst poses", exact=True).first.click()
+    page.get_by_role("option", name=f"{worst} (").locator("visible=true").first.click()
+    place = app.stage.now.session.dataset.poses.index(worst) + 1
+    says(page, f"{place} of 45")
+    page.get_by_label("Against", exact=True).first.click()
+    page.get_by_role("option", name="joint 3 angle, °").click()
+    page.locator(".xtitle").filter(has_text="joint 3 angle, °").first.wait_for(timeout=MS)
+
+
+def test_nothing_is_cut_off_sideways(page: Any) -> None:
+    for name in ("Learn", "Where it fails"):
+        page.get_by_role("tab", name=name, exact=True).click()
+        page.wait_for_timeout(200)
+        wide = page.evaluate(
+            """() => [...document.querySelectorAll('table')].filter(t => t.offsetParent)
+                     .filter(t => t.scrollWidth > t.parentElement.clientWidth + 1).map(t => t.innerText.slice(0, 60))"""
+        )
+        assert wide == [], name

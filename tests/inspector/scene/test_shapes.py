@@ -1,0 +1,111 @@
+"""What is drawn has the right size and place, in the unit of what it was made from."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import viser.transforms
+from hypothesis import given
+from hypothesis import strategies as st
+
+from inspector.scene.scene_view import M_PER_MM, to_scene
+from inspector.scene.shapes import (
+    disc,
+    ellipsoids,
+    facing,
+    jig_edges,
+    shaded,
+    spread,
+    thin,
+    unit_cylinder,
+    unit_sphere,
+)
+
+
+@given(st.integers(0, 5000), st.integers(1, 800), st.integers(0, 2**32 - 1))
+def test_thin_keeps_at_most_the_limit_of_real_points(count: int, limit: int, seed: int) -> None:
+    points = np.random.default_rng(seed).normal(size=(count, 3)) * (100, 50, 5)
+    kept = thin(points, limit)
+    assert len(kept) <= limit
+    assert len(np.unique(kept)) == len(kept)
+    assert len(kept) == min(count, limit) if count <= limit else len(kept) > 0
+
+
+def test_thin_keeps_the_extent_and_evens_out_the_density() -> None:
+    rng = np.random.default_rng(0)
+    dense, sparse = rng.uniform(0, 10, (20_000, 2)), rng.uniform(0, 100, (20_000, 2))
+    points = np.c_[np.vstack([dense, sparse]), np.zeros(40_000)]
+    kept = points[thin(points, 4000)]
+    assert np.ptp(kept, axis=0)[:2] == pytest.approx([100, 100], abs=3)
+    in_corner = np.mean((kept[:, :2] < 10).all(axis=1))
+    assert in_corner < 0.03  # 1 % of the area had half of the points
+
+
+def test_thin_of_one_spot_and_of_nothing() -> None:
+    assert len(thin(np.zeros((100, 3)), 10)) == 1
+    assert len(thin(np.zeros((0, 3)), 10)) == 0
+
+
+def test_ellipsoid_gives_back_the_covariance() -> None:
+    rng = np.random.default_rng(1)
+    a = rng.normal(size=(5, 3, 3)) * 0.01
+    covariance = a @ a.transpose(0, 2, 1)
+    wxyz, half = ellipsoids(covariance, 100.0)
+    for i in range(5):
+        axes = viser.transforms.SO3(wxyz[i]).as_matrix()
+        np.testing.assert_allclose(axes @ np.diag((half[i] / 100) ** 2) @ axes.T, covariance[i], atol=1e-9)
+
+
+def test_discs_face_along_the_normals() -> None:
+    normals = np.random.default_rng(2).normal(size=(20, 3))
+    normals = np.vstack([normals / np.linalg.norm(normals, axis=1, keepdims=True), np.eye(3), -np.eye(3)])
+    for wxyz, normal in zip(facing(normals), normals, strict=True):
+        np.testing.assert_allclose(viser.transforms.SO3(wxyz).apply(np.array([0, 0, 1.0])), normal, atol=1e-9)
+    vertices, faces = disc()
+    assert np.ptp(vertices[:, 2]) == 0
+    assert faces.max() < len(vertices)
+
+
+def test_jig_edges_are_where_faces_meet_and_point_along_the_jig() -> None:
+    apex, edges = np.array([1.0, 2, 700]), np.eye(3)
+    normals = -np.eye(3)  # face i is spanned by the other two edges
+    centres = np.array([apex + (edges.sum(axis=0) - edges[i]) * 20 for i in range(3)])
+    lines = jig_edges(apex, normals, centres, 60.0)
+    np.testing.assert_allclose(lines[:, 0], np.tile(apex, (3, 1)))
+    ends = sorted((lines[:, 1] - apex).tolist())
+    np.testing.assert_allclose(ends, sorted((edges * 60).tolist()), atol=1e-9)
+
+
+def test_unit_sphere_is_one_and_looks_outward() -> None:
+    vertices, faces = unit_sphere()
+    np.testing.assert_allclose(np.linalg.norm(vertices, axis=1), 1)
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    outward = np.sum(np.cross(b - a, c - a) * (a + b + c), axis=1)
+    assert (outward >= -1e-12).all()
+    assert (outward > 1e-6).sum() > 0.9 * len(faces) - 40  # those at the poles have no area
+
+
+def test_unit_cylinder_is_closed_and_looks_outward() -> None:
+    vertices, faces = unit_cylinder()
+    np.testing.assert_allclose(np.linalg.norm(vertices[:, :2], axis=1), 1)
+    np.testing.assert_allclose(np.abs(vertices[:, 2]), 0.5)
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    across = np.cross(b - a, c - a)
+    assert (np.sum(across * (a + b + c), axis=1) > 1e-9).all()
+    np.testing.assert_allclose(across.sum(axis=0), 0, atol=1e-9)  # a closed surface
+    volume = np.sum(np.cross(a, b) * c) / 6
+    assert 0.97 * np.pi < volume < np.pi
+
+
+def test_metres_are_made_in_one_place_and_keep_a_tenth_of_a_micrometre() -> None:
+    points = np.random.default_rng(3).uniform(-1000, 1000, (1000, 3))
+    assert M_PER_MM == 1e-3
+    assert np.abs(to_scene(points).astype(float) * 1000 - points).max() < 1e-4
+
+
+def test_shading_stays_a_colour() -> None:
+    normals = np.vstack([np.eye(3), -np.eye(3)])
+    colours = shaded(np.array([255, 10, 0]), normals)
+    assert colours.dtype == np.uint8
+    assert len(np.unique(colours[:, 0])) > 2
+    assert spread(np.array([[3.0, 0, 0]] * 10), np.zeros(3)) == 3.0

@@ -1,0 +1,160 @@
+"""Sessions: each change of the model gives a new session that agrees with the functions behind it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import FrozenInstanceError, replace
+
+import pytest
+
+from calib.calibration.calibrate import calibrate
+from calib.diagnosis.explanation import explain
+from calib.diagnosis.stepwise import diagnose
+from calib.errors import CalibError
+from inspector.markup.effects import last_change
+from inspector.session import transitions as sessions
+from inspector.session.transitions import GEOMETRY, HistoryStep, Session
+from tests.support.hidden_dataset import HIDDEN, write_hidden
+
+
+@pytest.fixture(scope="module")
+def ranked(tmp_path_factory: pytest.TempPathFactory) -> Session:
+    opened = sessions.open_session(write_hidden(tmp_path_factory.mktemp("hidden")))
+    return sessions.with_screening(sessions.with_calibration(opened))
+
+
+@pytest.fixture(scope="module")
+def added(ranked: Session) -> Session:
+    return sessions.with_effect(ranked, HIDDEN)
+
+
+def labels(session: Session) -> list[str]:
+    return [step.label for step in session.history]
+
+
+def test_the_history_begins_with_the_nominal_robot_and_the_link_errors(ranked: Session) -> None:
+    result = ranked.calibration
+    assert result is not None
+    assert result.before.train is not None
+    assert result.after.test is not None
+    assert labels(ranked) == ["nominal", GEOMETRY]
+    assert ranked.history[0].train_rmse_mm == result.before.train.rmse_mm
+    assert math.isnan(ranked.history[0].sigma_mm)
+    assert ranked.history[1].test_rmse_mm == result.after.test.rmse_mm
+    assert ranked.history[1].sigma_mm == result.sigma_mm
+
+
+def test_an_effect_is_added_as_the_screening_proposes_it(ranked: Session, added: Session) -> None:
+    assert ranked.screening is not None
+    best = ranked.screening.candidates[0]
+    assert best.name == HIDDEN
+    again = calibrate(ranked.dataset, effects=best.members, sizes=best.sizes)
+    assert added.calibration is not None
+    assert added.calibration.fit.x == pytest.approx(again.fit.x, rel=1e-9)
+    assert labels(added) == ["nominal", GEOMETRY, f"+ {HIDDEN}"]
+    assert added.history[-1].test_rmse_mm < 0.5 * added.history[-2].test_rmse_mm
+    assert added.screening is None  # it was of the model before
+
+
+def test_sessions_are_frozen_and_the_old_one_stays(ranked: Session, added: Session) -> None:
+    with pytest.raises(FrozenInstanceError):
+        ranked.effects = added.effects  # type: ignore[misc]
+    assert ranked.effects == ()
+    assert len(ranked.history) == 2
+
+
+def test_taking_the_effect_out_gives_the_old_fit_back(ranked: Session, added: Session) -> None:
+    without = sessions.without_effect(added, HIDDEN)
+    assert without.effects == ()
+    assert without.calibration is not None
+    assert ranked.calibration is not None
+    assert without.calibration.fit.x == pytest.approx(ranked.calibration.fit.x, rel=1e-9)
+    assert labels(without)[-1] == f"\u2212 {HIDDEN}"
+    assert len(without.history) == 4
+
+
+@pytest.mark.parametrize("name", [HIDDEN, "no_such_effect"])
+def test_wrong_names_are_refused_in_words(ranked: Session, added: Session, name: str) -> None:
+    with pytest.raises(CalibError, match=name):
+        sessions.with_effect(replace(added, screening=ranked.screening), name)
+    with pytest.raises(CalibError, match=name):
+        sessions.without_effect(ranked, name)
+
+
+def test_a_ranking_is_there_before_its_judgement_and_is_not_judged_twice(ranked: Session) -> None:
+    early = sessions.with_ranking(replace(ranked, screening=None, failure=None, remains=None))
+    assert early.screening is not None
+    assert early.failure is not None
+    assert early.remains is None
+    assert sessions.with_judgement(early).remains == ranked.remains
+    assert sessions.with_judgement(ranked) is ranked
+    unranked = replace(ranked, screening=None, remains=None)
+    assert sessions.with_judgement(unranked) is unranked
+
+
+def test_nothing_can_be_added_before_it_is_ranked(ranked: Session) -> None:
+    with pytest.raises(CalibError, match="none is ranked yet"):
+        sessions.with_effect(replace(ranked, screening=None), HIDDEN)
+
+
+def test_calibrating_again_keeps_the_effects(added: Session) -> None:
+    again = sessions.with_calibration(added)
+    assert again.effects == added.effects
+    assert labels(again) == labels(added)
+    assert again.calibration is not None
+    assert HIDDEN in again.calibration.model.family_names
+
+
+def test_a_diagnosis_is_taken_over_whole(ranked: Session) -> None:
+    said: list[str] = []
+    found = sessions.with_diagnosis(ranked, said.append)
+    alone = diagnose(ranked.dataset)
+    assert found.diagnosis is not None
+    assert explain(found.diagnosis) == explain(alone)
+    assert tuple(added.name for added in found.effects) == alone.missing == (HIDDEN,)
+    assert labels(found) == ["nominal", GEOMETRY, f"+ {HIDDEN}"]
+    assert found.screening is found.diagnosis.steps[-1].screening
+    assert said[0] == "fitting the geometry"
+    assert f"adding {HIDDEN}" in said
+
+
+def test_what_a_listener_raises_ends_the_diagnosis(ranked: Session) -> None:
+    def no_more(words: str) -> None:
+        raise KeyboardInterrupt(words)
+
+    with pytest.raises(KeyboardInterrupt, match="fitting"):
+        sessions.with_diagnosis(ranked, no_more)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "label", "words"),
+    [
+        (0.4, 0.1, "+ backlash", "fell by 75 %, 0.4000 → 0.1000 mm."),
+        (0.4, 0.6, "+ backlash", "rose by 50 %, 0.4000 → 0.6000 mm. It does not help"),
+        (0.4, 0.401, "+ backlash", "hardly changed, 0.4000 → 0.4010 mm. It does not help"),
+        (0.1, 0.4, "\u2212 backlash", "rose by 300 %, 0.1000 → 0.4000 mm. It was needed"),
+        (0.1, 0.1, "\u2212 backlash", "It was not needed"),
+    ],
+)
+def test_whether_a_change_helped_is_said(
+    ranked: Session, before: float, after: float, label: str, words: str
+) -> None:
+    history = (HistoryStep("link errors", 0.1, before, 0.1), HistoryStep(label, 0.05, after, 0.1))
+    sentence, _ = last_change(replace(ranked, history=history))
+    assert words in sentence
+    assert sentence.startswith(label)
+    assert "test error" in sentence
+
+
+def test_without_test_poses_the_training_error_speaks(ranked: Session) -> None:
+    nan = math.nan
+    history = (HistoryStep("link errors", 0.4, nan, 0.1), HistoryStep("+ backlash", 0.2, nan, 0.1))
+    assert (
+        "training error (there are no test poses) fell by 50 %"
+        in last_change(replace(ranked, history=history))[0]
+    )
+
+
+def test_points_have_no_scans_to_search(added: Session) -> None:
+    with pytest.raises(CalibError, match="no scans"):
+        sessions.with_search(added, 0)

@@ -1,0 +1,33 @@
+"""The app for tests without a browser: running with its work done, and what a page of it says in plain words."""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from inspector.app.app import App, serving
+from inspector.session.session_file import Opening
+from tests.support.wire_client import WireClient
+
+IDLE_S = 90.0  # the longest that a page's work is waited for
+
+
+@contextmanager
+def idle_app(folder: Path, effects_file: Path | None = None, saved: Opening | None = None) -> Iterator[App]:
+    """The app on `folder`, at a port of its own, once everything that it begins with is done."""
+    with serving(folder, port=0, effects_file=effects_file, saved=saved) as app:
+        assert app.worker.wait_idle(IDLE_S)
+        yield app
+
+
+def plain(page: WireClient) -> str:
+    """The page's words without markup."""
+    return html.unescape(re.sub(r"<[^>]+>", " ", page.text()))
+
+
+def shows(page: WireClient, *parts: str) -> None:
+    """Wait until the page says all of this."""
+    page.wait(lambda p: all(part in plain(p) for part in parts), 60.0)

@@ -1,0 +1,179 @@
+"""The check: what fails it, what is a warning, and what is only told."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.corners.search import find_corners, search_file
+from calib.dataset.dataset import Dataset, Scanner
+from calib.dataset.files.folder import load_dataset, write_dataset
+from calib.jig import Jig
+from calib.scans.readers.by_suffix import READERS
+from calib.scans.scan import write_scan
+from calib.scans.scan_counts import PointCount
+from calib.validation.acceptance import Finding, check, thin_scans
+from inspector.cli.parser import main
+from tests.support.arms import dataset_of, jang_arm, perturbed
+from tests.support.scan_scene import make_scene
+
+
+def measured(poses: int = 50, noise_mm: float = 0.03, sigma_mm: float | None = 0.03) -> Dataset:
+    rng = np.random.default_rng(0)
+    robot = jang_arm()
+    made = dataset_of(robot, perturbed(robot, rng), rng, poses=poses, test=13, noise_mm=noise_mm)
+    return replace(made, scanner=Scanner(sigma_mm))
+
+
+def spoilt(dataset: Dataset, by_mm: float, poses: int = 13) -> Dataset:
+    """The first test poses' points moved by so much, each along an axis of its own."""
+    assert dataset.points is not None
+    xyz = dataset.points.xyz_mm.copy()
+    rows = np.flatnonzero(dataset.poses.is_test[dataset.points.pose])[:poses]
+    xyz[rows, np.arange(len(rows)) % 3] += by_mm
+    return dataset.with_points(replace(dataset.points, xyz_mm=xyz))
+
+
+def finding(of: tuple[Finding, ...], name: str) -> Finding:
+    (found,) = (f for f in of if f.name == name)
+    return found
+
+
+def test_a_test_error_of_a_multiple_of_the_training_error_is_a_warning() -> None:
+    """That names the worst pose; without a bound an improvement passes all the same, with one the bound decides."""
+    good = finding(check(measured()).findings, "test against training")
+    assert (good.passed, good.warning) == (None, False)
+    for poses, least in ((13, 10.0), (1, 2.0)):
+        dataset = spoilt(measured(), 0.5, poses=poses)
+        found = check(dataset)
+        against = finding(found.findings, "test against training")
+        assert (against.passed, against.warning) == (None, True)
+        ratio, expected = map(
+            float,
+            re.findall(r"([\d.]+) times the training error, noise explains ([\d.]+):", against.words)[0],
+        )
+        assert ratio > least
+        assert expected == pytest.approx(
+            np.sqrt((111 + 25) / (111 - 25)), abs=0.01
+        )  # 19 and a frame of 37 poses
+        assert found.passed
+        assert found.warnings == (f"test against training: {against.words}",)
+        assert found.summary().endswith("passed, with 1 warning")
+        assert "WARN  test against training: " in found.summary()
+    first = dataset.poses.ids[int(np.flatnonzero(dataset.poses.is_test)[0])]
+    assert f"the worst at {first} with 0." in against.words
+    assert not check(dataset, max_test_rmse_mm=0.1).passed
+
+
+def test_no_more_than_noise_is_well_however_small_the_training_error() -> None:
+    """Few poses more than parameters: the fit bends to its own noise, and does not know the arm the worse for it."""
+    declared = check(measured(poses=22 + 13, noise_mm=0.0, sigma_mm=0.03))
+    assert finding(declared.findings, "test against training").passed is None
+    assert not finding(declared.findings, "test against training").warning
+    exact = check(measured(noise_mm=0.0, sigma_mm=None))
+    assert finding(exact.findings, "test against training").passed is None
+    assert exact.passed
+
+
+def test_points_of_another_arm_fail_without_test_poses_too() -> None:
+    dataset = measured()
+    assert dataset.points is not None
+    only_training = replace(dataset.poses, role=np.where(dataset.poses.is_test, "train", dataset.poses.role))
+    mixed = np.random.default_rng(0).permutation(dataset.points.xyz_mm)
+    found = check(replace(dataset, poses=only_training, points=replace(dataset.points, xyz_mm=mixed)))
+    assert not found.passed
+    assert "the model does not describe these data" in finding(found.findings, "residual").words
+
+
+def test_what_to_look_at_is_a_warning_and_in_the_json(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    dataset = measured(sigma_mm=0.01)
+    assert dataset.points is not None
+    only_training = replace(dataset.poses, role=np.where(dataset.poses.is_test, "train", dataset.poses.role))
+    copied = dataset.points.select(np.r_[np.arange(len(dataset.points)), 0])
+    write_dataset(replace(dataset, poses=only_training, points=copied), tmp_path / "cell")
+    assert main(["check", str(tmp_path / "cell"), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["passed"] is True
+    assert [warning.split(":")[0] for warning in document["warnings"]] == [
+        "dataset",
+        "test poses",
+        "residual",
+    ]
+    assert "to the last digit" in document["warnings"][0]
+    assert [f["name"] for f in document["findings"] if f["warning"]] == ["dataset", "test poses", "residual"]
+    assert main(["check", str(tmp_path / "cell")]) == 0
+    assert "passed, with 3 warnings" in capsys.readouterr().out
+
+
+def test_scans_that_lose_more_than_half_of_their_points_are_a_warning() -> None:
+    def told(**counts: tuple[int, int]) -> list[str]:
+        given = {pose: PointCount(*count) for pose, count in counts.items()}
+        return [f.words for f in thin_scans(given)]
+
+    assert told(p1=(100, 0), p2=(100, 100)) == []
+    (words,) = told(p1=(100, 0), p2=(100, 101), p3=(10, 90))
+    assert words.startswith("2 of 3 lose more than half of their points")
+    assert "the worst, p3, 90 of 100;" in words
+
+
+@pytest.fixture
+def scans(tmp_path: Path) -> Path:
+    """A dataset of three scans: whole, with 500 pixels at the scanner's own place, and mostly without a value."""
+    robot = jang_arm()
+    dataset = dataset_of(robot, robot, np.random.default_rng(0), poses=3, test=0)
+    folder = tmp_path / "cell"
+    names = tuple(f"{pose_id}.xyz" for pose_id in dataset.poses.ids)
+    scan_poses = replace(dataset.poses, scan_names=names)
+    write_dataset(
+        replace(dataset, points=None, folder=None, scan_folder="scans", poses=scan_poses, jig=Jig()), folder
+    )
+    for seed, (name, zeros, nans) in enumerate(zip(names, (0, 500, 0), (0, 0, 9000), strict=True)):
+        points = make_scene(np.random.default_rng(seed), 6_000).scan.points_mm
+        empty = [np.zeros((zeros, 3)), np.full((nans, 3), np.nan)]
+        np.savetxt(folder / "scans" / name, np.concatenate([points, *empty]), fmt="%.5f")
+    return folder
+
+
+def test_corners_tells_the_points_that_were_left_out(capsys: pytest.CaptureFixture[str], scans: Path) -> None:
+    assert ".xyz" in READERS
+    assert main(["corners", str(scans), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    scanned = document["corners"] + document["failed"]
+    assert [c["dropped_points"] for c in scanned] == [0, 500, 9000]
+    assert all(4000 < c["points"] < 7000 for c in scanned)
+    assert main(["corners", str(scans)]) == 0
+    first, second, third, *_ = capsys.readouterr().out.splitlines()
+    assert "left out" not in first
+    assert f"; 500 of its {scanned[1]['points'] + 500} points have no value and are left out" in second
+    assert f"; 9000 of its {scanned[2]['points'] + 9000} points have no value" in third
+
+
+def test_check_warns_of_a_scan_without_most_of_its_points(
+    capsys: pytest.CaptureFixture[str], scans: Path
+) -> None:
+    main(["check", str(scans)])
+    assert "WARN  scans: 1 of 3 lose more than half of their points" in capsys.readouterr().out
+
+
+def test_a_scan_that_cannot_be_read_is_not_counted(scans: Path) -> None:
+    (scans / "scans" / "p0001.xyz").write_text("no numbers here\n")
+    searches = find_corners(load_dataset(scans), intermediate=False)
+    counts = {pose_id: search.count for pose_id, search in searches.items()}
+    assert counts["p0001"] is None
+    assert counts["p0000"] is not None
+    assert counts["p0000"].dropped == 0
+    assert counts["p0002"] is not None
+    assert counts["p0002"].dropped == 9000
+
+
+def test_written_scans_lose_nothing(tmp_path: Path) -> None:
+    scan = make_scene(np.random.default_rng(0), 500).scan
+    write_scan(tmp_path / "a.ply", scan)
+    assert search_file(tmp_path / "a.ply", Jig()).count == PointCount(len(scan.points_mm), 0)
