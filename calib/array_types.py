@@ -1,0 +1,12 @@
+"""The kinds of numpy arrays that signatures name; shapes and units stand beside each array."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+IndexArray: TypeAlias = NDArray[np.int64]  # what np.flatnonzero and np.argsort give
+BoolArray: TypeAlias = NDArray[np.bool_]
