@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.dataset.files.points_checks import UNITS_MM
 from calib.jig import Jig
 from calib.planes.normals import finite_rows
+from calib.units import UNITS_MM
 
 MOST_EDGES = 400.0  # across, in edges of the jig: a hall; what is larger is not searched
 _LEAST_EDGES = 0.5  # what is smaller than a face is not searched either

@@ -168,6 +168,13 @@ class Dataset:
         return replace(self, points=points)
 
 
+def without_poses(dataset: Dataset, pose_ids: Sequence[str]) -> Dataset:
+    """The dataset without the measured points of some poses; the poses themselves stay."""
+    assert dataset.points is not None
+    out = [dataset.poses.index(pose_id) for pose_id in pose_ids]
+    return dataset.with_points(dataset.points.select(~np.isin(dataset.points.pose, out)))
+
+
 def points_from_corners(
     dataset: Dataset, xyz_mm: Mapping[str, ArrayLike], covariance_mm2: Mapping[str, ArrayLike]
 ) -> Points:

@@ -17,7 +17,7 @@ import pandas as pd
 from calib.blas_threads import one_blas_thread
 from calib.calibration.calibrate import Calibration
 from calib.calibration.plausibility import does_not_belong
-from calib.dataset.dataset import Dataset
+from calib.dataset.dataset import Dataset, without_poses
 from calib.diagnosis.decision_rules import (
     FLOOR,
     MARGIN,
@@ -225,13 +225,6 @@ def _with_outliers(found: Diagnosis, rest: Diagnosis, outliers: tuple[str, ...])
         return found
     all_outliers = tuple(dict.fromkeys([*outliers, *rest.remains.outlier_poses]))
     return replace(rest, verdict="outliers", remains=replace(rest.remains, outlier_poses=all_outliers))
-
-
-def without_poses(dataset: Dataset, pose_ids: Sequence[str]) -> Dataset:
-    """The dataset without the measured points of some poses; the poses themselves stay."""
-    assert dataset.points is not None
-    out = [dataset.poses.index(pose_id) for pose_id in pose_ids]
-    return dataset.with_points(dataset.points.select(~np.isin(dataset.points.pose, out)))
 
 
 def _look_ahead(

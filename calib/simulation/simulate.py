@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calib.dataset.dataset import Dataset, Orientations, Points, Poses, Scanner
+from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import write_dataset
-from calib.dataset.files.toml_table import write_text_atomically
 from calib.errors import CalibError
 from calib.jig import Jig
 from calib.kinematics.robot import Robot

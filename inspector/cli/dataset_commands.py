@@ -14,11 +14,11 @@ from typing import Any
 
 from calib.corners.search import CornerSearch, find_corners
 from calib.dataset.dataset import Dataset
+from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.dataset.files.points_csv import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from calib.dataset.files.robot_checks import refuse_beyond
 from calib.dataset.files.robot_toml import builtin_robot, load_robot
-from calib.dataset.files.toml_table import write_text_atomically
 from calib.effects.descriptions import DESCRIPTIONS
 from calib.errors import DatasetError
 from calib.identifiability.structural import redundancy, with_place_unknown

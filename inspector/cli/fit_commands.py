@@ -12,8 +12,8 @@ from calib.calibration.uncertainty import known_sums
 from calib.compensation.target_correction import corrected_joints
 from calib.compensation.targets_csv import corrected_table, load_targets, require_conditions
 from calib.dataset.dataset import Dataset
+from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
 from calib.dataset.files.robot_toml import robot_to_toml
-from calib.dataset.files.toml_table import write_bytes_atomically, write_text_atomically
 from calib.diagnosis.effect_selection import Addition, add_in_turn
 from calib.diagnosis.explanation import explain, verdict_words
 from calib.diagnosis.stepwise import diagnose, effects_named

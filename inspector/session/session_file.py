@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from calib.dataset.dataset import Dataset
+from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.fingerprint import changed, content_hash, fingerprint
 from calib.dataset.files.folder import find_datasets, load_dataset
-from calib.dataset.files.toml_table import write_text_atomically
 from calib.diagnosis.effect_selection import Added, recalled
 from calib.effects.catalogue import Family
 from calib.effects.user_file import load_effects

@@ -9,12 +9,12 @@ from pathlib import Path
 from calib.calibration.calibrate import Calibration
 from calib.calibration.pose_errors import Failure, failure_of
 from calib.corners.search import CornerSearch, search_file
-from calib.dataset.dataset import Dataset
+from calib.dataset.dataset import Dataset, without_poses
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.effect_selection import Added, calibrate_with, proposed, recalled
 from calib.diagnosis.residual_tests import Remains, examine
 from calib.diagnosis.screening import Screening, screen
-from calib.diagnosis.stepwise import Diagnosis, Step, diagnose, without_poses
+from calib.diagnosis.stepwise import Diagnosis, Step, diagnose
 from calib.effects.catalogue import Family, effects_for
 from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import Observations

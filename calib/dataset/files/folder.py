@@ -11,6 +11,7 @@ import tomli_w
 
 from calib.corners.orientation import jig_normals
 from calib.dataset.dataset import Dataset, Poses, Scanner
+from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.csv_table import TableFile
 from calib.dataset.files.points_csv import (
     LEAST_SIGMA_DEG,
@@ -23,7 +24,7 @@ from calib.dataset.files.points_csv import (
 from calib.dataset.files.poses_csv import is_one_line, load_poses, poses_frame
 from calib.dataset.files.robot_checks import refuse_beyond
 from calib.dataset.files.robot_toml import load_robot, robot_to_toml
-from calib.dataset.files.toml_table import TomlTable, write_text_atomically
+from calib.dataset.files.toml_table import TomlTable
 from calib.errors import CornerError, DatasetError
 from calib.jig import Jig
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from calib.dataset.dataset import Points, Poses
 from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import Robot
+from calib.units import UNITS_MM
 
-UNITS_MM = {"metres": 1000.0, "centimetres": 10.0, "inches": 25.4, "micrometres": 0.001}
 _ALIKE = 0.2  # of the logarithm: an arm and its table are never that far apart, units are farther
 _FEWEST_POINTS = 3
 _LEAST_SPREAD_MM = 20.0  # of the nominal arm's points; below it noise would have a say

@@ -3,54 +3,12 @@
 from __future__ import annotations
 
 import math
-import os
-import tempfile
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from calib.errors import DatasetError
-
-_NAME = 100  # characters of a file's name in that of the temporary one, which has to be a name too
-
-
-def write_text_atomically(path: Path, text: str) -> None:
-    """Write through a neighbouring temporary file, so that a reader sees the old text or the new, never half."""
-    write_bytes_atomically(path, text.encode("utf-8"))
-
-
-def write_bytes_atomically(path: Path, content: bytes) -> None:
-    """As `write_text_atomically`. What is no file, such as a terminal or a pipe, is written to as it stands.
-
-    Raises DatasetError where the path is a folder or cannot be written.
-    """
-    if path.is_dir():
-        raise DatasetError(f"{path}: is a folder; name a file to write")
-    try:
-        _write(path.resolve(), content)  # a link stays a link
-    except BrokenPipeError:
-        raise
-    except OSError as error:  # of a full disk it names no file, of others the temporary one
-        raise DatasetError(
-            f"{path}: cannot be written ({error.strerror or error}); name another place"
-        ) from None
-
-
-def _write(path: Path, content: bytes) -> None:
-    if path.exists() and not path.is_file():
-        path.write_bytes(content)
-        return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:_NAME]}.", suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        os.chmod(name, 0o644)
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
 
 
 class TomlTable:
