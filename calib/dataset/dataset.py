@@ -15,11 +15,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from calib.array_types import Array, BoolArray, IndexArray
 from calib.errors import DatasetError
 from calib.jig import Jig
 from calib.kinematics.robot import Robot
-
-Array = NDArray[np.float64]
 
 ROLES = ("reference", "train", "test")
 
@@ -58,11 +57,11 @@ class Poses:
         return int(np.flatnonzero(self.role == "reference")[0])
 
     @property
-    def is_test(self) -> NDArray[np.bool_]:
+    def is_test(self) -> BoolArray:
         """(N,) poses that no fit may see. All others, the reference too, are for training."""
         return np.asarray(self.role == "test")
 
-    def select(self, rows: NDArray[np.int64]) -> Poses:
+    def select(self, rows: IndexArray) -> Poses:
         """Some of the poses, in the order of `rows` (K,)."""
 
         def pick(values: Array | None) -> Array | None:
@@ -104,7 +103,7 @@ class Orientations:
     lack: str = ""  # why the faces have no names at some poses, and what would help
 
     @property
-    def known(self) -> NDArray[np.bool_]:
+    def known(self) -> BoolArray:
         """(M,)"""
         return np.asarray(np.isfinite(self.scanner_R_jig).all(axis=(1, 2)))
 
@@ -125,7 +124,7 @@ class Orientations:
 class Points:
     """M measured points in the scanner's frame of their pose's setup. Several rows a pose are repeats."""
 
-    pose: NDArray[np.int64]  # (M,) index into Poses
+    pose: IndexArray  # (M,) index into Poses
     xyz_mm: Array  # (M, 3)
     target: NDArray[np.str_]  # (M,) "jig", or the name of one of the robot's further targets
     covariance_mm2: Array | None = None  # (M, 3, 3)

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calib.array_types import Array
 from calib.dataset.dataset import Dataset
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.kinematics.robot import Robot
 from calib.simulation.truth.mechanism import Conditions
-
-Array = NDArray[np.float64]
 
 PAYLOADS_KG = (0.0, 1.0, 2.5)
 

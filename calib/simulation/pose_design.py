@@ -11,14 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calib.array_types import Array, BoolArray
 from calib.errors import CalibError
 from calib.frames import apply, invert, make_transform, rotation_from_rotvec
 from calib.jig import Jig
 from calib.kinematics.chain import Chain, forward
 from calib.kinematics.robot import Robot
 from calib.simulation.scene import CUBE_CORNER, jig_geometry
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -212,7 +211,7 @@ def _usable(robot: Robot, base_T_scanner: Array, apex_mm: Array, axis: Array, q:
     return q[reached & seen & _is_clear(robot, chain, base_T_scanner)]
 
 
-def _is_clear(robot: Robot, chain: Chain, base_T_scanner: Array) -> NDArray[np.bool_]:
+def _is_clear(robot: Robot, chain: Chain, base_T_scanner: Array) -> BoolArray:
     """(N,) frames above the table, the wrist off the base column, and nothing of the arm between scanner and jig.
 
     A check on frame origins only: it sorts out folded arms, it is no collision check.
@@ -227,9 +226,7 @@ def _is_clear(robot: Robot, chain: Chain, base_T_scanner: Array) -> NDArray[np.b
     return above & wrist_off & behind if robot.n_joints > 3 else above
 
 
-def _inverse_kinematics(
-    robot: Robot, target_mm: Array, outward: Array, q: Array
-) -> tuple[Array, NDArray[np.bool_]]:
+def _inverse_kinematics(robot: Robot, target_mm: Array, outward: Array, q: Array) -> tuple[Array, BoolArray]:
     """Damped least squares for apex (N, 3) and jig axis (N, 3), all rows at once; returns q and who arrived."""
     q = q.copy()
     sign, revolute = jig_outward(robot), robot.is_revolute

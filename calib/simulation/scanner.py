@@ -17,12 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter
 
+from calib.array_types import Array, BoolArray
 from calib.errors import ScanError
 from calib.jig import Jig
 from calib.scans.scan import Scan
 from calib.simulation.scene import CUBE_CORNER, SCENE, jig_geometry, scene_triangles
-
-Array = NDArray[np.float64]
 
 FLYING = -1
 """Label of a point that lies on no surface: a flying pixel or an outlier. Others: see `calib.simulation.scene`."""
@@ -187,7 +186,7 @@ class _Scene:
         label = np.where(hit, self.label[triangle], SCENE).astype(np.int8)
         return _View(direction, range_mm, np.abs(slope), -np.sign(slope)[..., None] * normal, label, pitch)
 
-    def is_shaded(self, view: _View, light_mm: Array) -> NDArray[np.bool_]:
+    def is_shaded(self, view: _View, light_mm: Array) -> BoolArray:
         """(H, W) whether something stands between the light and the point seen, or the light is behind its surface."""
         hit = np.isfinite(view.range_mm)
         point_mm = view.direction * np.where(hit, view.range_mm, 1.0)[..., None]
@@ -211,11 +210,11 @@ def _window(
     return direction / np.linalg.norm(direction, axis=-1, keepdims=True), pitch
 
 
-def _lit(view: _View, scene: _Scene, model: ScanModel) -> NDArray[np.bool_]:
+def _lit(view: _View, scene: _Scene, model: ScanModel) -> BoolArray:
     return np.isfinite(view.range_mm) & ~scene.is_shaded(view, np.array([model.baseline_mm, 0.0, 0.0]))
 
 
-def _depth_edges(view: _View) -> tuple[NDArray[np.bool_], Array]:
+def _depth_edges(view: _View) -> tuple[BoolArray, Array]:
     """(H, W) pixels beside a jump in range, and the range on the jump's other side.
 
     A jump is more than 4 mm and more than a surface at 80 degrees would rise within a pixel.

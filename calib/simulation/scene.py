@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.errors import ScanError
 from calib.frames import apply
 from calib.jig import Jig
-
-Array = NDArray[np.float64]
 
 CUBE_CORNER = Jig()
 

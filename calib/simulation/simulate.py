@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from calib.array_types import Array
 from calib.dataset.dataset import Dataset, Orientations, Points, Poses, Scanner
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import write_dataset
@@ -55,8 +56,6 @@ from calib.simulation.truth.arm_sampling import (
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target, truth_document
 from calib.simulation.truth.mechanism import Conditions
 from calib.simulation.truth.visibility import Cell
-
-Array = NDArray[np.float64]
 
 JIG_HEIGHT_MM = 88.0
 """From the flange to the jig's apex, Jang's Table 2; taken where a robot's tool row has no length of its own."""

@@ -12,11 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.errors import DatasetError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.dataset.dataset import Points, Poses
 from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import Robot
@@ -40,7 +40,7 @@ def unit_doubt(robot: Robot, poses: Poses, points: Points) -> str:
     return ""
 
 
-def _square_spread(points_mm: NDArray[np.float64]) -> float:
+def _square_spread(points_mm: Array) -> float:
     return float(np.sum((points_mm - points_mm.mean(axis=0)) ** 2))
 
 

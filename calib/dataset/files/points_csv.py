@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from calib.array_types import Array
 from calib.dataset.dataset import Orientations, Points, Poses
 from calib.dataset.files.csv_table import TableFile
 from calib.dataset.files.points_checks import copied_rows, unit_doubt
@@ -35,8 +36,6 @@ _LEAST_OF_A_POINT = (
     0.01  # times those: corners of scans without noise are known as well as rounding lets them
 )
 _LEAST_EIGENVALUE = 1e-12  # of a covariance scaled to a unit diagonal: below it lies rounding
-
-Array = NDArray[np.float64]
 
 
 def load_points(path: Path, robot: Robot, poses: Poses) -> tuple[Points, list[str]]:

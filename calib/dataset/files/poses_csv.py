@@ -9,8 +9,8 @@ from unicodedata import category
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.dataset.dataset import ROLES, Poses
 from calib.dataset.files.csv_table import TableFile
 from calib.dataset.files.robot_toml import degrees
@@ -32,14 +32,14 @@ def joint_columns(robot: Robot) -> list[str]:
     return [f"q{i + 1}_{'deg' if joint.is_revolute else 'mm'}" for i, joint in enumerate(robot.joints)]
 
 
-def load_joints(file: TableFile, robot: Robot) -> NDArray[np.float64]:
+def load_joints(file: TableFile, robot: Robot) -> Array:
     """(N, n) the joints' columns as they stand in the file, degrees or mm. Raises DatasetError."""
     columns = joint_columns(robot)
     file.require(columns)
     return np.column_stack([_within(file, column, _LIMITS[column.rpartition("_")[2]]) for column in columns])
 
 
-def _within(file: TableFile, column: str, limits: tuple[float, float]) -> NDArray[np.float64]:
+def _within(file: TableFile, column: str, limits: tuple[float, float]) -> Array:
     """(N,) a column of numbers; DatasetError where one is beyond what there is."""
     values = file.numbers([column])[:, 0]
     beyond = np.flatnonzero((values < limits[0]) | (values > limits[1]))
@@ -114,7 +114,7 @@ def approach_columns(robot: Robot) -> list[str]:
     return [f"approach{i + 1}" for i in range(robot.n_joints)]
 
 
-def load_conditions(file: TableFile, robot: Robot) -> dict[str, NDArray[np.float64]]:
+def load_conditions(file: TableFile, robot: Robot) -> dict[str, Array]:
     """What a table says of the conditions at its poses, by the names of `Poses`; what has no column is left out."""
     found = {name: _within(file, name, _LIMITS[name]) for name in CONDITIONS if name in file}
     columns = approach_columns(robot)
@@ -128,7 +128,7 @@ def load_conditions(file: TableFile, robot: Robot) -> dict[str, NDArray[np.float
     return found
 
 
-def _angle_warnings(file: TableFile, q_file: NDArray[np.float64], robot: Robot) -> list[str]:
+def _angle_warnings(file: TableFile, q_file: Array, robot: Robot) -> list[str]:
     """Angles that look like radians, and angles beyond the limits: odd, yet not impossible."""
     turning = robot.is_revolute
     warnings = []

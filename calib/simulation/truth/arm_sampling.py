@@ -9,8 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calib.array_types import Array
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.simulation.truth.effect_sampling import CATALOGUE, OUTSIDE
@@ -18,8 +19,6 @@ from calib.simulation.truth.equilibrium import Truth
 from calib.simulation.truth.joint_effects import TrueEffect
 from calib.simulation.truth.mechanism import STANDARD, Conditions
 from calib.simulation.truth.visibility import Cell
-
-Array = NDArray[np.float64]
 
 SIMULATED_EFFECTS = tuple(CATALOGUE)
 OUTSIDE_EFFECTS = tuple(OUTSIDE)

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.errors import CalibError
 from calib.simulation.truth.joint_effects import (
     AxisWobble,
@@ -42,7 +42,6 @@ from calib.simulation.truth.scanner_effects import (
 )
 from calib.simulation.truth.visibility import Cell, gravity_torques
 
-Array = NDArray[np.float64]
 Rng = np.random.Generator
 PerJoint = Callable[[Array], TrueEffect]
 

@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calib.array_types import Array
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.simulation.truth.joint_effects import TrueEffect
 from calib.simulation.truth.mechanism import STANDARD, Arm, Conditions
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

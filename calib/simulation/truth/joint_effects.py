@@ -9,12 +9,10 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.errors import CalibError
 from calib.simulation.truth.mechanism import Arm, Conditions
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.simulation.truth.joint_effects import TrueEffect
 from calib.simulation.truth.mechanism import Arm, in_frame
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,13 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from calib.array_types import Array
 from calib.simulation.truth.joint_effects import TrueEffect, needed
 from calib.simulation.truth.mechanism import Conditions
-
-Array = NDArray[np.float64]
 
 
 def _at(scanner_T_target: Array, xyz_mm: Array) -> Array:

@@ -11,15 +11,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target
 from calib.simulation.truth.joint_effects import TrueEffect
 from calib.simulation.truth.mechanism import STANDARD, Arm, Conditions
-
-Array = NDArray[np.float64]
 
 _ABSORBED = 1e-4
 """Below this share of its own size an effect counts as absorbed: the rest is its second order."""
