@@ -1,7 +1,6 @@
-"""Figures from numbers: plain arrays in, plotly figures out. Nothing here knows viser or computes anything.
+"""Figures of a fit: correlation of parameters, error per iteration, per pose and per change of the model.
 
-Every figure fits a panel about 400 pixels wide, names its axes with units, shows values on hover, and comes in a light
-and a dark version, because a plotly figure does not follow the page.
+Plain arrays in, plotly figures out; nothing is computed here. Style and labels are in `inspector.figures.style`.
 """
 
 from __future__ import annotations
@@ -14,51 +13,12 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import ArrayLike, NDArray
 
+from inspector.figures.style import SIGNED_SCALE, distinct_labels, figure, shortened
+from inspector.markup.numbers import parameter_label
 from inspector.markup.palette import ROLE_COLOURS, ROLE_WORDS, role_colour
 
-# Blue - white - red (ColorBrewer RdBu): safe for red-green blindness, symmetric in lightness about zero.
-CORRELATION_SCALE = (
-    (0.0, "#2166AC"),
-    (0.25, "#92C5DE"),
-    (0.5, "#F7F7F7"),
-    (0.75, "#F4A582"),
-    (1.0, "#B2182B"),
-)
 NO_INFLUENCE = "#8A8F98"
 MOST_TICKS = 16
-_GREEK = {"alpha": "α", "beta": "β", "theta": "θ"}
-
-
-def parameter_label(name: str) -> str:
-    """ "alpha3" -> "α3", "aTCP" -> "aTCP": short enough for an axis."""
-    for word, letter in _GREEK.items():
-        if name.startswith(word):
-            return letter + escape(name[len(word) :])
-    return escape(name)
-
-
-def shortened(name: str, most: int = 22) -> str:
-    """A name for an axis, where a long one would leave the figure no room: its beginning and its end, escaped."""
-    if len(name) > most:
-        end = (most - 1) // 2
-        name = f"{name[: most - 1 - end]}…{name[-end:]}"
-    return escape(name)
-
-
-def told_apart(names: Sequence[str], most: int = 12) -> list[str]:
-    """Names for an axis, `shortened`; of long ones without what all begin and end with: "…17…"."""
-    start = end = 0
-    if max(map(len, names), default=0) > most and len(names) > 1:
-        start = _alike(names)
-        end = min(_alike([name[::-1] for name in names]), min(map(len, names)) - start)
-    dots = ("…" if start else "", "…" if end else "")
-    return [shortened(dots[0] + name[start : len(name) - end] + dots[1], most) for name in names]
-
-
-def _alike(names: Sequence[str]) -> int:
-    """How many letters all names begin with alike."""
-    letters = enumerate(zip(*names, strict=False))
-    return next((k for k, column in letters if len(set(column)) > 1), min(map(len, names)))
 
 
 def correlation_heatmap(
@@ -85,7 +45,7 @@ def correlation_heatmap(
     traces.append(
         {
             "type": "heatmap", "z": r.tolist(), "x": labels, "y": labels, "zmin": -1, "zmax": 1,
-            "colorscale": CORRELATION_SCALE, "xgap": 1, "ygap": 1, "hoverongaps": False,
+            "colorscale": SIGNED_SCALE, "xgap": 1, "ygap": 1, "hoverongaps": False,
             "hovertemplate": "%{y} – %{x}<br>r = %{z:.4f}<extra></extra>",
             "colorbar": {
                 "title": {"text": "r", "side": "top"}, "thickness": 8, "len": 0.75, "tickvals": [-1, -0.5, 0, 0.5, 1],
@@ -198,14 +158,13 @@ def pose_residuals(
         traces,
         xaxis={
             "title": "pose", "type": "category", "categoryorder": "array", "categoryarray": names,
-            "tickvals": names[::every], "ticktext": told_apart(ids)[::every],
+            "tickvals": names[::every], "ticktext": distinct_labels(ids)[::every],
             "tickangle": -45, "tickfont": {"size": 9}, "automargin": True,
         },
         yaxis={"title": f"{what}, mm", "rangemode": "tozero", "automargin": True},
         margin=(50, 12, 30, 46),
         dark=dark,
-        bargap=0.15,
-        barmode="overlay",
+        layout={"bargap": 0.15, "barmode": "overlay"},
     )  # fmt: skip
     return outline(fig, selected)
 
@@ -262,44 +221,3 @@ def error_history(
         margin=(56, 14, 30, 10),
         dark=dark,
     )  # fmt: skip
-
-
-def figure(
-    traces: Sequence[dict[str, Any]],
-    *,
-    xaxis: dict[str, Any],
-    yaxis: dict[str, Any],
-    margin: tuple[int, int, int, int],
-    dark: bool,
-    **layout: Any,
-) -> go.Figure:
-    """A figure of these traces in the style that all have in common. margin: left, right, top, bottom, pixels.
-
-    Plotly's templates and its check of every value take fifty milliseconds a figure, which would be felt at each turn
-    of a page; so there is no template, and the tests check the values.
-    """
-    text = "#E8EAED" if dark else "#24292F"
-    grid = "rgba(255,255,255,0.14)" if dark else "rgba(0,0,0,0.10)"
-    zero = "rgba(255,255,255,0.45)" if dark else "rgba(0,0,0,0.40)"
-    axes = {"gridcolor": grid, "linecolor": grid, "zerolinecolor": zero}
-
-    def axis(own: dict[str, Any]) -> dict[str, Any]:
-        title = {"title": {"text": own["title"]}} if "title" in own else {}
-        return {**axes, **own, **title}
-
-    further = {key: axis(value) for key, value in layout.items() if key.startswith(("xaxis", "yaxis"))}
-    left, right, top, bottom = margin
-    common = {
-        "template": {"layout": {}},
-        "paper_bgcolor": "rgba(0,0,0,0)",
-        "plot_bgcolor": "rgba(0,0,0,0)",
-        "margin": {"l": left, "r": right, "t": top, "b": bottom},
-        "font": {"size": 11, "color": text},
-        "legend": {"orientation": "h", "x": 0, "y": 1.02, "xanchor": "left", "yanchor": "bottom", "font": {"size": 11}},
-        "hoverlabel": {"font": {"size": 12}},
-        "dragmode": False,
-        "showlegend": True,
-        "xaxis": axis(xaxis),
-        "yaxis": axis(yaxis),
-    }  # fmt: skip
-    return go.Figure({"data": list(traces), "layout": {**common, **layout, **further}}, _validate=False)

@@ -1,7 +1,7 @@
 """Figures of what a model leaves over: against an input, over the work space, and against what an effect would make.
 
-As in `inspector.figures.plots`: numbers in, plotly figures out. The selected pose is a trace of its own, so that
-going from pose to pose changes that one (`select`) and draws nothing anew.
+Numbers in, plotly figures out; style and labels are in `inspector.figures.style`. The selected pose is a trace of its
+own, so that going from pose to pose changes that one (`select`) and draws nothing anew.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import ArrayLike, NDArray
 
-from inspector.figures.plots import figure, shortened
+from inspector.figures.style import SIGNED_SCALE, figure, shortened
 from inspector.markup.palette import ROLE_COLOURS, ROLE_WORDS
 
 SELECTED = "selected pose"
@@ -24,7 +24,6 @@ _MEDIAN_COLOUR = "#CC79A7"
 _SYMBOLS = {"train": "circle", "test": "diamond"}
 # Viridis: even in lightness, so that colour-blind eyes and grey paper show the same order; dark is small.
 _SIZES = ((0.0, "#440154"), (0.25, "#3B528B"), (0.5, "#21918C"), (0.75, "#5EC962"), (1.0, "#FDE725"))
-_SIGNED = ((0.0, "#2166AC"), (0.25, "#92C5DE"), (0.5, "#F7F7F7"), (0.75, "#F4A582"), (1.0, "#B2182B"))
 
 
 def residual_against(
@@ -80,7 +79,7 @@ def residual_against(
         },
         margin=(56, 12, 30, 42),
         dark=dark,
-        shapes=shapes,
+        layout={"shapes": shapes},
     )  # fmt: skip
     return select(fig, selected)
 
@@ -119,7 +118,7 @@ def place_views(
     colour: dict[str, Any] = {
         "cmin": -largest if signed else 0.0,
         "cmax": largest,
-        "colorscale": _SIGNED if signed else _SIZES,
+        "colorscale": SIGNED_SCALE if signed else _SIZES,
     }
     bar = {
         "title": {"text": escape(title), "side": "right"}, "thickness": 10, "len": 0.9, "outlinewidth": 0,
@@ -144,15 +143,15 @@ def place_views(
                     f"x %{{x:.0f}} mm, {'xyz'[axis]} %{{y:.0f}} mm<extra></extra>",
                 }
             )  # fmt: skip
-        traces.append(_ring(dark, yaxis=letter))
+        traces.append(_ring(dark, letter))
     equal = {"scaleanchor": "x", "constrain": "domain"}
     fig = figure(
         traces,
         xaxis={"title": "x of the base, mm", "anchor": "y2", "constrain": "domain"},
         yaxis={"title": "y, mm (from above)", "domain": [0.53, 1.0], **equal},
-        yaxis2={"title": "z, mm (from the side)", "domain": [0.0, 0.47], **equal},
         margin=(56, 10, 30, 42),
         dark=dark,
+        layout={"yaxis2": {"title": "z, mm (from the side)", "domain": [0.0, 0.47], **equal}},
     )
     return select(fig, selected)
 
@@ -202,12 +201,13 @@ def _roles(is_test: ArrayLike) -> list[tuple[str, NDArray[np.intp]]]:
     return [(role, at) for role, at in rows if len(at)]
 
 
-def _ring(dark: bool, **more: Any) -> dict[str, Any]:
+def _ring(dark: bool, yaxis: str | None = None) -> dict[str, Any]:
     edge = "#FFFFFF" if dark else "#111111"
     return {
         "type": "scatter", "mode": "markers", "name": SELECTED, "x": [None], "y": [None], "hoverinfo": "skip",
         "showlegend": False,
-        "marker": {"size": 16, "symbol": "circle-open", "color": edge, "line": {"width": 2.5, "color": edge}}, **more,
+        "marker": {"size": 16, "symbol": "circle-open", "color": edge, "line": {"width": 2.5, "color": edge}},
+        **({} if yaxis is None else {"yaxis": yaxis}),
     }  # fmt: skip
 
 

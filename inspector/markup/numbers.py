@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from html import escape
 
 from inspector.markup.palette import ROLE_WORDS
+
+_GREEK = {"alpha": "α", "beta": "β", "theta": "θ"}
 
 
 def length(mm: float) -> str:
@@ -45,3 +48,11 @@ def listing(names: tuple[str, ...] | list[str], last: str = "and") -> str:
     if len(names) < 2:
         return "".join(names)
     return f"{', '.join(names[:-1])} {last} {names[-1]}"
+
+
+def parameter_label(name: str) -> str:
+    """ "alpha3" -> "α3", "aTCP" -> "aTCP": short enough for an axis."""
+    for word, letter in _GREEK.items():
+        if name.startswith(word):
+            return letter + escape(name[len(word) :])
+    return escape(name)

@@ -10,9 +10,10 @@ import viser
 
 from calib.calibration.calibrate import Calibration
 from calib.corners.search import CornerSearch
-from inspector.figures.plots import convergence, outline, parameter_label, pose_residuals
+from inspector.figures.plots import convergence, outline, pose_residuals
 from inspector.markup import elements as tables
 from inspector.markup import numbers as words
+from inspector.markup.numbers import parameter_label
 from inspector.markup.palette import ROLE_COLOURS
 from inspector.panels.base import RESIDUALS, Actions, View, hidden_plot, put
 from inspector.server.viser_server import one_of

@@ -8,9 +8,10 @@ import numpy as np
 import viser
 
 from calib.identifiability.redundancy import Redundancy
-from inspector.figures.plots import correlation_heatmap, parameter_label
+from inspector.figures.plots import correlation_heatmap
 from inspector.markup import elements as tables
 from inspector.markup import numbers as words
+from inspector.markup.numbers import parameter_label
 from inspector.panels.base import RESIDUALS, Actions, View, by_page, hidden_plot
 from inspector.server.viser_server import one_of
 

@@ -14,8 +14,8 @@ import pytest
 from calib.errors import DatasetError
 from inspector.app.app import App, names_of, serving
 from inspector.app.tabs import STEPS
-from inspector.figures.plots import parameter_label
 from inspector.markup import numbers as words
+from inspector.markup.numbers import parameter_label
 from inspector.markup.palette import ROLE_COLOURS
 from inspector.panels.planes import group_colours
 from inspector.panels.redundancy import ALL, ANGLES, LENGTHS, group_sentence

@@ -15,9 +15,7 @@ from inspector.figures.plots import (
     correlation_heatmap,
     error_history,
     outline,
-    parameter_label,
     pose_residuals,
-    shortened,
 )
 from inspector.figures.residual_plots import (
     MEDIAN,
@@ -27,6 +25,8 @@ from inspector.figures.residual_plots import (
     residual_against,
     select,
 )
+from inspector.figures.style import shortened
+from inspector.markup.numbers import parameter_label
 from inspector.markup.palette import (
     FACE_COLOURS,
     FILTER_COLOURS,

@@ -1,0 +1,89 @@
+"""What all figures have in common: layout, colours of axes, names short enough for an axis.
+
+Every figure fits a panel about 400 pixels wide, names its axes with units, shows values on hover, and comes in a light
+and a dark version, because a plotly figure does not follow the colours of the page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
+
+import plotly.graph_objects as go
+
+# Blue - white - red (ColorBrewer RdBu): safe for red-green blindness, symmetric in lightness about zero.
+SIGNED_SCALE = (
+    (0.0, "#2166AC"),
+    (0.25, "#92C5DE"),
+    (0.5, "#F7F7F7"),
+    (0.75, "#F4A582"),
+    (1.0, "#B2182B"),
+)
+
+
+def shortened(name: str, most: int = 22) -> str:
+    """A name for an axis, where a long one would leave the figure no room: its beginning and its end, escaped."""
+    if len(name) > most:
+        end = (most - 1) // 2
+        name = f"{name[: most - 1 - end]}…{name[-end:]}"
+    return escape(name)
+
+
+def distinct_labels(names: Sequence[str], most: int = 12) -> list[str]:
+    """Names for an axis, `shortened`; of long ones without what all begin and end with: "…17…"."""
+    start = end = 0
+    if max(map(len, names), default=0) > most and len(names) > 1:
+        start = _common_prefix_length(names)
+        end = min(_common_prefix_length([name[::-1] for name in names]), min(map(len, names)) - start)
+    dots = ("…" if start else "", "…" if end else "")
+    return [shortened(dots[0] + name[start : len(name) - end] + dots[1], most) for name in names]
+
+
+def _common_prefix_length(names: Sequence[str]) -> int:
+    letters = enumerate(zip(*names, strict=False))
+    return next((k for k, column in letters if len(set(column)) > 1), min(map(len, names)))
+
+
+def figure(
+    traces: Sequence[dict[str, Any]],
+    *,
+    xaxis: dict[str, Any],
+    yaxis: dict[str, Any],
+    margin: tuple[int, int, int, int],
+    dark: bool,
+    layout: Mapping[str, Any] | None = None,
+) -> go.Figure:
+    """A figure of these traces in the common style. margin: left, right, top, bottom, pixels; layout: further keys.
+
+    Plotly's templates and its check of every value take fifty milliseconds a figure, which would be felt at each turn
+    of a page; so there is no template, and the tests check the values.
+    """
+    text = "#E8EAED" if dark else "#24292F"
+    grid = "rgba(255,255,255,0.14)" if dark else "rgba(0,0,0,0.10)"
+    zero = "rgba(255,255,255,0.45)" if dark else "rgba(0,0,0,0.40)"
+    axes = {"gridcolor": grid, "linecolor": grid, "zerolinecolor": zero}
+
+    def axis(own: dict[str, Any]) -> dict[str, Any]:
+        title = {"title": {"text": own["title"]}} if "title" in own else {}
+        return {**axes, **own, **title}
+
+    more = {
+        key: axis(value) if key.startswith(("xaxis", "yaxis")) else value
+        for key, value in (layout or {}).items()
+    }
+    left, right, top, bottom = margin
+    common = {
+        "template": {"layout": {}},
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "margin": {"l": left, "r": right, "t": top, "b": bottom},
+        "font": {"size": 11, "color": text},
+        "legend": {"orientation": "h", "x": 0, "y": 1.02, "xanchor": "left", "yanchor": "bottom", "font": {"size": 11}},
+        "hoverlabel": {"font": {"size": 12}},
+        "dragmode": False,
+        "showlegend": True,
+        "xaxis": axis(xaxis),
+        "yaxis": axis(yaxis),
+    }  # fmt: skip
+    return go.Figure({"data": list(traces), "layout": {**common, **more}}, _validate=False)
