@@ -30,10 +30,10 @@ from scipy.spatial.transform import Rotation
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from calib.corners.orientation import candidates, jig_normals  # noqa: E402
+from calib.corners.orientation import candidates  # noqa: E402
 from calib.corners.search import find_corner  # noqa: E402
 from calib.frames import make_transform  # noqa: E402
-from calib.jig import Jig  # noqa: E402
+from calib.jig import Jig, jig_normals  # noqa: E402
 from calib.simulation.scanner import ScanModel, SimulatedScan, simulate_scan  # noqa: E402
 
 CASES = {

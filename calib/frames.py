@@ -80,6 +80,15 @@ def best_fit_transform(source_mm: ArrayLike, target_mm: ArrayLike, weights: Arra
     return make_transform(rotation, target_mean - rotation @ source_mean)
 
 
+def best_fit_rotation(source: ArrayLike, target: ArrayLike) -> Array:
+    """The rotation (3, 3) that takes directions source (N, 3) to target (N, 3) with the least squared error.
+
+    With their opposites the directions lie about the origin, so that the best rigid motion has no translation.
+    """
+    source, target = np.asarray(source, dtype=float), np.asarray(target, dtype=float)
+    return best_fit_transform(np.concatenate([source, -source]), np.concatenate([target, -target]))[:3, :3]
+
+
 def mean_rotation(rotations: ArrayLike) -> Array:
     """The rotation (3, 3) with the least sum of squared chords to rotations (K, 3, 3)."""
     u, _, vt = np.linalg.svd(np.mean(np.asarray(rotations, dtype=float), axis=0))

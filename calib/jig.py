@@ -1,8 +1,22 @@
-"""The jig that the scanner looks at: three faces that meet in one apex (Jang 2025, section 2)."""
+"""The jig that the scanner looks at: three faces that meet in one apex (Jang 2025, section 2), and its geometry.
+
+With dihedral angles f_ij between faces i and j (in the material of a convex jig, in the air of a concave one) the unit
+normals toward the scanner's side satisfy n_i . n_j = -cos f_ij. Three angles belong to a corner if and only if the
+matrix of these products, the Gram matrix, is positive definite.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.errors import CornerError
+
+FACE_PAIRS = ((0, 1), (1, 2), (2, 0))
+"""The pairs of faces in the order in which angles between faces are given: 1-2, 2-3, 3-1."""
+_LEAST_EIGENVALUE = 1e-6  # of the Gram matrix; at zero the three normals lie in one plane
 
 
 @dataclass(frozen=True)
@@ -19,3 +33,64 @@ class Jig:
     convex: bool = True
     face_angles_deg: tuple[float, float, float] = (90.0, 90.0, 90.0)
     certified: bool = False
+
+    def out_of_square_deg(self) -> float:
+        """By how much the angle between two of the faces differs from 90 degrees at most."""
+        return max(abs(angle - 90) for angle in self.face_angles_deg)
+
+
+def angles_between_deg(normals: Array) -> tuple[float, float, float]:
+    """Angles between faces 1-2, 2-3 and 3-1 of unit normals (3, 3), one a row: f_ij = arccos(-n_i . n_j)."""
+    first, second, third = (
+        float(np.degrees(np.arccos(np.clip(-normals[i] @ normals[j], -1, 1)))) for i, j in FACE_PAIRS
+    )
+    return first, second, third
+
+
+def jig_normals(face_angles_deg: tuple[float, float, float]) -> Array:
+    """The faces' normals N (3, 3), one a row, in the jig's own frame: N = G^(1/2), the symmetric root.
+
+    The frame's axes are the faces' normals where the faces are square; otherwise it is the right-handed frame that lies
+    closest to the normals.
+
+    Raises:
+        CornerError: no corner has such angles between faces 1-2, 2-3 and 3-1.
+    """
+    values, vectors = np.linalg.eigh(_gram_matrix(face_angles_deg))
+    return np.asarray((vectors * np.sqrt(values)) @ vectors.T)
+
+
+def jig_geometry(jig: Jig) -> tuple[Array, Array]:
+    """Edge ends (3, 3) in mm and face normals (3, 3) toward the scanner's side, one a row, in the scene's jig frame.
+
+    That frame has its origin in the apex and z along the jig's axis, the mean of its edges, away from the scanner; x
+    lies in the plane of z and the first face's normal. Face i is the triangle between the apex and the two edges that
+    are not edge i.
+
+    Raises:
+        CornerError: no corner has the jig's face angles.
+    """
+    normals = np.linalg.cholesky(_gram_matrix(jig.face_angles_deg))
+    edges = np.cross(normals[[1, 2, 0]], normals[[2, 0, 1]])
+    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
+    edges *= -np.sign(np.einsum("ij,ij->i", edges, normals))[:, None]  # edge i leaves face i's plane inwards
+    axis = edges.sum(axis=0) / np.linalg.norm(edges.sum(axis=0))
+    across = normals[0] - axis * (normals[0] @ axis)
+    across /= np.linalg.norm(across)
+    jig_R_raw = np.stack([across, np.cross(axis, across), axis])
+    edges, normals = edges @ jig_R_raw.T, normals @ jig_R_raw.T
+    if not jig.convex:  # seen from the inside: the apex is deepest, the edges come towards the scanner
+        edges, normals = edges * [1, 1, -1], -normals * [1, 1, -1]
+    return jig.edge_mm * edges, normals
+
+
+def _gram_matrix(face_angles_deg: tuple[float, float, float]) -> Array:
+    """G (3, 3) of n_i . n_j = -cos f_ij. Raises CornerError where it belongs to no corner."""
+    gram = np.eye(3)
+    for (i, j), angle in zip(FACE_PAIRS, np.radians(face_angles_deg), strict=True):
+        gram[i, j] = gram[j, i] = -np.cos(angle)
+    if np.linalg.eigvalsh(gram)[0] < _LEAST_EIGENVALUE:
+        raise CornerError(
+            f"jig: no corner has faces at {list(face_angles_deg)} degrees; correct face_angles_deg in dataset.toml"
+        )
+    return gram

@@ -14,9 +14,9 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.jig import FACE_PAIRS, angles_between_deg
 from calib.planes.robust_fit import PlaneFit
 
-_PAIRS = ((0, 1), (1, 2), (2, 0))
 MOST_MISFIT = 21.1  # squared, three angles: beyond it once in 10 000 scans of a jig that is as certified
 _CLEARLY = 12.0  # how much better, in squared misfit, one way of naming the faces has to be than the others
 
@@ -58,16 +58,13 @@ def hold_to_angles(
 
 def found_angles_deg(planes: Sequence[PlaneFit]) -> tuple[float, float, float]:
     """Angles between faces 1-2, 2-3 and 3-1, in the material of a convex jig, in the air of a concave one."""
-    first, second, third = (
-        float(np.degrees(np.arccos(np.clip(-planes[i].normal @ planes[j].normal, -1, 1)))) for i, j in _PAIRS
-    )
-    return first, second, third
+    return angles_between_deg(np.array([plane.normal for plane in planes]))
 
 
 def angle_derivative(planes: Sequence[PlaneFit]) -> NDArray:
     """J (3, 9) of n_i . n_j for the pairs 1-2, 2-3, 3-1: a slope s_k turns n into n - s_1 e_1 - s_2 e_2."""
     derivative = np.zeros((3, 9))
-    for row, (i, j) in enumerate(_PAIRS):
+    for row, (i, j) in enumerate(FACE_PAIRS):
         derivative[row, 3 * i + 1 : 3 * i + 3] = -planes[i].axes @ planes[j].normal
         derivative[row, 3 * j + 1 : 3 * j + 3] = -planes[j].axes @ planes[i].normal
     return derivative
@@ -81,8 +78,8 @@ def turned_normals(planes: Sequence[PlaneFit], moves: NDArray) -> NDArray:
 
 def _angles(angles_deg: tuple[float, float, float], order: tuple[int, ...]) -> tuple[float, float, float]:
     """The certified angles when the found faces 1, 2, 3 are the certified faces of `order`."""
-    between = {frozenset(pair): angle for pair, angle in zip(_PAIRS, angles_deg, strict=True)}
-    first, second, third = (between[frozenset((order[i], order[j]))] for i, j in _PAIRS)
+    between = {frozenset(pair): angle for pair, angle in zip(FACE_PAIRS, angles_deg, strict=True)}
+    first, second, third = (between[frozenset((order[i], order[j]))] for i, j in FACE_PAIRS)
     return first, second, third
 
 
@@ -92,7 +89,7 @@ def _hold(planes: Sequence[PlaneFit], covariance: NDArray, angles_rad: NDArray) 
     moves, misfit = np.zeros(9), 0.0
     for _ in range(4):
         normals = turned_normals(planes, moves)
-        off = np.array([normals[i] @ normals[j] for i, j in _PAIRS]) + np.cos(angles_rad)
+        off = np.array([normals[i] @ normals[j] for i, j in FACE_PAIRS]) + np.cos(angles_rad)
         moves = gain @ (derivative @ moves - off)
         misfit = misfit or float(off @ np.linalg.solve(derivative @ covariance @ derivative.T, off))
     return RigidFit(moves, covariance - gain @ derivative @ covariance, misfit)

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from calib import frames
 from calib.corners.intersection import Corner
 from calib.errors import ScanError
-from calib.jig import Jig
-from calib.simulation.scene import jig_geometry
+from calib.jig import Jig, jig_geometry
 
 Array = NDArray[np.float64]
 
@@ -35,8 +34,7 @@ def place_jig(corner: Corner, jig: Jig) -> tuple[Array, tuple[int, int, int]]:
 
 def _turn(found: Array, model: Array) -> tuple[Array, float]:
     """The rotation (3, 3) that brings model normals (3, 3) to those found, and what is left over."""
-    # With their opposites the normals lie about the origin, so that the best motion is a turn alone.
-    turn = frames.best_fit_transform(np.concatenate([model, -model]), np.concatenate([found, -found]))[:3, :3]
+    turn = frames.best_fit_rotation(model, found)
     return turn, float(np.linalg.norm(found - model @ turn.T))
 
 

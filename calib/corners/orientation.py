@@ -19,8 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from calib import frames
 from calib.corners.intersection import Corner
-from calib.errors import CornerError
-from calib.jig import Jig
+from calib.jig import Jig, jig_normals
 
 Array = NDArray[np.float64]
 
@@ -48,23 +47,6 @@ class Orientation:
     def sigma_rad(self) -> float:
         """Standard deviation of the turn, all three axes together: sqrt(trace of the covariance)."""
         return float(np.sqrt(np.trace(self.covariance_rad2)))
-
-
-def jig_normals(face_angles_deg: tuple[float, float, float]) -> Array:
-    """The faces' normals (3, 3), one a row, in the jig's frame: the symmetric root of G_ij = -cos f_ij.
-
-    Raises:
-        CornerError: no corner has such angles between faces 1-2, 2-3 and 3-1.
-    """
-    gram = np.eye(3)
-    for (i, j), angle in zip(((0, 1), (1, 2), (2, 0)), np.radians(face_angles_deg), strict=True):
-        gram[i, j] = gram[j, i] = -np.cos(angle)
-    values, vectors = np.linalg.eigh(gram)
-    if values[0] < 1e-6:
-        raise CornerError(
-            f"jig: no corner has faces at {list(face_angles_deg)} degrees; correct face_angles_deg in dataset.toml"
-        )
-    return np.asarray((vectors * np.sqrt(values)) @ vectors.T)
 
 
 def candidates(corner: Corner, jig: Jig) -> tuple[Orientation, Orientation, Orientation]:
@@ -110,9 +92,7 @@ def _orient(corner: Corner, known: Array, order: tuple[int, int, int]) -> Orient
     slopes = np.array([[3 * i + 1, 3 * i + 2] for i in order]).ravel()
     covariance = corner.plane_covariance[np.ix_(slopes, slopes)]
     weight = np.linalg.pinv(0.5 * (covariance + covariance.T), rcond=_NULL, hermitian=True)
-    scanner_R_jig = frames.best_fit_transform(
-        np.concatenate([known, -known]), np.concatenate([normals, -normals])
-    )[:3, :3]
+    scanner_R_jig = frames.best_fit_rotation(known, normals)
     for _ in range(_STEPS):
         turned = known @ scanner_R_jig.T
         slope = -np.einsum("ikj,ij->ik", axes, turned).ravel()

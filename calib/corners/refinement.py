@@ -24,7 +24,7 @@ from calib.corners.face_outline import (
 )
 from calib.corners.intersection import Corner, Face, intersect, intersection_covariance, packed
 from calib.corners.quality import CornerQuality, FaceQuality, angle_errors
-from calib.jig import Jig
+from calib.jig import FACE_PAIRS, Jig
 from calib.planes.clustering import PlaneGroup
 from calib.planes.robust_fit import PlaneFit, fit_plane_robustly
 
@@ -203,8 +203,8 @@ def _doubt(planes: Sequence[PlaneFit], covariance: NDArray, origin: NDArray, jig
         )
     slopes = [covariance[3 * i + 1 : 3 * i + 3, 3 * i + 1 : 3 * i + 3] for i in range(3)]
     tilt_deg = [np.degrees(np.sqrt(np.linalg.eigvalsh(slope)[-1])) for slope in slopes]
-    nominal_slack_deg = SQUARENESS_DEG + max(abs(a - 90) for a in jig.face_angles_deg)
-    for i, j in ((0, 1), (1, 2), (2, 0)):
+    nominal_slack_deg = SQUARENESS_DEG + jig.out_of_square_deg()
+    for i, j in FACE_PAIRS:
         off_deg = float(np.degrees(np.arcsin(np.clip(planes[i].normal @ planes[j].normal, -1, 1))))
         slack_deg = nominal_slack_deg + 3 * np.hypot(tilt_deg[i], tilt_deg[j])
         if abs(off_deg) > slack_deg:

@@ -266,7 +266,7 @@ class _Tolerances:
         edge_mm = jig.edge_mm
         normals_rad = float(np.clip(5 * np.median(around.normal_sigma_rad), np.radians(8), np.radians(25)))
         height_mm = max(min(15 * sigma_mm, max(5 * sigma_mm, edge_mm / 24)), edge_mm / 120)
-        out_of_square_rad = np.radians(max(abs(angle - 90) for angle in jig.face_angles_deg))
+        out_of_square_rad = np.radians(jig.out_of_square_deg())
         return _Tolerances(
             FilterTolerances(
                 distance_mm=(max(edge_mm / 40, min(12 * sigma_mm, edge_mm / 15)), edge_mm / 3),

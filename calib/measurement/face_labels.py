@@ -30,7 +30,7 @@ from calib.dataset.dataset import Dataset, points_from_corners
 from calib.errors import FitError
 from calib.fitting.model import geometric_model
 from calib.fitting.observations import Observations, place_scanner, predict_points
-from calib.jig import Jig
+from calib.jig import Jig, angles_between_deg
 from calib.kinematics import chain as kinematics
 
 Array = NDArray[np.float64]
@@ -138,10 +138,7 @@ def _with_found_angles(named: Labelling, corners: Mapping[str, Corner], jig: Jig
     for pose_id, found in before.items():
         in_jig += np.array([corners[pose_id].faces[i].normal for i in found.order]) @ found.scanner_R_jig
     in_jig /= np.linalg.norm(in_jig, axis=1, keepdims=True)
-    one, two, three = (
-        float(np.degrees(np.arccos(-in_jig[i] @ in_jig[j]))) for i, j in ((0, 1), (1, 2), (2, 0))
-    )
-    truer = replace(jig, face_angles_deg=(one, two, three))
+    truer = replace(jig, face_angles_deg=angles_between_deg(in_jig))
     after = {pose_id: oriented(corners[pose_id], truer, found.order) for pose_id, found in before.items()}
     return replace(named, orientations=after, found_angles_deg=truer.face_angles_deg)
 

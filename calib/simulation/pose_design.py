@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from calib.array_types import Array, BoolArray
 from calib.errors import CalibError
 from calib.frames import apply, invert, make_transform, rotation_from_rotvec
-from calib.jig import Jig
+from calib.jig import Jig, jig_geometry
 from calib.kinematics.chain import Chain, forward
 from calib.kinematics.robot import Robot
-from calib.simulation.scene import CUBE_CORNER, jig_geometry
+from calib.simulation.scene import CUBE_CORNER
 
 
 @dataclass(frozen=True)

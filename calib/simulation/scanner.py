@@ -19,9 +19,9 @@ from scipy.ndimage import gaussian_filter
 
 from calib.array_types import Array, BoolArray
 from calib.errors import ScanError
-from calib.jig import Jig
+from calib.jig import Jig, jig_geometry
 from calib.scans.scan import Scan
-from calib.simulation.scene import CUBE_CORNER, SCENE, jig_geometry, scene_triangles
+from calib.simulation.scene import CUBE_CORNER, SCENE, scene_triangles
 
 FLYING = -1
 """Label of a point that lies on no surface: a flying pixel or an outlier. Others: see `calib.simulation.scene`."""

@@ -12,50 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.array_types import Array
-from calib.errors import ScanError
 from calib.frames import apply
-from calib.jig import Jig
+from calib.jig import Jig, jig_geometry
 
 CUBE_CORNER = Jig()
 
 SCENE = 0
 """Label of a surface that is none of the jig's faces, which are 1, 2, 3."""
-
-
-def jig_geometry(jig: Jig) -> tuple[Array, Array]:
-    """Edge ends (3, 3) in mm and outward face normals (3, 3) of a jig, in the jig's frame; one a row.
-
-    Face i is the triangle between the apex and the edges that are not edge i. With dihedral angles f_ij (in the
-    material of a convex jig, in the air of a concave one) the normals satisfy n_i . n_j = -cos f_ij. Outward is
-    towards the scanner's side.
-
-    Raises:
-        ScanError: no corner has such face angles.
-    """
-    f12, f23, f31 = np.radians(jig.face_angles_deg)
-    gram = np.array(
-        [
-            [1.0, -np.cos(f12), -np.cos(f31)],
-            [-np.cos(f12), 1.0, -np.cos(f23)],
-            [-np.cos(f31), -np.cos(f23), 1.0],
-        ]
-    )
-    if np.linalg.eigvalsh(gram)[0] < 1e-6:
-        raise ScanError(
-            f"jig: no corner has faces at {jig.face_angles_deg} degrees; a cube's corner has 90, 90, 90"
-        )
-    normals = np.linalg.cholesky(gram)
-    edges = np.cross(normals[[1, 2, 0]], normals[[2, 0, 1]])
-    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
-    edges *= -np.sign(np.einsum("ij,ij->i", edges, normals))[:, None]  # edge i leaves face i's plane inwards
-    axis = edges.sum(axis=0) / np.linalg.norm(edges.sum(axis=0))
-    across = normals[0] - axis * (normals[0] @ axis)
-    across /= np.linalg.norm(across)
-    jig_R_raw = np.stack([across, np.cross(axis, across), axis])
-    edges, normals = edges @ jig_R_raw.T, normals @ jig_R_raw.T
-    if not jig.convex:  # seen from the inside: the apex is deepest, the edges come towards the scanner
-        edges, normals = edges * [1, 1, -1], -normals * [1, 1, -1]
-    return jig.edge_mm * edges, normals
 
 
 def scene_triangles(

@@ -22,7 +22,7 @@ from calib.dataset.dataset import Dataset, Orientations, Points, Poses, Scanner
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import write_dataset
 from calib.errors import CalibError
-from calib.jig import Jig
+from calib.jig import Jig, jig_geometry
 from calib.kinematics.robot import Robot
 from calib.scans.scan import write_scan
 from calib.simulation.conditions import draw_conditions
@@ -40,7 +40,6 @@ from calib.simulation.scanner import (
     PLAIN_MODEL,
     ScanModel,
     SimulatedScan,
-    jig_geometry,
     simulate_scan,
 )
 from calib.simulation.truth.arm_sampling import (

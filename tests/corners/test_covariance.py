@@ -8,9 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from calib.corners.intersection import Corner, intersect
 from calib.corners.refinement import RefinementOptions, refine
-from calib.jig import Jig
+from calib.jig import Jig, jig_geometry
 from calib.planes.clustering import PlaneGroup
-from calib.simulation.scene import jig_geometry
 
 APEX = np.array([10.0, -20.0, 650.0])
 NO_SETS = np.zeros(0, dtype=np.int64)

@@ -11,7 +11,7 @@ from calib import frames
 from calib.corners.intersection import Corner, Face
 from calib.corners.jig_distance import REACH, face_distances, jig_outline, place_jig
 from calib.errors import ScanError
-from calib.jig import Jig
+from calib.jig import Jig, jig_geometry
 
 JIG = Jig(edge_mm=60.0)
 
@@ -86,8 +86,6 @@ def test_the_jigs_model_lies_on_the_estimated_faces(order: tuple[int, ...]) -> N
 
 
 def test_a_jig_with_measured_angles_has_each_face_where_it_was_found() -> None:
-    from calib.simulation.scene import jig_geometry
-
     jig = Jig(edge_mm=50.0, face_angles_deg=(89.0, 90.5, 92.0))
     placed = motion(3)
     edges, normals = jig_geometry(jig)

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calib.corners.intersection import Corner, Face, intersect
-from calib.corners.orientation import candidates, jig_normals
+from calib.corners.orientation import candidates
 from calib.corners.quality import CornerQuality
 from calib.corners.search import CornerSearch, find_corner
 from calib.dataset.dataset import Dataset
@@ -18,7 +18,7 @@ from calib.dataset.files.points_csv import points_frame
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CornerError
 from calib.frames import mean_rotation
-from calib.jig import Jig
+from calib.jig import Jig, jig_normals
 from calib.measurement.face_labels import Labelling, label_corners
 from calib.measurement.measured_points import with_corners
 from calib.simulation.simulate import Simulation, simulate_dataset

@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calib.errors import ScanError
-from calib.jig import Jig
+from calib.errors import CornerError, ScanError
+from calib.jig import Jig, jig_geometry
 from calib.simulation.scanner import FLYING, ScanModel, SimulatedScan, simulate_scan
-from calib.simulation.scene import SCENE, jig_geometry
+from calib.simulation.scene import SCENE
 
 APEXES_MM = (
     (-73.7, 42.9, 661.4),
@@ -79,7 +79,7 @@ def test_jig_has_its_edges_and_angles(convex: bool, angles_deg: tuple[float, flo
 
 
 def test_impossible_corner_is_refused() -> None:
-    with pytest.raises(ScanError, match="no corner has faces at"):
+    with pytest.raises(CornerError, match="no corner has faces at"):
         jig_geometry(Jig(face_angles_deg=(20.0, 20.0, 20.0)))
 
 

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
+from calib.jig import jig_geometry
 from calib.kinematics.chain import forward
 from calib.scans.scan import load_scan
 from calib.simulation.conditions import PAYLOADS_KG
 from calib.simulation.pose_design import JANG_FIELD, place_scanner, random_poses, reach_apexes, spread_poses
-from calib.simulation.scene import jig_geometry
 from calib.simulation.simulate import simulate_dataset, write_simulation
 from calib.simulation.truth.arm_sampling import (
     NEED_CONDITIONS,

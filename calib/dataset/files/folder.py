@@ -9,7 +9,6 @@ from typing import Any
 
 import tomli_w
 
-from calib.corners.orientation import jig_normals
 from calib.dataset.dataset import Dataset, Poses, Scanner
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.csv_table import TableFile
@@ -26,7 +25,7 @@ from calib.dataset.files.robot_checks import refuse_beyond
 from calib.dataset.files.robot_toml import load_robot, robot_to_toml
 from calib.dataset.files.toml_table import TomlTable
 from calib.errors import CornerError, DatasetError
-from calib.jig import Jig
+from calib.jig import Jig, jig_normals
 
 FORMAT = 1
 _LONGEST_EDGE_MM = 1e4
