@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from calib.calibration.calibrate import Calibration, calibrate
 from calib.calibration.evaluation import Evaluation
 from calib.fitting.model import Model, geometric_model
-from inspector.scene.arm_shape import ArmShape, arm_shape
 
 Array = NDArray[np.float64]
 
@@ -36,14 +35,6 @@ class Version:
     def pose_error_vectors_mm(self) -> Array:
         """(N, 3) predicted minus measured, scanner frame, mean over a pose's points; nan where there are none."""
         return _mean_by_pose(self, self.evaluation.error_mm)
-
-    def arm(self, pose: int) -> ArmShape | None:
-        """The arm at a pose, in the scanner's frame as this model places it; None where its setup has no points."""
-        poses = self.calibration.dataset.poses
-        scanner_T_base = self.evaluation.scanner_T_base.get(str(poses.setup[pose]))
-        if scanner_T_base is None:
-            return None
-        return arm_shape(self.model, self.x, poses, pose).moved(scanner_T_base)
 
 
 def _mean_by_pose(version: Version, values: Array) -> Array:

@@ -20,7 +20,6 @@ from calib.errors import CalibError
 from inspector.app.downloads import Taking
 from inspector.app.stage import Stage
 from inspector.app.tabs import add_tabs
-from inspector.panels.base import LOOKS, RESIDUALS
 from inspector.panels.compare import ComparePanel
 from inspector.panels.corner import CornerPanel
 from inspector.panels.downloads import TakeAwayPanel
@@ -36,6 +35,7 @@ from inspector.server.viser_server import LOOPBACK, InspectorServer, start_serve
 from inspector.server.worker import LongWork, Worker
 from inspector.session.session_file import Opening, Shown
 from inspector.session.user_effects import OwnEffects, Watch
+from inspector.session.view import LOOKS, RESIDUALS
 
 log = logging.getLogger(__name__)
 

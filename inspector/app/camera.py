@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from inspector.panels.base import LOOKS, WIDE_LOOKS, View, corner_of
-from inspector.panels.review import LOOK_LAYERS, ReviewPanel
+from inspector.panels.review import ReviewPanel
 from inspector.scene.draw_scan import middle_of
 from inspector.scene.scene_view import BESIDE, LAYERS, SceneView
+from inspector.session.view import LOOK_LAYERS, LOOKS, WIDE_LOOKS, View, corner_of
 
 LOOK_DISTANCE_MM = {"Scan": 330.0, "Planes": 240.0, "Corner": 170.0, "Distance": 200.0}
 CLOSE_BESIDE = np.array([0.10, -0.08, 0.0])  # of the scanner, near enough to see all that it saw

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from calib.calibration.model_versions import VERSIONS
 from calib.scans.scan import Scan
-from inspector.panels.base import COLOURINGS
 from inspector.panels.compare import ComparePanel
 from inspector.scene.draw_model import ArmDrawing, draw_distance, draw_jig, draw_residuals, jig_distances
 from inspector.scene.draw_scan import draw_corners
+from inspector.session.view import COLOURINGS
 
 if TYPE_CHECKING:
     from inspector.app.stage import Stage

@@ -15,13 +15,13 @@ from calib.dataset.files.robot_toml import robot_to_toml
 from calib.errors import CalibError, DatasetError
 from inspector.app.stage import Stage
 from inspector.export import csv_and_png as exports
-from inspector.panels.base import View
 from inspector.panels.downloads import ITEMS, SCREENSHOT, TakeAwayPanel
 from inspector.server.viser_server import clamped
 from inspector.server.worker import LongWork, Worker
 from inspector.session import transitions as sessions
 from inspector.session.session_file import Shown, session_text
 from inspector.session.transitions import Session
+from inspector.session.view import View
 
 TURN_S = 0.02
 RENDER_S = 30.0  # a page that sends no picture in this time is hidden or gone

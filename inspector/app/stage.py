@@ -21,7 +21,7 @@ from inspector.app.model_controller import Modelling
 from inspector.app.scan_cache import ScanLoading
 from inspector.markup.legend import legend_html
 from inspector.markup.palette import BRAND_ON_DARK, BRAND_ON_LIGHT, rgb, role_colour
-from inspector.panels.base import FACTORS, View, put
+from inspector.panels.base import put
 from inspector.panels.compare import ComparePanel
 from inspector.panels.corner import CornerPanel
 from inspector.panels.fit import FitPanel
@@ -45,6 +45,7 @@ from inspector.server.worker import LongWork
 from inspector.session import transitions as sessions
 from inspector.session.session_file import Shown
 from inspector.session.transitions import Session
+from inspector.session.view import FACTORS, View
 
 WAITING = "The fit starts when all scans have been searched. Calibrate takes the corners found so far."
 POINTS_LOOK = "Arm"  # where there are no scans to look at

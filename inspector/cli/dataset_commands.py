@@ -29,6 +29,7 @@ from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import processes, progress, stages
 from inspector.export import json_documents as documents
 from inspector.export.csv_and_png import corners_csv, redundancy_csv
+from inspector.session.json_text import to_json
 
 
 def run_serve(options: Any) -> int:
@@ -213,4 +214,4 @@ def _search(dataset: Dataset, wanted: int | None = None) -> dict[str, CornerSear
 
 def show(options: Any, document: dict[str, Any], words: str) -> None:
     """Words, or with --json the one object."""
-    print(documents.to_json(document) if options.json else words, file=options.stdout)
+    print(to_json(document) if options.json else words, file=options.stdout)

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
-
-import numpy as np
 
 from calib.calibration.calibrate import Calibration
 from calib.calibration.evaluation import Evaluation, Figures
@@ -30,25 +26,6 @@ from calib.measurement.measured_points import failed_searches
 from calib.validation.acceptance import Check
 from calib.validation.cross_validation import CrossValidation
 from calib.validation.learning_curve import LearningCurve
-
-
-def to_json(document: Mapping[str, Any]) -> str:
-    """Strict JSON: numbers that are not finite become null."""
-    return json.dumps(_plain(document), allow_nan=False, ensure_ascii=False)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def corners_document(searches: Mapping[str, CornerSearch], labelling: Labelling) -> dict[str, Any]:

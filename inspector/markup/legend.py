@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inspector.markup import elements as tables
+from inspector.markup.comparison import distance_bar, points_legend, roles_legend
 from inspector.markup.palette import FACE_COLOURS, FILTER_COLOURS, HIGHLIGHT, MODEL_COLOURS, REJECTED
-from inspector.panels.base import View, corner_of
-from inspector.panels.compare import distance_bar, points_legend
-from inspector.panels.review import roles_legend
+from inspector.session.view import View, corner_of
 
 EMPTY = "Nothing is on show: choose a view above, or tick a layer below."
 

@@ -12,8 +12,9 @@ from inspector.figures.plots import error_history
 from inspector.figures.residual_plots import added_variable
 from inspector.markup import effects as html
 from inspector.markup import elements as tables
-from inspector.panels.base import Actions, View, by_page, hidden_plot, put
+from inspector.panels.base import Actions, by_page, hidden_plot, put
 from inspector.session.transitions import Session
+from inspector.session.view import View
 
 NOTE = (
     "What physical effect does the model lack? Let the program find it, or choose one from the ranking, add it and "

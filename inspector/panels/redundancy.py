@@ -12,8 +12,9 @@ from inspector.figures.plots import correlation_heatmap
 from inspector.markup import elements as tables
 from inspector.markup import numbers as words
 from inspector.markup.numbers import parameter_label
-from inspector.panels.base import RESIDUALS, Actions, View, by_page, hidden_plot
+from inspector.panels.base import Actions, by_page, hidden_plot
 from inspector.server.viser_server import one_of
+from inspector.session.view import RESIDUALS, View
 
 NOTE = (
     "Pearson's r of each pair of parameters: dark red or dark blue (r\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}±1) off the "

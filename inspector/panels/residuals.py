@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
 import viser
-from numpy.typing import NDArray
 
 from calib.calibration.pose_errors import Failure, running_median
-from calib.kinematics.robot import Robot
 from inspector.figures.residual_plots import place_views, residual_against, select
 from inspector.markup import elements as tables
-from inspector.markup import numbers as words
-from inspector.panels.base import Actions, View, by_page, hidden_plot, put
+from inspector.markup.residuals import AXES, LENGTH, band_note, input_title, joint_title, shown, turned
+from inspector.panels.base import Actions, by_page, hidden_plot, put
+from inspector.session.view import View
 
 NOTE = (
     "What is left over at each pose, against anything it may depend on. Noise has no order: points that follow a line "
@@ -24,15 +22,6 @@ PLACES_NOTE = (
     "Where the points were measured, in the frame of the robot's base. A corner of the work space coloured like "
     f"no other is where the model does not hold. {RINGED}"
 )
-LENGTH = "error length"
-AXES = {f"error in {axis} of the scanner": k for k, axis in enumerate("xyz")}
-UNITS = {"payload_kg": "kg", "temperature_c": "°C", "time_s": "s", "x": "mm", "y": "mm", "z": "mm"}
-NAMES = {
-    "payload_kg": "payload",
-    "temperature_c": "temperature",
-    "time_s": "time",
-    "order": "order of measuring",
-}
 NONE = "–"
 NOT_YET = (
     "Nothing to show yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
@@ -156,20 +145,6 @@ class FailurePanel:
         )
 
 
-def band_note(failure: Failure, band: tuple[float, float]) -> str:
-    """What the grey band is, and how many poses leave it where that is counted."""
-    grey = f"Grey: where noise alone ({words.length(failure.noise_mm)} a coordinate) leaves 19 of 20 poses."
-    if not np.isfinite(band).all():
-        return "These poses do not tell how much noise alone would make of it: there is no band."
-    outside = failure.error_length_mm > failure.length_noise_mm
-    counts = [
-        f"{np.count_nonzero(outside & of)} of {words.count(int(np.count_nonzero(of)), name)}"
-        for of, name in ((~failure.is_test, "training pose"), (failure.is_test, "test pose"))
-        if of.any()
-    ]
-    return f"{grey} By their length, {words.listing(counts)} are off by more."
-
-
 def _offer(handle: viser.GuiDropdownHandle[str], options: tuple[str, ...]) -> None:
     """These options; what was chosen stays chosen where it is still there."""
     if options == tuple(handle.options):
@@ -177,48 +152,3 @@ def _offer(handle: viser.GuiDropdownHandle[str], options: tuple[str, ...]) -> No
     before = str(handle.value)
     handle.options = options
     put(handle, before if before in options else options[0])
-
-
-def input_title(name: str, robot: Robot) -> str:
-    """ "q3" -> "joint 3 angle, °": an input with its unit."""
-    stem = name.rstrip("0123456789")
-    number = name.removeprefix(stem)
-    if number and stem == "q":
-        turns = robot.joints[int(number) - 1].is_revolute
-        return f"joint {number} angle, °" if turns else f"joint {number} position, mm"
-    if number and stem == "torque":
-        return f"joint {number} gravity torque, Nm"
-    if number and stem == "approach":
-        return f"joint {number} approach (−1 or 1)"
-    if name in ("x", "y", "z"):
-        return f"place {name} in the scanner's frame, mm"
-    return NAMES.get(name, name) + (f", {UNITS[name]}" if name in UNITS else "")
-
-
-def turned(name: str, values: NDArray, robot: Robot) -> NDArray:
-    """Joint angles in degrees, everything else as it is."""
-    stem = name.rstrip("0123456789")
-    number = name.removeprefix(stem)
-    angle = bool(number) and stem == "q" and robot.joints[int(number) - 1].is_revolute
-    return np.degrees(values) if angle else values
-
-
-def joint_title(joint: int, robot: Robot) -> str:
-    """What the apparent motion of a joint is called."""
-    return (
-        f"apparent motion of joint {joint + 1}, {'millidegrees' if robot.joints[joint].is_revolute else 'mm'}"
-    )
-
-
-def shown(
-    failure: Failure, what: str, joint: int | None, robot: Robot
-) -> tuple[NDArray, str, tuple[float, float]]:
-    """The values to plot, their name with the unit, and the band that noise alone fills."""
-    if joint is not None:
-        scale = float(np.degrees(1.0)) * 1000.0 if robot.joints[joint].is_revolute else 1.0
-        half = 2.0 * scale * failure.joint_noise(joint)
-        return scale * failure.apparent_joint_error[:, joint], what, (-half, half)
-    if what in AXES:
-        half = 2.0 * failure.noise_mm
-        return failure.error_mm[:, AXES[what]], f"{what}, mm", (-half, half)
-    return failure.error_length_mm, f"{LENGTH}, mm", (0.0, failure.length_noise_mm)

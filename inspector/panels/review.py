@@ -8,9 +8,10 @@ import viser
 
 from inspector.markup import elements as tables
 from inspector.markup import numbers as words
-from inspector.markup.palette import DOUBT, FAILED, ROLE_COLOURS, ROLE_WORDS, role_colour
-from inspector.panels.base import FACTORS, LOOKS, POINT_LOOKS, Actions, News, View, by_page, corner_of, put
+from inspector.markup.palette import DOUBT, FAILED, ROLE_WORDS, role_colour
+from inspector.panels.base import Actions, News, by_page, put
 from inspector.server.viser_server import clamped, one_of
+from inspector.session.view import FACTORS, LOOK_LAYERS, LOOKS, POINT_LOOKS, View, corner_of
 
 LAYER_WORDS = {
     "Scan layers": {
@@ -31,15 +32,6 @@ LAYER_WORDS = {
         "arm": "Arm",
         "scanner": "Scanner",
     },
-}
-LOOK_LAYERS = {
-    "All scans": {"overview", "scan", "faces", "corner", "corners"},
-    "Scan": {"scan", "faces", "corner"},
-    "Planes": {"faces", "sets", "rejected", "groups"},
-    "Corner": {"faces", "corner"},
-    "All corners": {"corner", "corners", "residuals", "predicted", "scanner"},
-    "Distance": {"distance", "jig"},
-    "Arm": {"corners", "residuals", "predicted", "arm", "scanner"},
 }
 NOTHING_OPEN = "No dataset is open: choose another one, or mend this one and start the program again."
 PREVIOUS, NEXT = "◀ Previous", "Next ▶"
@@ -231,8 +223,3 @@ def few(names: Sequence[str], most: int = 3) -> str:
         name if len(name) <= tables.LONG_NAME else f"{name[: tables.LONG_NAME - 1]}…" for name in names[:most]
     ]
     return ", ".join(shown) + (" …" if len(names) > most else "")
-
-
-def roles_legend() -> str:
-    """Which colour is which role."""
-    return tables.legend((ROLE_COLOURS[r], w) for r, w in ROLE_WORDS.items())

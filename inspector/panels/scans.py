@@ -8,9 +8,10 @@ import viser
 from calib.scans.scan import Scan
 from inspector.markup import elements as tables
 from inspector.markup import numbers as words
+from inspector.markup.comparison import roles_legend
 from inspector.markup.palette import DOUBT, FAILED, role_colour
-from inspector.panels.base import Actions, View, corner_of
-from inspector.panels.review import roles_legend
+from inspector.panels.base import Actions
+from inspector.session.view import View, corner_of
 
 NOTE = (
     "The selected scan in full, all others in few points, in the colour of their role. Look for scans that miss the "

@@ -18,7 +18,7 @@ from calib.diagnosis.explanation import explain
 from inspector.figures.plots import error_history
 from inspector.markup import numbers as words
 from inspector.markup.effects import NEUTRAL, VERDICTS, last_change
-from inspector.panels.fit import FIGURES
+from inspector.markup.fit import FIGURES
 from inspector.report import page, sections
 from inspector.report.content import Report, model_words
 

@@ -20,8 +20,8 @@ from inspector.figures.plots import correlation_heatmap, pose_residuals
 from inspector.figures.residual_plots import SELECTED, residual_against
 from inspector.markup import numbers as words
 from inspector.markup.effects import probability, untestable_words, value_row
-from inspector.panels.fit import PARAMETER_COLUMNS, parameter_rows
-from inspector.panels.residuals import AXES, band_note, input_title, joint_title, shown, turned
+from inspector.markup.fit import PARAMETER_COLUMNS, parameter_rows
+from inspector.markup.residuals import AXES, band_note, input_title, joint_title, shown, turned
 from inspector.report import page
 from inspector.report.content import Look, Report
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calib import frames
+from calib.calibration.model_versions import Version
 from calib.dataset.dataset import Poses
 from calib.effects.state import RobotState
 from calib.fitting.model import Model
@@ -88,6 +89,15 @@ def arm_shape(model: Model, x: ArrayLike, poses: Poses, pose: int) -> ArmShape:
     for offset_mm in state.target_offsets_mm.values():
         solids.strut(robot.n_joints, flange[:3, 3], frames.apply(flange, offset_mm), "tool")
     return solids.shape(base_T_frame).moved(_base_motion(state, pose))
+
+
+def arm_of(version: Version, pose: int) -> ArmShape | None:
+    """The arm at a pose, in the scanner's frame as this model places it; None where its setup has no points."""
+    poses = version.calibration.dataset.poses
+    scanner_T_base = version.evaluation.scanner_T_base.get(str(poses.setup[pose]))
+    if scanner_T_base is None:
+        return None
+    return arm_shape(version.model, version.x, poses, pose).moved(scanner_T_base)
 
 
 def _row(values: Array, pose: int) -> Array:

@@ -16,22 +16,17 @@ from calib.fitting.observations import Observations
 from calib.scans.scan import Scan
 from inspector.markup import colour_scale as colour_map
 from inspector.markup import numbers as words
+from inspector.markup.comparison import distance_limit_mm, error_limit_mm
 from inspector.markup.palette import FACE_COLOURS, MODEL_COLOURS, rgb, role_colour
-from inspector.panels.base import BY_ERROR, View
 from inspector.scene import corner_nodes, model_nodes
+from inspector.scene.arm_shape import arm_of
 from inspector.scene.link_mesh import load_link_mesh
 from inspector.scene.scene_view import ROOT, SceneView
+from inspector.session.view import BY_ERROR, View
 
 ARROW_SHARE = 0.0014  # of the field: radius of a residual's arrow
 TIP_SHARE = 0.8  # of a measured point: diameter of a predicted one
 ABOVE_MM = 20.0  # how far over the points their text stands
-
-
-def error_limit_mm(view: View) -> float:
-    """The end of the scale of errors: of the chosen version's pose that is off the most."""
-    if view.version is None:
-        return 1.0
-    return colour_map.round_limit(float(np.nanmax(view.version.pose_errors_mm(), initial=0.0)))
 
 
 def pose_colours(view: View) -> NDArray[np.uint8]:
@@ -117,7 +112,7 @@ class ArmDrawing:
     def draw(self, view: View) -> None:
         """The chosen version's arm, from where it places the scanner."""
         version = view.version
-        arm = None if version is None else version.arm(view.pose)
+        arm = None if version is None else arm_of(version, view.pose)
         if version is None or arm is None:
             self._scene.draw("arm", lambda api, name: [])
             self._of, self._meshes, self._solids = None, {}, model_nodes.Solids()
@@ -156,12 +151,6 @@ class ArmDrawing:
 
 
 # ---- the jig over the scan ------------------------------------------------------------------------------------------
-
-
-def distance_limit_mm(distances_mm: NDArray) -> float:
-    """The end of the scale of distances: 98 in 100 of them lie within."""
-    known = np.abs(distances_mm[np.isfinite(distances_mm)])
-    return colour_map.round_limit(float(np.percentile(known, 98))) if len(known) else 1.0
 
 
 def jig_distances(view: View, scan: Scan | None) -> NDArray | None:

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from calib.scans.scan import Scan
 from inspector.markup import numbers as words
-from inspector.panels.base import FACTORS, View, corner_of
-from inspector.panels.corner import ellipsoid_words
-from inspector.panels.planes import group_colours
+from inspector.markup.corner import ellipsoid_words
+from inspector.markup.planes import group_colours
 from inspector.scene import corner_nodes, plane_nodes
 from inspector.scene.draw_model import pose_colours
 from inspector.scene.scene_view import SceneView
 from inspector.scene.shapes import jig_edges, spread
+from inspector.session.view import FACTORS, View, corner_of
 
 AROUND_JIG = 1.8  # edges of the jig
 ELLIPSOID_MM = 12.0

@@ -25,9 +25,9 @@ from calib.effects.catalogue import Family
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError
 from calib.options import RESIDUAL_KINDS
-from inspector.export.json_documents import to_json
 from inspector.session import transitions as sessions
 from inspector.session.json_reader import Reader, SessionFileError, read_object
+from inspector.session.json_text import to_json
 from inspector.session.transitions import HistoryStep, Session
 
 KIND, VERSION = "robot-calibration-inspector session", 1

@@ -11,6 +11,7 @@ from calib.calibration.model_versions import EFFECTS, LINKS, NOMINAL, fits_same_
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import effects_for
 from calib.simulation.simulate import simulate_dataset
+from inspector.scene.arm_shape import arm_of
 
 
 @pytest.fixture(scope="module")
@@ -63,14 +64,14 @@ def test_each_versions_arm_ends_where_it_predicts_the_point(fits: tuple[Calibrat
     assert points is not None
     for version in versions(full, links):
         for pose in (0, 20):
-            arm = version.arm(pose)
+            arm = arm_of(version, pose)
             assert arm is not None
             measured = points.xyz_mm[points.pose == pose].mean(axis=0)
             np.testing.assert_allclose(
                 arm.tip_mm, measured + version.pose_error_vectors_mm()[pose], atol=1e-9
             )
     base = frames.apply(links.after.scanner_T_base[""], np.zeros(3))
-    first = versions(links)[-1].arm(0)
+    first = arm_of(versions(links)[-1], 0)
     assert first is not None
     joint = 0.5 * (first.start_mm + first.end_mm)[0]
     np.testing.assert_allclose(joint, base, atol=1e-9)

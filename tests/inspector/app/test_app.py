@@ -17,7 +17,7 @@ from inspector.app.tabs import STEPS
 from inspector.markup import numbers as words
 from inspector.markup.numbers import parameter_label
 from inspector.markup.palette import ROLE_COLOURS
-from inspector.panels.planes import group_colours
+from inspector.markup.planes import group_colours
 from inspector.panels.redundancy import ALL, ANGLES, LENGTHS, group_sentence
 from inspector.panels.review import NEXT, PREVIOUS
 from inspector.scene.scene_view import OVERVIEW_POINTS, ROOT

@@ -15,11 +15,12 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.scans.scan import load_scan
 from inspector.app.app import App
 from inspector.markup import numbers as words
+from inspector.markup.comparison import distance_limit_mm, error_limit_mm
 from inspector.markup.palette import MODEL_COLOURS, ROLE_COLOURS, rgb
-from inspector.panels.base import BY_ERROR, BY_ROLE
 from inspector.panels.compare import SHOW_ARM
-from inspector.scene.draw_model import distance_limit_mm, error_limit_mm
+from inspector.scene.arm_shape import arm_of
 from inspector.scene.scene_view import ROOT
+from inspector.session.view import BY_ERROR, BY_ROLE
 from tests.inspector.scene.test_link_mesh import box_stl
 from tests.support.app import IDLE_S, idle_app, plain
 from tests.support.hidden_dataset import write_hidden
@@ -88,7 +89,7 @@ def test_the_arm_is_drawn_in_the_scanners_frame_at_every_pose(app: App, page: Wi
     for pose in (0, 7):
         app.select(pose)
         assert app.worker.wait_idle(IDLE_S)
-        arm = version(app, LINKS).arm(pose)
+        arm = arm_of(version(app, LINKS), pose)
         assert arm is not None
         expected = np.column_stack(
             [0.5 * (arm.start_mm + arm.end_mm), np.linalg.norm(arm.end_mm - arm.start_mm, axis=1)]
@@ -219,7 +220,7 @@ def test_a_link_with_a_mesh_is_drawn_as_it_and_moves_with_its_frame(app: App, pa
     for pose in (0, 5):
         app.select(pose)
         assert app.worker.wait_idle(IDLE_S)
-        arm = app.stage.now.version.arm(pose) if app.stage.now.version else None
+        arm = arm_of(app.stage.now.version, pose) if app.stage.now.version else None
         assert arm is not None
         node = app.stage.comparing._arm._meshes[1]
         np.testing.assert_allclose(1000 * np.asarray(node.position), arm.base_T_link[1, :3, 3], atol=1e-3)

@@ -15,16 +15,17 @@ import pytest
 from calib.corners.search import CornerSearch
 from calib.scans.scan import Scan, load_scan, write_scan
 from inspector.app.app import App
+from inspector.markup.corner import corner_html
 from inspector.markup.legend import EMPTY, legend_html
 from inspector.markup.palette import FILTER_COLOURS, rgb
-from inspector.panels.base import LOOKS, News, View
-from inspector.panels.corner import DISTANCES, corner_html
-from inspector.panels.planes import NOT_SEARCHED, looks_note, planes_html
-from inspector.panels.review import LOOK_LAYERS
+from inspector.markup.planes import NOT_SEARCHED, looks_note, planes_html
+from inspector.panels.base import News
+from inspector.panels.corner import DISTANCES
 from inspector.panels.scans import corner_state, pose_table
 from inspector.report.content import report_of
 from inspector.report.report import report_html
 from inspector.scene.scene_view import ROOT
+from inspector.session.view import LOOK_LAYERS, LOOKS, View
 from tests.support.app import IDLE_S, idle_app, shows
 from tests.support.tiny_dataset import BROKEN, POSES, write_tiny
 from tests.support.wire_client import WireClient

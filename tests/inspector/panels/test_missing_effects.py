@@ -23,8 +23,9 @@ from inspector.cli.parser import main
 from inspector.figures.residual_plots import SELECTED
 from inspector.markup import numbers as words
 from inspector.markup.effects import untestable_words, verdict_html
+from inspector.markup.residuals import input_title
 from inspector.panels.missing_effects import FIND, REDO, REMOVE, UNDO
-from inspector.panels.residuals import PLACES, input_title
+from inspector.panels.residuals import PLACES
 from inspector.scene.scene_view import ROOT
 from inspector.session.transitions import Session
 from tests.support.app import IDLE_S, idle_app, plain, shows

@@ -1,0 +1,100 @@
+"""What is on show: one session, one pose, and how they are drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.calibration.model_versions import LINKS, Version, versions
+from calib.corners.search import CornerSearch
+from calib.options import RESIDUAL_KINDS
+from inspector.session.transitions import Session
+
+RESIDUALS = RESIDUAL_KINDS
+LOOKS = ("All scans", "Scan", "Planes", "Corner", "All corners", "Distance", "Arm")
+LOOK_LAYERS = {
+    "All scans": {"overview", "scan", "faces", "corner", "corners"},
+    "Scan": {"scan", "faces", "corner"},
+    "Planes": {"faces", "sets", "rejected", "groups"},
+    "Corner": {"faces", "corner"},
+    "All corners": {"corner", "corners", "residuals", "predicted", "scanner"},
+    "Distance": {"distance", "jig"},
+    "Arm": {"corners", "residuals", "predicted", "arm", "scanner"},
+}
+POINT_LOOKS = ("Arm", "All corners", "Corner")  # where there are no scans
+WIDE_LOOKS = ("All scans", "All corners", "Arm")  # of the whole dataset, not of one pose
+BY_ROLE, BY_ERROR = "by role", "by error"
+COLOURINGS = (BY_ROLE, BY_ERROR)
+FACTORS = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000)  # enlargements of the uncertainty ellipsoids
+
+
+@dataclass(frozen=True)
+class View:
+    """What is on show: one session, one pose, everywhere the same."""
+
+    session: Session
+    pose: int = 0
+    dark: bool = False
+    factor: float = 1000.0
+    arrows: float = 100.0  # how many times longer residuals are drawn
+    grey_rejected: bool = True
+    failures: dict[str, str] = field(default_factory=dict)  # scans that could not be read, by pose id
+    versions: tuple[Version, ...] = ()  # of the session's model; none before it is calibrated
+    chosen: str = ""  # the version whose arm and errors are shown; the last where there is none of this name
+    compared: frozenset[str] = frozenset()  # the versions whose predictions are shown
+    colouring: str = BY_ROLE  # of the measured points
+
+    @property
+    def pose_id(self) -> str:
+        """The id of the selected pose."""
+        return self.session.dataset.poses.ids[self.pose]
+
+    @property
+    def search(self) -> CornerSearch | None:
+        """What was found in the selected pose's scan, as far as it has been searched."""
+        return self.session.searches.get(self.pose_id)
+
+    @property
+    def version(self) -> Version | None:
+        """The version of the model whose arm and errors are shown."""
+        return next(
+            (v for v in self.versions if v.name == self.chosen), self.versions[-1] if self.versions else None
+        )
+
+    def with_session(self, session: Session) -> View:
+        """The same view of another session. What showed the latest version of the model goes on doing so."""
+        if session.calibration is self.session.calibration and (self.versions or session.calibration is None):
+            return replace(self, session=session)
+        if session.calibration is None:
+            return replace(self, session=session, versions=())
+        links = next((v.calibration for v in self.versions if v.name == LINKS), None)
+        found = versions(session.calibration, links)
+        newest, before = found[-1].name, self.versions[-1].name if self.versions else ""
+        chosen, compared = self.chosen, self.compared
+        if newest != before:
+            chosen = newest if chosen in (before, "") else chosen
+            compared = compared - {before} | {newest} if before in compared or not before else compared
+        return replace(self, session=session, versions=found, chosen=chosen, compared=compared)
+
+
+def corner_of(view: View, pose: int) -> tuple[NDArray, NDArray | None] | None:
+    """The measured point of a pose, (3,) mm, and its covariance (3, 3): from points.csv, else from its scan.
+
+    Where points.csv has no covariance, the scanner's declared sigma stands for it.
+    """
+    points = view.session.dataset.points
+    if points is not None:
+        rows = np.flatnonzero((points.pose == pose) & (points.target == "jig"))
+        if not len(rows):
+            return None
+        sigma_mm = view.session.dataset.scanner.point_sigma_mm
+        covariance = None if sigma_mm is None else sigma_mm**2 * np.eye(3)
+        if points.covariance_mm2 is not None:
+            covariance = points.covariance_mm2[rows[0]]
+        return points.xyz_mm[rows].mean(axis=0), covariance
+    search = view.session.searches.get(view.session.dataset.poses.ids[pose])
+    if search is None or search.corner is None:
+        return None
+    return search.corner.xyz_mm, search.corner.covariance_mm2
