@@ -32,7 +32,8 @@ from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.stepwise import diagnose, effects_named
 from calib.errors import CalibError
-from calib.simulation.simulate import Simulation, simulate_dataset
+from calib.simulation.measured_dataset import Simulation
+from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.arm_sampling import OUTSIDE_EFFECTS, SIMULATED_EFFECTS
 from calib.simulation.truth.equilibrium import scanner_T_target
 from calib.simulation.truth.mechanism import Conditions

@@ -18,9 +18,10 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.frames import apply
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
-from calib.simulation.pose_design import place_scanner, reach_apexes, scan_poses, spread_poses
+from calib.simulation.measured_dataset import Simulation, measure, write_simulation
+from calib.simulation.pose_design import draw_scanner_pose, reach_apexes, scan_poses, spread_poses
 from calib.simulation.scanner import ScanModel
-from calib.simulation.simulate import Simulation, measure, rounded, simulate_dataset, write_simulation
+from calib.simulation.simulate import rounded, simulate_dataset
 from calib.simulation.truth.arm_sampling import draw_truth
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target
 from calib.simulation.truth.load_effects import JointCompliance
@@ -54,7 +55,7 @@ SCANS = ScanModel(points=11_000, scan_sigma_mm=0.02)
 def rb5_jang(robot: Robot) -> Simulation:
     """Jang's experiment: training in two configurations of the arm, testing in all that it has."""
     rng = np.random.default_rng(JANG_SEED)
-    base_T_scanner = place_scanner(robot, rng=rng)
+    base_T_scanner = draw_scanner_pose(robot, rng=rng)
     configurations = scan_poses(robot, base_T_scanner, 2, rng=rng)
     candidates = scan_poses(robot, base_T_scanner, 102, rng=rng, start_q=configurations)
     training = candidates[spread_poses(candidates, 51)]

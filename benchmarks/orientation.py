@@ -41,7 +41,7 @@ CASES = {
     "concave": (Jig(convex=False), ScanModel()),
     "angles 88, 91, 90.5": (Jig(face_angles_deg=(88.0, 91.0, 90.5)), ScanModel()),
     "the same, certified": (Jig(face_angles_deg=(88.0, 91.0, 90.5), certified=True), ScanModel()),
-    "waves 0.02/15 mm": (Jig(), ScanModel(waviness_mm=0.02)),
+    "waves 0.02/15 mm": (Jig(), ScanModel(correlated_sigma_mm=0.02)),
 }
 
 
@@ -82,7 +82,7 @@ def lines(names: list[str], points: list[int], scans: int) -> Iterator[str]:
             ratio, nees, bounds = [], [], []
             for seed in range(scans):
                 rng = np.random.default_rng([seed, count, *name.encode()])
-                seen = scan_of(jig, ScanModel(count, waviness_mm=model.waviness_mm), rng)
+                seen = scan_of(jig, ScanModel(count, correlated_sigma_mm=model.correlated_sigma_mm), rng)
                 corner = find_corner(seen.scan, jig, scan_sigma_mm=0.02).corner
                 if corner is None:
                     continue

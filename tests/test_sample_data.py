@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.scans.scan import load_scan
-from calib.simulation.simulate import Simulation
+from calib.simulation.measured_dataset import Simulation
 from calib.simulation.truth.arm_sampling import OUTSIDE_EFFECTS
 from calib.simulation.truth.equilibrium import scanner_T_target
 

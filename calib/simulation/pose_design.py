@@ -46,7 +46,7 @@ def target_T_jig(robot: Robot) -> Array:
     return make_transform(np.diag([1.0, -jig_outward(robot), -jig_outward(robot)]), np.zeros(3))
 
 
-def place_scanner(robot: Robot, *, rng: np.random.Generator) -> Array:
+def draw_scanner_pose(robot: Robot, *, rng: np.random.Generator) -> Array:
     """base_T_scanner (4, 4): in front of the arm, looking back at the middle of its reach, a few degrees off square."""
     q = random_poses(robot, 2000, rng=np.random.default_rng(0))
     reach_mm = float(np.linalg.norm(forward(robot.table, q, robot.is_revolute).target_mm, axis=1).max())
@@ -59,7 +59,7 @@ def place_scanner(robot: Robot, *, rng: np.random.Generator) -> Array:
     return make_transform(turn, middle_mm - JANG_FIELD.distance_mm * turn[:, 2])
 
 
-def more_places(base_T_scanner: Array, count: int, *, rng: np.random.Generator) -> dict[str, Array]:
+def draw_setups(base_T_scanner: Array, count: int, *, rng: np.random.Generator) -> dict[str, Array]:
     """Placements "A", "B", ... of the scanner: the given one, the others up to 60 deg around the arm and 200 mm off."""
     places = {"A": base_T_scanner}
     for k in range(1, count):

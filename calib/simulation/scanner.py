@@ -1,4 +1,4 @@
-"""Scans of the jig on its flange by ray casting, with the faults of a structured-light scanner.
+"""Scans of the jig on its flange by ray casting, with the errors of a structured-light scanner.
 
 The scanner's frame is a camera's: origin in the lens, z along the view, y down; lengths in mm. The jig's frame has its
 origin in the apex and z along the jig's axis, away from the scanner: a convex jig lies at z > 0, and flange and arm lie
@@ -29,13 +29,13 @@ FLYING = -1
 
 @dataclass(frozen=True)
 class ScanModel:
-    """What the scanner does to the truth.
+    """The errors of a structured-light scanner.
 
     Range noise along the ray is `scan_sigma_mm * (0.5 + 0.5 / cos^2(incidence))`. `flying_share` of the pixels at a
     depth edge report a range between foreground and background. Pixels fade out between the two incidences of
     `grazing_deg`, and where the projector, `baseline_mm` to the side, is shaded. `outlier_share` of the points are
-    replaced by points anywhere in the view. `waviness_mm` adds an error that is smooth over `waviness_length_mm`, new
-    with each scan, which no averaging over a face removes.
+    replaced by points anywhere in the view. `correlated_sigma_mm` adds range noise that is correlated over
+    `correlation_length_mm` and drawn anew for each scan; a face's average keeps it.
     """
 
     points: int = 12_000
@@ -45,8 +45,8 @@ class ScanModel:
     grazing_deg: tuple[float, float] = (70.0, 86.0)
     baseline_mm: float = 120.0
     outlier_share: float = 0.0
-    waviness_mm: float = 0.0
-    waviness_length_mm: float = 15.0
+    correlated_sigma_mm: float = 0.0
+    correlation_length_mm: float = 15.0
     wall_z_mm: float = 1150.0
     table_y_mm: float = 280.0
 
@@ -104,21 +104,21 @@ def simulate_scan(
     )
     scene = _Scene(triangles, triangle_label)
 
-    coarse = scene.look(_window(apex_mm, model, window_offset_mm, 64))
+    coarse = scene.cast(_window(apex_mm, model, window_offset_mm, 64))
     seen = _lit(coarse, scene, model).mean()
     if not np.any(coarse.label > 0):
         raise ScanError(
             f"{name}: the scanner does not see the jig at {np.round(apex_mm, 1).tolist()} mm; turn its faces here"
         )
-    view = scene.look(
+    view = scene.cast(
         _window(apex_mm, model, window_offset_mm, max(8, round(float(np.sqrt(model.points / seen)))))
     )
 
     cos_incidence = np.maximum(view.cos_incidence, 1e-3)
     noise_sigma_mm = model.scan_sigma_mm * (0.5 + 0.5 / cos_incidence**2)
     range_mm = view.range_mm + noise_sigma_mm * rng.standard_normal(view.range_mm.shape)
-    if model.waviness_mm > 0:
-        range_mm += model.waviness_mm * _smooth_noise(view, model, apex_mm, rng)
+    if model.correlated_sigma_mm > 0:
+        range_mm += model.correlated_sigma_mm * _smooth_noise(view, model, apex_mm, rng)
     fade = (np.degrees(np.arccos(cos_incidence)) - model.grazing_deg[0]) / np.ptp(model.grazing_deg)
     keep = _lit(view, scene, model) & (rng.random(range_mm.shape) >= fade)
 
@@ -146,7 +146,7 @@ def simulate_scan(
 
 @dataclass(frozen=True)
 class _View:
-    """One look through a pixel grid (H, W); a ray that meets nothing has range inf."""
+    """What the rays of a pixel grid (H, W) meet; a ray that meets nothing has range inf."""
 
     direction: Array  # (H, W, 3) unit
     range_mm: Array  # (H, W)
@@ -157,7 +157,7 @@ class _View:
 
 
 class _Scene:
-    """Triangles to look at. Hits come from Open3D in float32; ranges are worked out again in float64."""
+    """Triangles to cast rays at. Hits come from Open3D in float32; ranges are computed again in float64."""
 
     def __init__(self, triangles: Array, label: NDArray[np.int8]) -> None:
         import open3d as o3d
@@ -172,7 +172,7 @@ class _Scene:
         faces = core.Tensor(np.arange(3 * len(triangles), dtype=np.uint32).reshape(-1, 3))
         self._caster.add_triangles(vertices, faces)
 
-    def look(self, grid: tuple[Array, float]) -> _View:
+    def cast(self, grid: tuple[Array, float]) -> _View:
         direction, pitch = grid
         rays = np.concatenate([np.zeros_like(direction), direction], axis=-1).astype(np.float32)
         triangle = self._caster.cast_rays(rays)["primitive_ids"].numpy()
@@ -235,7 +235,7 @@ def _depth_edges(view: _View) -> tuple[BoolArray, Array]:
 
 
 def _smooth_noise(view: _View, model: ScanModel, apex_mm: Array, rng: np.random.Generator) -> Array:
-    """(H, W) of unit variance whose correlation is exp(-r^2 / (2 l^2)), l the waviness length at the jig's distance."""
-    width = model.waviness_length_mm / (view.pitch * apex_mm[2]) / np.sqrt(2.0)
+    """(H, W) of unit variance, correlation exp(-r^2 / (2 l^2)) with the correlation length l at the jig's distance."""
+    width = model.correlation_length_mm / (view.pitch * apex_mm[2]) / np.sqrt(2.0)
     field = gaussian_filter(rng.standard_normal(view.range_mm.shape), width, mode="wrap")
     return np.asarray(field * 2.0 * np.sqrt(np.pi) * width)

@@ -99,7 +99,8 @@ def run_simulate(options: Any) -> int:
     """A dataset with known truth."""
     import numpy as np
 
-    from calib.simulation.simulate import simulate_dataset, write_simulation
+    from calib.simulation.measured_dataset import write_simulation
+    from calib.simulation.simulate import simulate_dataset
 
     if options.path.exists() and (not options.path.is_dir() or any(options.path.iterdir())):
         raise DatasetError(f"{options.path}: exists and is not empty; name a new folder")

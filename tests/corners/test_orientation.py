@@ -21,7 +21,8 @@ from calib.frames import mean_rotation
 from calib.jig import Jig, jig_normals
 from calib.measurement.face_labels import Labelling, label_corners
 from calib.measurement.measured_points import with_corners
-from calib.simulation.simulate import Simulation, simulate_dataset
+from calib.simulation.measured_dataset import Simulation
+from calib.simulation.simulate import simulate_dataset
 from tests.support.scan_scene import make_scene
 
 UNEVEN = Jig(face_angles_deg=(88.0, 91.0, 90.5))

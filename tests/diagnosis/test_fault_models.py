@@ -17,7 +17,8 @@ from calib.diagnosis.residual_tests import FAULT_EVIDENCE, examine
 from calib.diagnosis.screening import screen
 from calib.diagnosis.stepwise import diagnose
 from calib.effects.catalogue import effects_for
-from calib.simulation.simulate import Simulation, simulate_dataset
+from calib.simulation.measured_dataset import Simulation
+from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.joint_effects import KinkedJoint, Slip
 
 
@@ -40,7 +41,7 @@ def test_a_dent_is_found_at_its_joint_and_place_and_no_harmonic_is_named_in_its_
     robot: str, seed: int
 ) -> None:
     simulation = simulated(("kinked_joint",), seed=seed, robot=robot)
-    (true,) = simulation.truth.causes
+    (true,) = simulation.truth.effects
     assert isinstance(true, KinkedJoint)
     (joint,) = np.flatnonzero(true.height_rad)
     result = diagnose(simulation.dataset)
@@ -59,7 +60,7 @@ def test_a_dent_is_found_at_its_joint_and_place_and_no_harmonic_is_named_in_its_
 @pytest.mark.parametrize(("robot", "seed"), [("rb5", 4), ("panda", 5)])
 def test_a_slip_is_found_at_its_joint_and_pose(robot: str, seed: int) -> None:
     simulation = simulated(("slip",), seed=seed, robot=robot)
-    (true,) = simulation.truth.causes
+    (true,) = simulation.truth.effects
     assert isinstance(true, Slip)
     (joint,) = np.flatnonzero(true.offset_rad)
     fault = best_fault(leftover_of(calibrate(simulation.dataset)))

@@ -100,8 +100,8 @@ def test_a_drifting_scanner_turns_what_it_sees_as_the_truth_says() -> None:
     fit = solve(make_residuals("pose", model, observed))
     found = dict(zip((p.name for p in model.parameters), fit.x, strict=True))
     names = [full_name(drift.members[0], p) for p in drift.members[0].parameters][3:]
-    cause = made.truth.causes[0]
-    np.testing.assert_allclose([found[name] for name in names], cause.w_rad_per_s, rtol=0.02, atol=1e-9)
+    effect = made.truth.effects[0]
+    np.testing.assert_allclose([found[name] for name in names], effect.w_rad_per_s, rtol=0.02, atol=1e-9)
     assert fit.noise < 1.3  # positions and orientations tell one story
 
 

@@ -178,10 +178,10 @@ def test_outliers_replace_their_share() -> None:
 
 
 def test_waviness_has_its_size_and_does_not_average_out() -> None:
-    waves = {"scan_sigma_mm": 0.0, "waviness_mm": 0.1, "points": 50_000}
-    short = [range_errors(scan(seed=s, waviness_length_mm=3.0, **waves), 1)[0] for s in range(6)]
+    waves = {"scan_sigma_mm": 0.0, "correlated_sigma_mm": 0.1, "points": 50_000}
+    short = [range_errors(scan(seed=s, correlation_length_mm=3.0, **waves), 1)[0] for s in range(6)]
     assert np.std(np.concatenate(short)) == pytest.approx(0.1, rel=0.12)
-    long = [range_errors(scan(seed=s, waviness_length_mm=40.0, **waves), 1)[0] for s in range(6)]
+    long = [range_errors(scan(seed=s, correlation_length_mm=40.0, **waves), 1)[0] for s in range(6)]
     assert np.mean([np.std(e) for e in long]) < 0.04  # one face sees little of the wave's shape,
     assert np.max(np.abs([np.mean(e) for e in long])) > 0.05  # and moves with it as a whole
 

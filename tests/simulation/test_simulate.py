@@ -17,8 +17,15 @@ from calib.jig import jig_geometry
 from calib.kinematics.chain import forward
 from calib.scans.scan import load_scan
 from calib.simulation.conditions import PAYLOADS_KG
-from calib.simulation.pose_design import JANG_FIELD, place_scanner, random_poses, reach_apexes, spread_poses
-from calib.simulation.simulate import simulate_dataset, write_simulation
+from calib.simulation.measured_dataset import write_simulation
+from calib.simulation.pose_design import (
+    JANG_FIELD,
+    draw_scanner_pose,
+    random_poses,
+    reach_apexes,
+    spread_poses,
+)
+from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.arm_sampling import (
     NEED_CONDITIONS,
     OUTSIDE_EFFECTS,
@@ -26,7 +33,7 @@ from calib.simulation.truth.arm_sampling import (
     Tolerances,
     draw_truth,
 )
-from calib.simulation.truth.equilibrium import Truth, scanner_T_target, settle
+from calib.simulation.truth.equilibrium import Truth, scanner_T_target, solve_equilibrium
 from calib.simulation.truth.joint_effects import JointScale
 from calib.simulation.truth.load_effects import JointCompliance
 from calib.simulation.truth.mechanism import Conditions
@@ -48,7 +55,7 @@ def test_without_errors_the_measurement_is_the_nominal_chain(arm: str, scans: bo
         tolerances=RIGID,
     )
     dataset, truth = simulation.dataset, simulation.truth
-    np.testing.assert_array_equal(settle(truth, dataset.poses.q).q, dataset.poses.q)
+    np.testing.assert_array_equal(solve_equilibrium(truth, dataset.poses.q).q, dataset.poses.q)
     chain = forward(dataset.robot.table, dataset.poses.q, dataset.robot.is_revolute)
     base_mm = simulation.apex_mm @ truth.base_T_scanner[:3, :3].T + truth.base_T_scanner[:3, 3]
     np.testing.assert_allclose(base_mm, chain.target_mm, atol=1e-9)
@@ -98,7 +105,7 @@ def test_poses_spread_farther_than_the_first_ones() -> None:
 def test_wanted_apexes_are_reached() -> None:
     robot = builtin_robot("rb5")
     rng = np.random.default_rng(9)
-    base_T_scanner = place_scanner(robot, rng=rng)
+    base_T_scanner = draw_scanner_pose(robot, rng=rng)
     wanted_mm = np.array([[-73.7, 42.9, 661.4], [134.8, -16.4, 748.8]])
     q = reach_apexes(robot, base_T_scanner, wanted_mm, rng=rng)
     at_mm = scanner_T_target(Truth.without_effects(robot, base_T_scanner), q)[:, :3, 3]
@@ -113,11 +120,11 @@ def test_drawn_compliance_sags_visibly(arm: str) -> None:
         builtin_robot(arm), rng=np.random.default_rng(10), effects=("joint_compliance",)
     )
     truth, q = simulation.truth, simulation.dataset.poses.q
-    rigid, (cause,) = truth.with_effects(), truth.causes
-    assert isinstance(cause, JointCompliance)
+    rigid, (effect,) = truth.with_effects(), truth.effects
+    assert isinstance(effect, JointCompliance)
     sag_mm = np.linalg.norm(simulation.apex_mm - scanner_T_target(rigid, q)[:, :3, 3], axis=1)
     assert 0.15 < np.sqrt(np.mean(sag_mm**2)) < 0.6
-    assert np.all(cause.c_rad_per_nm < 2e-4)
+    assert np.all(effect.c_rad_per_nm < 2e-4)
     down_mm = (simulation.apex_mm - scanner_T_target(rigid, q)[:, :3, 3]) @ truth.base_T_scanner[:3, :3].T
     assert np.mean(down_mm[:, 2] < 0) > 0.75  # a joint that yields may lift what lies behind its axis
 
@@ -165,7 +172,7 @@ def test_every_effect_is_simulated_by_its_name_alone(effect: str) -> None:
         builtin_robot("rb5"), rng=np.random.default_rng(15), effects=(effect,), poses=24
     )
     truth, poses = simulation.truth, simulation.dataset.poses
-    assert truth.effects == (effect,)
+    assert truth.effect_names == (effect,)
     plain = scanner_T_target(truth.with_effects(), poses.q, Conditions.of(poses))[:, :3, 3]
     moved_mm = np.sqrt(np.mean(np.sum((simulation.apex_mm - plain) ** 2, axis=1)))
     assert 0.2 <= moved_mm <= 0.5
@@ -246,9 +253,9 @@ def test_written_simulation_comes_back_with_its_truth(tmp_path: Path) -> None:
     np.testing.assert_allclose(load_scan(path).points_mm, simulation.scan(1).scan.points_mm, atol=1e-4)
 
     document = json.loads((tmp_path / "cell" / "truth.json").read_text())
-    cause = simulation.truth.causes[0]
-    assert isinstance(cause, JointCompliance)
-    assert document["effects"]["joint_compliance"]["c_rad_per_nm"] == list(cause.c_rad_per_nm)
+    effect = simulation.truth.effects[0]
+    assert isinstance(effect, JointCompliance)
+    assert document["effects"]["joint_compliance"]["c_rad_per_nm"] == list(effect.c_rad_per_nm)
     assert set(document["effects"]) == set(SOME)
     rows = [*(f"J{j + 1}" for j in range(7)), "TCP"]
     lengths = np.array([[document["links"][row][key] for key in ("a_mm", "d_mm")] for row in rows])

@@ -1,4 +1,4 @@
-"""Draw the arm that a simulation measures: link errors, and effects whose sizes make sense on that arm.
+"""Draw the arm that a simulation measures: link errors, and effects whose magnitudes are realistic on that arm.
 
 What the drawn arm does is worked out in `calib.simulation.truth.equilibrium`.
 """
@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike
 from calib.array_types import Array
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
+from calib.simulation.truth.effect import TrueEffect
 from calib.simulation.truth.effect_sampling import CATALOGUE, OUTSIDE
 from calib.simulation.truth.equilibrium import Truth
-from calib.simulation.truth.joint_effects import TrueEffect
 from calib.simulation.truth.mechanism import STANDARD, Conditions
-from calib.simulation.truth.visibility import Cell
+from calib.simulation.truth.visibility import SimulatedCell
 
 SIMULATED_EFFECTS = tuple(CATALOGUE)
 OUTSIDE_EFFECTS = tuple(OUTSIDE)
@@ -52,7 +52,7 @@ def draw_truth(
     noise_mm: float | None = None,
     visible_sigmas: float | None = None,
 ) -> Truth:
-    """Draw an arm: link errors from the tolerances, and effects whose sizes make sense at the poses q (N, n).
+    """Draw an arm: link errors from the tolerances, and effects whose magnitudes are realistic at the poses q (N, n).
 
     Each effect is made as large as asked: visible (`calib.simulation.truth.visibility`) by so many `noise_mm` a
     coordinate. Where nothing is asked it moves the measured point by 0.2 to 0.5 mm rms.
@@ -68,21 +68,21 @@ def draw_truth(
         base_T_scanner if isinstance(base_T_scanner, Mapping) else {"": np.asarray(base_T_scanner, float)}
     )
     truth = Truth(robot.with_table(table), scanners)
-    cell = Cell(robot, truth, q, conditions)
-    causes = []
+    cell = SimulatedCell(robot, truth, q, conditions)
+    drawn = []
     for wanted in effects:
         if isinstance(wanted, TrueEffect):
-            causes.append(wanted)
+            drawn.append(wanted)
             continue
         name, sigmas = (wanted, visible_sigmas) if isinstance(wanted, str) else wanted
         effect = (CATALOGUE | OUTSIDE)[name](cell, rng)
         if sigmas is None:
-            causes.append(cell.scaled_to_moved(effect, rng.uniform(0.2, 0.5)))
+            drawn.append(cell.scaled_to_moved(effect, rng.uniform(0.2, 0.5)))
         elif not noise_mm or noise_mm < 0:
             raise CalibError("a visible size is counted in noise sigmas; give noise_mm above 0")
         else:
-            causes.append(cell.scaled_to_visible(effect, sigmas * noise_mm))
-    return truth.with_effects(*causes)
+            drawn.append(cell.scaled_to_visible(effect, sigmas * noise_mm))
+    return truth.with_effects(*drawn)
 
 
 def effect_name(wanted: Wanted) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.errors import CalibError
+from calib.simulation.truth.effect import TrueEffect
 from calib.simulation.truth.joint_effects import (
     AxisWobble,
     Backlash,
@@ -22,7 +23,6 @@ from calib.simulation.truth.joint_effects import (
     StrainWave,
     ThermalGrowth,
     TransmissionError,
-    TrueEffect,
 )
 from calib.simulation.truth.load_effects import (
     BaseCompliance,
@@ -40,20 +40,20 @@ from calib.simulation.truth.scanner_effects import (
     ScannerDrift,
     ScannerScale,
 )
-from calib.simulation.truth.visibility import Cell, gravity_torques
+from calib.simulation.truth.visibility import SimulatedCell, gravity_torques
 
 Rng = np.random.Generator
 PerJoint = Callable[[Array], TrueEffect]
 
 
-def _size(cell: Cell, rng: Rng, *, signed: bool = False) -> Array:
+def _size(cell: SimulatedCell, rng: Rng, *, signed: bool = False) -> Array:
     """(n,) 0.5 to 1.5 each for joints that turn, 0 for others."""
     n = cell.nominal.n_joints
     sign = rng.choice([-1.0, 1.0], n) if signed else 1.0
     return rng.uniform(0.5, 1.5, n) * sign * cell.nominal.is_revolute
 
 
-def _carriers(cell: Cell, rng: Rng, make: PerJoint, size: Array) -> Array:
+def _carriers(cell: SimulatedCell, rng: Rng, make: PerJoint, size: Array) -> Array:
     """(n,) `size` kept for the joints that carry the effect: all, or 1 to 3; never only joints that show nothing.
 
     A joint shows something when a geometric fit leaves 5 % or more of what it leaves of the most visible joint.
@@ -73,7 +73,7 @@ def _carriers(cell: Cell, rng: Rng, make: PerJoint, size: Array) -> Array:
     return np.where(np.isin(np.arange(len(size)), kept), size, 0.0)
 
 
-def _one_joint(cell: Cell, rng: Rng, make: PerJoint) -> Array:
+def _one_joint(cell: SimulatedCell, rng: Rng, make: PerJoint) -> Array:
     """(n,) 1e-4 for one joint that shows the effect, either sign."""
     size = 1e-4 * cell.nominal.is_revolute
     seen_mm = np.array([cell.visible_rms_mm(make(size * row)) for row in np.eye(len(size))])
@@ -81,20 +81,20 @@ def _one_joint(cell: Cell, rng: Rng, make: PerJoint) -> Array:
     return np.eye(len(size))[joint] * 1e-4 * rng.choice([-1.0, 1.0])
 
 
-def _joint_compliance(cell: Cell, rng: Rng) -> TrueEffect:
+def _joint_compliance(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     """Joints of one make, 35 % apart; the wrist is about four times softer."""
     n = cell.nominal.n_joints
     size = 1e-5 * np.where(np.arange(n) < n - 3, 1.0, 4.0) * np.exp(0.35 * rng.standard_normal(n))
     return JointCompliance(_carriers(cell, rng, JointCompliance, size * cell.nominal.is_revolute))
 
 
-def _gravity_backlash(cell: Cell, rng: Rng) -> TrueEffect:
+def _gravity_backlash(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     """Play in joints that gravity loads clearly: a median torque above 0.3 Nm."""
     loaded = np.median(np.abs(gravity_torques(cell)), axis=0) > 0.3
     return GravityBacklash(_carriers(cell, rng, GravityBacklash, 2e-4 * _size(cell, rng) * loaded))
 
 
-def _link_bending(cell: Cell, rng: Rng) -> TrueEffect:
+def _link_bending(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     """Links from 50 mm on; c = L / EI grows towards the thin end of the arm."""
     ends = Arm.commanded_to(cell.nominal, cell.q)
     spans = [
@@ -106,7 +106,7 @@ def _link_bending(cell: Cell, rng: Rng) -> TrueEffect:
     return LinkBending(_carriers(cell, rng, LinkBending, size * np.linspace(1.0, 3.0, len(size))))
 
 
-def _transmission_error(cell: Cell, rng: Rng) -> TrueEffect:
+def _transmission_error(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     """Each joint mostly at one of n = 1, 2, 3: eccentric ring, oval generator, three screws."""
     n = cell.nominal.n_joints
     share = 0.15 + 0.85 * np.eye(3)[rng.integers(3, size=n)]
@@ -118,7 +118,7 @@ def _transmission_error(cell: Cell, rng: Rng) -> TrueEffect:
     return make(_carriers(cell, rng, make, _size(cell, rng)))
 
 
-def _strain_wave(cell: Cell, rng: Rng) -> TrueEffect:
+def _strain_wave(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     robot = cell.nominal
     without = [
         joint.name or f"J{j + 1}"
@@ -139,11 +139,11 @@ def _strain_wave(cell: Cell, rng: Rng) -> TrueEffect:
     return make(_carriers(cell, rng, make, _size(cell, rng)))
 
 
-def _joint_scale(cell: Cell, rng: Rng) -> TrueEffect:
+def _joint_scale(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     return JointScale(_carriers(cell, rng, JointScale, 1e-4 * _size(cell, rng, signed=True)))
 
 
-def _joint_coupling(cell: Cell, rng: Rng) -> TrueEffect:
+def _joint_coupling(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     """In the wrist a joint's shaft runs through the next one: the last three joints, each dragged by the one before."""
     n = cell.nominal.n_joints
 
@@ -155,19 +155,19 @@ def _joint_coupling(cell: Cell, rng: Rng) -> TrueEffect:
     return make(_carriers(cell, rng, make, size))
 
 
-def _backlash(cell: Cell, rng: Rng) -> TrueEffect:
+def _backlash(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     return Backlash(_carriers(cell, rng, Backlash, 2e-4 * _size(cell, rng)))
 
 
-def _thermal_growth(cell: Cell, rng: Rng) -> TrueEffect:
+def _thermal_growth(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     return ThermalGrowth(rng.uniform(12e-6, 24e-6))  # steel to aluminium
 
 
-def _base_compliance(cell: Cell, rng: Rng) -> TrueEffect:
+def _base_compliance(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     return BaseCompliance(1e-6 * np.array([*rng.uniform(0.6, 1.4, 2), 0.0]))
 
 
-def _axis_wobble(cell: Cell, rng: Rng) -> TrueEffect:
+def _axis_wobble(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     wave = 1e-4 * rng.standard_normal((2, cell.nominal.n_joints, 2, 2))
 
     def make(size: Array) -> TrueEffect:
@@ -176,7 +176,7 @@ def _axis_wobble(cell: Cell, rng: Rng) -> TrueEffect:
     return make(_carriers(cell, rng, make, _size(cell, rng)))
 
 
-def _scanner_distortion(cell: Cell, rng: Rng) -> TrueEffect:
+def _scanner_distortion(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     """One of the three terms leads; each is given the size that moves a point at the field's edge alike."""
     middle_mm = cell.plain_mm.mean(axis=0)
     reach_mm = float(np.sqrt(np.mean(np.sum((cell.plain_mm - middle_mm) ** 2, axis=1))))
@@ -184,24 +184,24 @@ def _scanner_distortion(cell: Cell, rng: Rng) -> TrueEffect:
     return ScannerDistortion(k[0] / reach_mm, k[1] / reach_mm**2, k[2] / reach_mm**3, middle_mm)
 
 
-def _scanner_drift(cell: Cell, rng: Rng) -> TrueEffect:
+def _scanner_drift(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     return ScannerDrift(1e-4 * rng.standard_normal(3), 1e-7 * rng.standard_normal(3))
 
 
-def _tool_sag(cell: Cell, rng: Rng) -> TrueEffect:
+def _tool_sag(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     """Softer across the tool than along it."""
     return ToolSag(0.2 * rng.uniform(0.5, 1.5, 3) * np.array([1.0, 1.0, 0.3]))
 
 
-def _incidence_bias(cell: Cell, rng: Rng) -> TrueEffect:
+def _incidence_bias(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     return IncidenceBias(0.2 * float(rng.choice([-1.0, 1.0])))
 
 
-def _scanner_scale(cell: Cell, rng: Rng) -> TrueEffect:
+def _scanner_scale(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     return ScannerScale(2e-4 * float(rng.choice([-1.0, 1.0])))
 
 
-def _hose_pull(cell: Cell, rng: Rng) -> TrueEffect:
+def _hose_pull(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     """From above and behind the base to the side of the forearm; joints as stiff as real ones."""
     n = cell.nominal.n_joints
     reach_mm = float(
@@ -218,7 +218,7 @@ def _hose_pull(cell: Cell, rng: Rng) -> TrueEffect:
     )
 
 
-def _kinked_joint(cell: Cell, rng: Rng) -> TrueEffect:
+def _kinked_joint(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     """A bump of 0.2 to 0.35 rad (standard deviation), at an angle where the poses are."""
     place_rad = cell.q[rng.integers(len(cell.q))].copy()
     width_rad = rng.uniform(0.2, 0.35)
@@ -229,7 +229,7 @@ def _kinked_joint(cell: Cell, rng: Rng) -> TrueEffect:
     return make(_one_joint(cell, rng, make))
 
 
-def _field_bump(cell: Cell, rng: Rng) -> TrueEffect:
+def _field_bump(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     """Where the points are, and a quarter as wide as their cloud."""
     middle_mm = cell.plain_mm.mean(axis=0)
     reach_mm = float(np.sqrt(np.mean(np.sum((cell.plain_mm - middle_mm) ** 2, axis=1))))
@@ -238,7 +238,7 @@ def _field_bump(cell: Cell, rng: Rng) -> TrueEffect:
     return FieldBump(0.3 * direction / np.linalg.norm(direction), place_mm, reach_mm * rng.uniform(0.25, 0.4))
 
 
-def _fifth_harmonic(cell: Cell, rng: Rng) -> TrueEffect:
+def _fifth_harmonic(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     turn_rad = rng.uniform(0.0, 2.0 * np.pi)
 
     def make(size: Array) -> TrueEffect:
@@ -247,13 +247,13 @@ def _fifth_harmonic(cell: Cell, rng: Rng) -> TrueEffect:
     return make(_one_joint(cell, rng, make))
 
 
-def _slip(cell: Cell, rng: Rng) -> TrueEffect:
+def _slip(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     """Somewhere in the middle half of the measurement."""
     first = int(rng.integers(len(cell.q) // 4, max(3 * len(cell.q) // 4, len(cell.q) // 4 + 1)))
     return Slip(_one_joint(cell, rng, lambda size: Slip(size, first)), first)
 
 
-CATALOGUE: dict[str, Callable[[Cell, Rng], TrueEffect]] = {
+CATALOGUE: dict[str, Callable[[SimulatedCell, Rng], TrueEffect]] = {
     "joint_compliance": _joint_compliance,
     "link_bending": _link_bending,
     "transmission_error": _transmission_error,
@@ -273,7 +273,7 @@ CATALOGUE: dict[str, Callable[[Cell, Rng], TrueEffect]] = {
 }
 """Families that a diagnosis can name."""
 
-OUTSIDE: dict[str, Callable[[Cell, Rng], TrueEffect]] = {
+OUTSIDE: dict[str, Callable[[SimulatedCell, Rng], TrueEffect]] = {
     "hose_pull": _hose_pull,
     "kinked_joint": _kinked_joint,
     "field_bump": _field_bump,

@@ -1,6 +1,6 @@
 """What a simulated arm really does, worked out apart from everything that fits it.
 
-The mechanism is in `calib.simulation.truth.mechanism`, the causes in `calib.simulation.truth.joint_effects`,
+The mechanism is in `calib.simulation.truth.mechanism`, the effects in `calib.simulation.truth.joint_effects`,
 `calib.simulation.truth.load_effects` and `calib.simulation.truth.scanner_effects`. Here they come together: the arm
 is followed to its equilibrium, then the scanner looks at it.
 """
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from calib.array_types import Array
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
-from calib.simulation.truth.joint_effects import TrueEffect
+from calib.simulation.truth.effect import TrueEffect
 from calib.simulation.truth.mechanism import STANDARD, Arm, Conditions
 
 
@@ -27,15 +27,15 @@ class Truth:
 
     robot: Robot  # the true link table; masses are those of the nominal arm
     scanners: Mapping[str, Array]  # setup -> base_T_scanner (4, 4), the first one for poses without a setup
-    causes: tuple[TrueEffect, ...] = ()
+    effects: tuple[TrueEffect, ...] = ()
 
     @classmethod
     def without_effects(cls, robot: Robot, base_T_scanner: ArrayLike) -> Truth:
         return cls(robot, {"": np.asarray(base_T_scanner, dtype=float)})
 
-    def with_effects(self, *causes: TrueEffect) -> Truth:
-        """The same cell with these causes in place of its own."""
-        return replace(self, causes=causes)
+    def with_effects(self, *effects: TrueEffect) -> Truth:
+        """The same cell with these effects in place of its own."""
+        return replace(self, effects=effects)
 
     @property
     def base_T_scanner(self) -> Array:
@@ -43,12 +43,12 @@ class Truth:
         return next(iter(self.scanners.values()))
 
     @property
-    def effects(self) -> tuple[str, ...]:
+    def effect_names(self) -> tuple[str, ...]:
         """The names of the effects that are there, in EFFECTS.md's words."""
-        return tuple(cause.name for cause in self.causes if not cause.is_absent)
+        return tuple(effect.name for effect in self.effects if not effect.is_absent)
 
 
-def settle(truth: Truth, q: ArrayLike, conditions: Conditions = STANDARD) -> Arm:
+def solve_equilibrium(truth: Truth, q: ArrayLike, conditions: Conditions = STANDARD) -> Arm:
     """The arm where it really stands when q (N, n) is commanded.
 
     It gives way until load and deflection agree: moments are taken at the result, by repetition to rounding.
@@ -57,27 +57,27 @@ def settle(truth: Truth, q: ArrayLike, conditions: Conditions = STANDARD) -> Arm
         CalibError: the arm is so soft that it has no equilibrium nearby, or lacks masses or conditions.
     """
     rigid = Arm.commanded_to(truth.robot, q, conditions)
-    causes = [cause for cause in truth.causes if not cause.is_absent]
+    effects = [effect for effect in truth.effects if not effect.is_absent]
 
-    def deflected(resting: Arm) -> Arm:
+    def deflected(equilibrium: Arm) -> Arm:
         arm = rigid
-        for cause in causes:
-            arm = cause.move(arm, resting)
+        for effect in effects:
+            arm = effect.change_arm(arm, equilibrium)
         return arm
 
-    if not any(cause.at_rest for cause in causes):
+    if not any(effect.needs_equilibrium for effect in effects):
         return deflected(rigid)
-    resting = rigid
+    equilibrium = rigid
     for _ in range(300):
-        arm = deflected(resting)
-        change = _difference(arm, resting)
-        resting = arm
+        arm = deflected(equilibrium)
+        change = _difference(arm, equilibrium)
+        equilibrium = arm
         if change < 1e-14:
-            return resting
+            return equilibrium
         if not np.isfinite(change):
             break
     raise CalibError(
-        f"robot {truth.robot.name}: with {', '.join(truth.effects)} this large the arm finds no equilibrium under "
+        f"robot {truth.robot.name}: with {', '.join(truth.effect_names)} this large the arm finds no equilibrium under "
         f"load (still moving by {change:.1e} rad); real joints have 1e-6 ... 1e-3 rad/Nm"
     )
 
@@ -96,7 +96,7 @@ def _difference(arm: Arm, other: Arm) -> float:
 
 def base_T_target(truth: Truth, q: ArrayLike, conditions: Conditions = STANDARD) -> Array:
     """(N, 4, 4) the true tool frame when q (N, n) is commanded."""
-    return settle(truth, q, conditions).base_T_frame[-1]
+    return solve_equilibrium(truth, q, conditions).base_T_frame[-1]
 
 
 def scanner_T_target(truth: Truth, q: ArrayLike, conditions: Conditions = STANDARD) -> Array:
@@ -107,9 +107,9 @@ def scanner_T_target(truth: Truth, q: ArrayLike, conditions: Conditions = STANDA
         seen = next(iter(inverse.values())) @ target
     else:
         seen = np.stack([inverse[str(setup)] for setup in conditions.setup]) @ target
-    for cause in truth.causes:
-        if not cause.is_absent:
-            seen = cause.see(seen, conditions, jig_side(truth.robot))
+    for effect in truth.effects:
+        if not effect.is_absent:
+            seen = effect.change_measurement(seen, conditions, jig_side(truth.robot))
     return seen
 
 
@@ -134,7 +134,7 @@ def truth_document(truth: Truth, nominal: Robot, **more: Any) -> dict[str, Any]:
     document = {
         "format": 1,
         "robot": nominal.name,
-        "effects": {cause.name: cause.parameters() for cause in truth.causes if not cause.is_absent},
+        "effects": {effect.name: effect.parameters() for effect in truth.effects if not effect.is_absent},
         "links": links(table),
         "link_errors": links(error),
         "base_T_scanner_mm": truth.base_T_scanner.tolist(),

@@ -1,59 +1,19 @@
-"""What can be wrong with a simulated arm's joints and links, as laws of nature; loads and scanner have files of theirs.
+"""Errors of a simulated arm's joints, axes and link lengths, each by its exact law.
 
-Names are those of the catalogue (README.md), the code is apart from it: nothing here is linearised.
+Effects of loads are in `calib.simulation.truth.load_effects`, those of the scanner in
+`calib.simulation.truth.scanner_effects`. The names are those of the catalogue (`calib.effects.catalogue`); the code
+is independent of it, and nothing here is linearised.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.array_types import Array
-from calib.errors import CalibError
-from calib.simulation.truth.mechanism import Arm, Conditions
-
-
-@dataclass(frozen=True, eq=False)
-class TrueEffect:
-    """One cause. It moves parts of the arm, or what the scanner sees; zero sizes leave both as they are.
-
-    `sizes` names the fields that are proportional to the effect; all others describe where or how it acts.
-    """
-
-    name: ClassVar[str]
-    sizes: ClassVar[tuple[str, ...]]
-    at_rest: ClassVar[bool] = False  # depends on where the arm comes to rest, not on the command alone
-
-    def move(self, arm: Arm, resting: Arm) -> Arm:
-        """The arm with this effect, which reads torques and places from `resting`, the arm after all effects."""
-        return arm
-
-    def see(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
-        """The target (N, 4, 4) as the scanner reports it. `sign` tells to which side of z the jig points."""
-        return scanner_T_target
-
-    def scaled(self, factor: float) -> TrueEffect:
-        """The same effect, `factor` times as large."""
-        return replace(self, **{name: factor * getattr(self, name) for name in self.sizes})
-
-    @property
-    def is_absent(self) -> bool:
-        return not any(np.any(getattr(self, name)) for name in self.sizes)
-
-    def parameters(self) -> dict[str, Any]:
-        """Every field as plain numbers, for truth.json."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {name: np.asarray(value).tolist() for name, value in values.items()}
-
-
-def needed(value: Array | None, column: str, effect: TrueEffect) -> Array:
-    """A condition that the effect cannot do without. Raises CalibError."""
-    if value is None:
-        raise CalibError(f"{effect.name} needs {column} at every pose; simulate with conditions")
-    return value
-
+from calib.simulation.truth.effect import TrueEffect, needed
+from calib.simulation.truth.mechanism import Arm
 
 # ---- joints: dq at the commanded angle ------------------------------------------------------------------------------
 
@@ -63,12 +23,12 @@ class TransmissionError(TrueEffect):
     """Gears that run unevenly: dq_j = sum_h cos_jh cos(h q_j) + sin_jh sin(h q_j)."""
 
     name = "transmission_error"
-    sizes = ("cos_rad", "sin_rad")
+    magnitude_fields = ("cos_rad", "sin_rad")
     cos_rad: Array  # (n, H)
     sin_rad: Array  # (n, H)
     harmonics: tuple[float, ...] = (1.0, 2.0, 3.0)  # (H,)
 
-    def move(self, arm: Arm, resting: Arm) -> Arm:
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         phase = arm.commanded[:, :, None] * np.array(self.harmonics)  # (N, n, H)
         return replace(
             arm, q=arm.q + np.sum(self.cos_rad * np.cos(phase) + self.sin_rad * np.sin(phase), axis=2)
@@ -88,12 +48,12 @@ class StrainWave(TrueEffect):
     """Ripple of a strain wave gear, once and twice a motor turn: harmonics ratio_j and 2 ratio_j of the joint."""
 
     name = "strain_wave"
-    sizes = ("cos_rad", "sin_rad")
+    magnitude_fields = ("cos_rad", "sin_rad")
     cos_rad: Array  # (n, 2)
     sin_rad: Array  # (n, 2)
     gear_ratio: Array  # (n,)
 
-    def move(self, arm: Arm, resting: Arm) -> Arm:
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         phase = arm.commanded[:, :, None] * self.gear_ratio[:, None] * np.array([1.0, 2.0])
         return replace(
             arm, q=arm.q + np.sum(self.cos_rad * np.cos(phase) + self.sin_rad * np.sin(phase), axis=2)
@@ -105,10 +65,10 @@ class JointScale(TrueEffect):
     """A wrong gear ratio or encoder scale: dq_j = k_j q_j."""
 
     name = "joint_scale"
-    sizes = ("k",)
+    magnitude_fields = ("k",)
     k: Array  # (n,)
 
-    def move(self, arm: Arm, resting: Arm) -> Arm:
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         return replace(arm, q=arm.q + self.k * arm.commanded)
 
 
@@ -117,10 +77,10 @@ class JointCoupling(TrueEffect):
     """One joint's motor drags another joint: dq_j = sum_i k_ji q_i."""
 
     name = "joint_coupling"
-    sizes = ("k",)
+    magnitude_fields = ("k",)
     k: Array  # (n, n), row = the joint that is dragged
 
-    def move(self, arm: Arm, resting: Arm) -> Arm:
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         return replace(arm, q=arm.q + arm.commanded @ self.k.T)
 
 
@@ -129,10 +89,10 @@ class Backlash(TrueEffect):
     """A joint stops at the near side of its play: dq_j = b_j / 2 times the direction it came from."""
 
     name = "backlash"
-    sizes = ("b_rad",)
+    magnitude_fields = ("b_rad",)
     b_rad: Array  # (n,)
 
-    def move(self, arm: Arm, resting: Arm) -> Arm:
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         approach = needed(arm.conditions.approach, "the approach direction", self)
         return replace(arm, q=arm.q + 0.5 * self.b_rad * approach)
 
@@ -142,12 +102,12 @@ class KinkedJoint(TrueEffect):
     """A damaged place in a gear: dq_j = h_j exp(-d^2 / 2 w^2), d the angle from the place. Not in the catalogue."""
 
     name = "kinked_joint"
-    sizes = ("height_rad",)
+    magnitude_fields = ("height_rad",)
     height_rad: Array  # (n,)
     place_rad: Array  # (n,)
     width_rad: float
 
-    def move(self, arm: Arm, resting: Arm) -> Arm:
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         off_rad = np.remainder(arm.commanded - self.place_rad + np.pi, 2.0 * np.pi) - np.pi
         bump = np.exp(-0.5 * (off_rad / self.width_rad) ** 2)
         return replace(arm, q=arm.q + self.height_rad * bump)
@@ -158,11 +118,11 @@ class Slip(TrueEffect):
     """A joint's zero jumps between two poses: dq_j = offset_j from pose index `first` on. Not in the catalogue."""
 
     name = "slip"
-    sizes = ("offset_rad",)
+    magnitude_fields = ("offset_rad",)
     offset_rad: Array  # (n,)
     first: int
 
-    def move(self, arm: Arm, resting: Arm) -> Arm:
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         after = np.arange(len(arm.q)) >= self.first
         return replace(arm, q=arm.q + after[:, None] * self.offset_rad)
 
@@ -175,11 +135,11 @@ class ThermalGrowth(TrueEffect):
     """Every a and d times 1 + kappa (T - reference)."""
 
     name = "thermal_growth"
-    sizes = ("kappa_per_k",)
+    magnitude_fields = ("kappa_per_k",)
     kappa_per_k: float
     reference_c: float = 20.0
 
-    def move(self, arm: Arm, resting: Arm) -> Arm:
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         temperature_c = needed(arm.conditions.temperature_c, "a temperature", self)
         return replace(arm, growth=arm.growth * (1.0 + self.kappa_per_k * (temperature_c - self.reference_c)))
 
@@ -192,11 +152,11 @@ class AxisWobble(TrueEffect):
     """
 
     name = "axis_wobble"
-    sizes = ("cos_rad", "sin_rad")
+    magnitude_fields = ("cos_rad", "sin_rad")
     cos_rad: Array  # (n, 2, 2): joint, about x or y, harmonic
     sin_rad: Array  # (n, 2, 2)
 
-    def move(self, arm: Arm, resting: Arm) -> Arm:
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         phase = arm.commanded[:, :, None, None] * np.array([1.0, 2.0])  # (N, n, 1, 2)
         tilt = np.sum(self.cos_rad * np.cos(phase) + self.sin_rad * np.sin(phase), axis=3)  # (N, n, 2)
         return replace(arm, axis_tilt_rad=arm.axis_tilt_rad + np.concatenate([tilt, 0.0 * tilt[:, :, :1]], 2))

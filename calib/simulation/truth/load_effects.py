@@ -1,7 +1,7 @@
 """What gives way under load in a simulated arm: joints, play, links, base, tool, and a hose that pulls.
 
 Each reads moments and places from the arm at rest, so that load and deflection agree in the end
-(`calib.simulation.truth.equilibrium.settle`).
+(`calib.simulation.truth.equilibrium.solve_equilibrium`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.array_types import Array
-from calib.simulation.truth.joint_effects import TrueEffect
+from calib.simulation.truth.effect import TrueEffect
 from calib.simulation.truth.mechanism import Arm, in_frame
 
 
@@ -20,12 +20,12 @@ class JointCompliance(TrueEffect):
     """Joints that yield: dq_j = c_j tau_j, the gravity torque at the pose that results."""
 
     name = "joint_compliance"
-    sizes = ("c_rad_per_nm",)
-    at_rest = True
+    magnitude_fields = ("c_rad_per_nm",)
+    needs_equilibrium = True
     c_rad_per_nm: Array  # (n,)
 
-    def move(self, arm: Arm, resting: Arm) -> Arm:
-        return replace(arm, q=arm.q + self.c_rad_per_nm * resting.gravity_torques)
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        return replace(arm, q=arm.q + self.c_rad_per_nm * equilibrium.gravity_torques)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,13 +36,13 @@ class GravityBacklash(TrueEffect):
     """
 
     name = "gravity_backlash"
-    sizes = ("b_rad",)
-    at_rest = True
+    magnitude_fields = ("b_rad",)
+    needs_equilibrium = True
     b_rad: Array  # (n,)
     friction_nm: float = 0.05
 
-    def move(self, arm: Arm, resting: Arm) -> Arm:
-        side = np.clip(resting.gravity_torques / self.friction_nm, -1.0, 1.0)
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        side = np.clip(equilibrium.gravity_torques / self.friction_nm, -1.0, 1.0)
         return replace(arm, q=arm.q + 0.5 * self.b_rad * side)
 
 
@@ -57,14 +57,14 @@ class LinkBending(TrueEffect):
     """
 
     name = "link_bending"
-    sizes = ("c_rad_per_nm",)
-    at_rest = True
+    magnitude_fields = ("c_rad_per_nm",)
+    needs_equilibrium = True
     c_rad_per_nm: Array  # (n,)
 
-    def move(self, arm: Arm, resting: Arm) -> Arm:
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
         turn_rad, shift_mm = arm.link_turn_rad.copy(), arm.link_shift_mm.copy()
         for j in np.flatnonzero(self.c_rad_per_nm).tolist():
-            root_mm, end_T = resting.base_T_axis[j][:, :3, 3], resting.base_T_straight[j]
+            root_mm, end_T = equilibrium.base_T_axis[j][:, :3, 3], equilibrium.base_T_straight[j]
             span_mm = end_T[:, :3, 3] - root_mm
             length_mm = np.linalg.norm(span_mm, axis=1, keepdims=True)
             if np.any(length_mm < 1.0):
@@ -74,10 +74,10 @@ class LinkBending(TrueEffect):
             def across(moment: Array, along: Array = along) -> Array:
                 return moment - np.sum(moment * along, axis=1, keepdims=True) * along
 
-            at_root = across(resting.moment_nm(root_mm, j + 1))
-            at_end = across(resting.moment_nm(end_T[:, :3, 3], j + 1))
+            at_root = across(equilibrium.moment_nm(root_mm, j + 1))
+            at_end = across(equilibrium.moment_nm(end_T[:, :3, 3], j + 1))
             own = sum(
-                weight.weight_n for weight in resting.weights[: arm.robot.n_joints] if weight.carrier == j
+                weight.weight_n for weight in equilibrium.weights[: arm.robot.n_joints] if weight.carrier == j
             )
             own = np.cross(0.5e-3 * span_mm, own)
             c = self.c_rad_per_nm[j]
@@ -93,12 +93,12 @@ class BaseCompliance(TrueEffect):
     """The floor yields: the arm turns about its base's origin by c M, the overturning moment of all weights."""
 
     name = "base_compliance"
-    sizes = ("c_rad_per_nm",)
-    at_rest = True
+    magnitude_fields = ("c_rad_per_nm",)
+    needs_equilibrium = True
     c_rad_per_nm: Array  # (3,) about x, y, z of the base frame
 
-    def move(self, arm: Arm, resting: Arm) -> Arm:
-        moment_nm = resting.moment_nm(np.zeros((len(arm.q), 3)), 0)
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        moment_nm = equilibrium.moment_nm(np.zeros((len(arm.q), 3)), 0)
         return replace(arm, base_turn_rad=arm.base_turn_rad + self.c_rad_per_nm * moment_nm)
 
 
@@ -107,12 +107,12 @@ class ToolSag(TrueEffect):
     """The target hangs on three springs along the tool frame's axes: shift = R diag(c) R^T g / |g|."""
 
     name = "tool_sag"
-    sizes = ("c_mm",)
-    at_rest = True
+    magnitude_fields = ("c_mm",)
+    needs_equilibrium = True
     c_mm: Array  # (3,) under the tool's weight when that axis points down
 
-    def move(self, arm: Arm, resting: Arm) -> Arm:
-        base_R_tool = resting.base_T_frame[-1][:, :3, :3]
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        base_R_tool = equilibrium.base_T_frame[-1][:, :3, :3]
         gravity = np.array(arm.robot.gravity_m_s2)
         down = np.einsum("nji,j->ni", base_R_tool, gravity / np.linalg.norm(gravity))  # tool axes
         shift_mm = np.einsum("nij,nj->ni", base_R_tool, self.c_mm * down)
@@ -124,8 +124,8 @@ class HosePull(TrueEffect):
     """A hose as a spring from a fixed place to a point of the forearm; joints yield. Not in the catalogue."""
 
     name = "hose_pull"
-    sizes = ("stiffness_n_per_mm",)
-    at_rest = True
+    magnitude_fields = ("stiffness_n_per_mm",)
+    needs_equilibrium = True
     stiffness_n_per_mm: float
     rest_length_mm: float
     anchor_mm: Array  # (3,) base frame
@@ -133,15 +133,15 @@ class HosePull(TrueEffect):
     link: int  # 0-based joint that moves that link
     c_rad_per_nm: Array  # (n,) how the joints yield
 
-    def move(self, arm: Arm, resting: Arm) -> Arm:
-        held_mm = resting.place_mm(self.link, self.held_mm)
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        held_mm = equilibrium.place_mm(self.link, self.held_mm)
         reach_mm = self.anchor_mm - held_mm
         length_mm = np.linalg.norm(reach_mm, axis=1, keepdims=True)
         stretch_mm = np.maximum(length_mm - self.rest_length_mm, 0.0)
         force_n = self.stiffness_n_per_mm * stretch_mm * reach_mm / length_mm
         torque_nm = np.zeros_like(arm.q)
         for j in range(self.link + 1):
-            axis_T = resting.base_T_axis[j]
+            axis_T = equilibrium.base_T_axis[j]
             torque_nm[:, j] = np.sum(
                 axis_T[:, :3, 2] * np.cross(1e-3 * (held_mm - axis_T[:, :3, 3]), force_n), axis=1
             )

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calib.array_types import Array
-from calib.simulation.truth.joint_effects import TrueEffect, needed
+from calib.simulation.truth.effect import TrueEffect, needed
 from calib.simulation.truth.mechanism import Conditions
 
 
@@ -26,13 +26,13 @@ class ScannerDistortion(TrueEffect):
     """About the middle of the field: depth z + k1 z + k2 z^2, and x, y times 1 + k r^2."""
 
     name = "scanner_distortion"
-    sizes = ("k1", "k2_per_mm", "k_per_mm2")
+    magnitude_fields = ("k1", "k2_per_mm", "k_per_mm2")
     k1: float
     k2_per_mm: float
     k_per_mm2: float
     middle_mm: Array  # (3,) scanner frame
 
-    def see(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
+    def change_measurement(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
         xyz_mm = scanner_T_target[:, :3, 3]
         x, y, z = (xyz_mm - self.middle_mm).T
         radial = self.k_per_mm2 * (x**2 + y**2)
@@ -45,11 +45,11 @@ class ScannerDrift(TrueEffect):
     """The scanner's stand creeps: p becomes exp(w t) p + v t, t from the first pose."""
 
     name = "scanner_drift"
-    sizes = ("v_mm_per_s", "w_rad_per_s")
+    magnitude_fields = ("v_mm_per_s", "w_rad_per_s")
     v_mm_per_s: Array  # (3,)
     w_rad_per_s: Array  # (3,)
 
-    def see(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
+    def change_measurement(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
         if self.is_absent:
             return scanner_T_target
         time_s = needed(conditions.time_s, "the time", self)
@@ -65,10 +65,10 @@ class IncidenceBias(TrueEffect):
     """A range that grows with the angle phi between the jig's axis and the ray: b (1 - cos phi) along the ray."""
 
     name = "incidence_bias"
-    sizes = ("b_mm",)
+    magnitude_fields = ("b_mm",)
     b_mm: float
 
-    def see(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
+    def change_measurement(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
         xyz_mm = scanner_T_target[:, :3, 3]
         ray = xyz_mm / np.linalg.norm(xyz_mm, axis=1, keepdims=True)
         cos_phi = -np.sum(sign * scanner_T_target[:, :3, 2] * ray, axis=1, keepdims=True)
@@ -80,10 +80,10 @@ class ScannerScale(TrueEffect):
     """Every length 1 + s times too long."""
 
     name = "scanner_scale"
-    sizes = ("s",)
+    magnitude_fields = ("s",)
     s: float
 
-    def see(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
+    def change_measurement(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
         return _at(scanner_T_target, (1.0 + self.s) * scanner_T_target[:, :3, 3])
 
 
@@ -92,12 +92,12 @@ class FieldBump(TrueEffect):
     """A local fault of the field: a shift times exp(-d^2 / 2 w^2), d from its place. Not in the catalogue."""
 
     name = "field_bump"
-    sizes = ("shift_mm",)
+    magnitude_fields = ("shift_mm",)
     shift_mm: Array  # (3,)
     place_mm: Array  # (3,) scanner frame
     width_mm: float
 
-    def see(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
+    def change_measurement(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
         xyz_mm = scanner_T_target[:, :3, 3]
         off = np.sum((xyz_mm - self.place_mm) ** 2, axis=1, keepdims=True) / self.width_mm**2
         return _at(scanner_T_target, xyz_mm + np.exp(-0.5 * off) * self.shift_mm)

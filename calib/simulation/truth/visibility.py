@@ -15,8 +15,8 @@ import numpy as np
 from calib.array_types import Array
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
+from calib.simulation.truth.effect import TrueEffect
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target
-from calib.simulation.truth.joint_effects import TrueEffect
 from calib.simulation.truth.mechanism import STANDARD, Arm, Conditions
 
 _ABSORBED = 1e-4
@@ -24,7 +24,7 @@ _ABSORBED = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
+class SimulatedCell:
     """A true arm without effects at the poses where it will be measured."""
 
     nominal: Robot
@@ -131,6 +131,6 @@ class Cell:
         return columns
 
 
-def gravity_torques(cell: Cell) -> Array:
+def gravity_torques(cell: SimulatedCell) -> Array:
     """(N, n) at the commanded pose of the true arm."""
     return Arm.commanded_to(cell.truth.robot, cell.q, cell.conditions).gravity_torques

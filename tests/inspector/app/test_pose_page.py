@@ -21,7 +21,8 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import FitError
 from calib.measurement.face_labels import Labelling
 from calib.measurement.measured_points import with_corners
-from calib.simulation.simulate import simulate_dataset, write_simulation
+from calib.simulation.measured_dataset import write_simulation
+from calib.simulation.simulate import simulate_dataset
 from inspector.app.app import App, serving
 from inspector.cli.parser import main
 from inspector.export.csv_and_png import corners_csv

@@ -10,7 +10,8 @@ import pytest
 
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.simulation.simulate import simulate_dataset, write_simulation
+from calib.simulation.measured_dataset import write_simulation
+from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
 
 

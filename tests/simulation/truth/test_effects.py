@@ -14,10 +14,11 @@ from calib.errors import CalibError
 from calib.kinematics.chain import target_jacobian
 from calib.kinematics.robot import Joint, Robot, Tool
 from calib.simulation.conditions import draw_conditions
-from calib.simulation.pose_design import more_places, place_scanner, random_poses
+from calib.simulation.pose_design import draw_scanner_pose, draw_setups, random_poses
 from calib.simulation.truth.arm_sampling import OUTSIDE_EFFECTS, SIMULATED_EFFECTS, draw_truth
+from calib.simulation.truth.effect import TrueEffect
 from calib.simulation.truth.effect_sampling import CATALOGUE, OUTSIDE
-from calib.simulation.truth.equilibrium import Truth, base_T_target, scanner_T_target, settle
+from calib.simulation.truth.equilibrium import Truth, base_T_target, scanner_T_target, solve_equilibrium
 from calib.simulation.truth.joint_effects import (
     AxisWobble,
     Backlash,
@@ -28,7 +29,6 @@ from calib.simulation.truth.joint_effects import (
     Slip,
     StrainWave,
     ThermalGrowth,
-    TrueEffect,
 )
 from calib.simulation.truth.load_effects import (
     BaseCompliance,
@@ -46,62 +46,62 @@ from calib.simulation.truth.scanner_effects import (
     ScannerDrift,
     ScannerScale,
 )
-from calib.simulation.truth.visibility import Cell
+from calib.simulation.truth.visibility import SimulatedCell
 
 ALL = (*SIMULATED_EFFECTS, *OUTSIDE_EFFECTS)
 ROOT = Path(__file__).parents[3]
 
 
-def cell_of(arm: str, seed: int = 0, poses: int = 40, setups: int = 1) -> Cell:
+def cell_of(arm: str, seed: int = 0, poses: int = 40, setups: int = 1) -> SimulatedCell:
     """An arm with link errors, poses and conditions."""
     rng, robot = np.random.default_rng(seed), builtin_robot(arm)
     q = random_poses(robot, poses, rng=rng)
     around = draw_conditions(robot, poses, rng=rng)
-    scanners = {"": place_scanner(robot, rng=rng)}
+    scanners = {"": draw_scanner_pose(robot, rng=rng)}
     if setups > 1:
-        scanners = more_places(scanners[""], setups, rng=rng)
+        scanners = draw_setups(scanners[""], setups, rng=rng)
         around = replace(around, setup=np.resize(list(scanners), poses))
     truth = draw_truth(robot, scanners, q, rng=rng, conditions=around)
-    return Cell(robot, truth, q, around)
+    return SimulatedCell(robot, truth, q, around)
 
 
-def drawn(name: str, cell: Cell) -> TrueEffect:
+def drawn(name: str, cell: SimulatedCell) -> TrueEffect:
     return (CATALOGUE | OUTSIDE)[name](cell, np.random.default_rng(1))
 
 
 @pytest.fixture(scope="module")
-def rb5() -> Cell:
+def rb5() -> SimulatedCell:
     return cell_of("rb5")
 
 
-def stands(cell: Cell, effect: TrueEffect) -> NDArray:
+def stands(cell: SimulatedCell, effect: TrueEffect) -> NDArray:
     """(N, n) where the joints stand, less the command."""
-    return settle(cell.truth.with_effects(effect), cell.q, cell.conditions).q - cell.q
+    return solve_equilibrium(cell.truth.with_effects(effect), cell.q, cell.conditions).q - cell.q
 
 
 # ---- all of them ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_size_zero_is_no_effect_bit_for_bit(name: str, rb5: Cell) -> None:
+def test_size_zero_is_no_effect_bit_for_bit(name: str, rb5: SimulatedCell) -> None:
     effect = drawn(name, rb5)
     assert effect.name == name
     assert not effect.is_absent
     nothing = effect.scaled(0.0)
     assert nothing.is_absent
     rigid = Arm.commanded_to(rb5.truth.robot, rb5.q, rb5.conditions)
-    moved = nothing.move(rigid, rigid)
+    moved = nothing.change_arm(rigid, rigid)
     for before, after in zip(rigid.base_T_frame, moved.base_T_frame, strict=True):
         np.testing.assert_array_equal(after, before)
     seen = scanner_T_target(rb5.truth, rb5.q, rb5.conditions)
-    np.testing.assert_array_equal(nothing.see(seen, rb5.conditions, -1.0), seen)
+    np.testing.assert_array_equal(nothing.change_measurement(seen, rb5.conditions, -1.0), seen)
     np.testing.assert_array_equal(rb5.moved_mm(nothing), 0.0)
-    assert rb5.truth.with_effects(nothing).effects == ()
-    assert rb5.truth.with_effects(effect).effects == (name,)
+    assert rb5.truth.with_effects(nothing).effect_names == ()
+    assert rb5.truth.with_effects(effect).effect_names == (name,)
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_a_small_effect_is_proportional_to_its_size(name: str, rb5: Cell) -> None:
+def test_a_small_effect_is_proportional_to_its_size(name: str, rb5: SimulatedCell) -> None:
     small = rb5.scaled_to_moved(drawn(name, rb5), 0.05)
     assert rb5.moved_rms_mm(small) == pytest.approx(0.05, rel=1e-8)
     double = rb5.moved_mm(small.scaled(2.0))
@@ -131,7 +131,7 @@ def test_visible_rms_is_what_independent_least_squares_leave(arm: str, setups: i
         assert np.sqrt(np.mean(left**2)) == pytest.approx(0.123, rel=1e-5), name
 
 
-def test_what_geometry_imitates_has_no_visible_size(rb5: Cell) -> None:
+def test_what_geometry_imitates_has_no_visible_size(rb5: SimulatedCell) -> None:
     effect = drawn("scanner_scale", rb5)
     assert rb5.moved_rms_mm(effect) > 0.1
     assert rb5.visible_rms_mm(effect) < 1e-6
@@ -142,7 +142,7 @@ def test_what_geometry_imitates_has_no_visible_size(rb5: Cell) -> None:
 # ---- joints ---------------------------------------------------------------------------------------------------------
 
 
-def test_joint_laws(rb5: Cell) -> None:
+def test_joint_laws(rb5: SimulatedCell) -> None:
     q, n = rb5.q, rb5.nominal.n_joints
     assert rb5.conditions.approach is not None
     size = 1e-4 * np.arange(1.0, n + 1)
@@ -167,10 +167,10 @@ def test_joint_laws(rb5: Cell) -> None:
         np.testing.assert_allclose(stands(rb5, effect), wanted, atol=1e-14, err_msg=effect.name)
 
 
-def test_gravity_backlash_lies_at_the_loaded_side(rb5: Cell) -> None:
+def test_gravity_backlash_lies_at_the_loaded_side(rb5: SimulatedCell) -> None:
     effect = GravityBacklash(np.full(6, 2e-4))
     truth = rb5.truth.with_effects(effect)
-    arm = settle(truth, rb5.q, rb5.conditions)
+    arm = solve_equilibrium(truth, rb5.q, rb5.conditions)
     loaded = np.abs(arm.gravity_torques) > effect.friction_nm
     assert 0.5 < loaded.mean() < 1.0
     wanted = 1e-4 * np.sign(arm.gravity_torques)
@@ -178,7 +178,7 @@ def test_gravity_backlash_lies_at_the_loaded_side(rb5: Cell) -> None:
     assert np.all(np.abs(arm.q - rb5.q) <= 1e-4 + 1e-15)
 
 
-def test_missing_conditions_and_masses_are_said(rb5: Cell) -> None:
+def test_missing_conditions_and_masses_are_said(rb5: SimulatedCell) -> None:
     for effect, what in (
         (Backlash(np.ones(6)), "approach"),
         (ThermalGrowth(1e-5), "temperature"),
@@ -190,7 +190,7 @@ def test_missing_conditions_and_masses_are_said(rb5: Cell) -> None:
     bare = replace(robot, joints=tuple(replace(j, mass_kg=None, gear_ratio=None) for j in robot.joints))
     for name, what in (("link_bending", "mass_kg for J1"), ("strain_wave", "gear_ratio for J1")):
         with pytest.raises(CalibError, match=what):
-            drawn(name, Cell(bare, Truth.without_effects(bare, np.eye(4)), rb5.q, rb5.conditions))
+            drawn(name, SimulatedCell(bare, Truth.without_effects(bare, np.eye(4)), rb5.q, rb5.conditions))
 
 
 def test_a_sliding_joint_has_no_gear_and_carries_no_turn() -> None:
@@ -202,7 +202,7 @@ def test_a_sliding_joint_has_no_gear_and_carries_no_turn() -> None:
     )
     robot = Robot("slide", joints, Tool(a_mm=40.0))
     rng = np.random.default_rng(0)
-    cell = Cell(robot, Truth.without_effects(robot, np.eye(4)), random_poses(robot, 20, rng=rng))
+    cell = SimulatedCell(robot, Truth.without_effects(robot, np.eye(4)), random_poses(robot, 20, rng=rng))
     for name in ("strain_wave", "transmission_error", "joint_compliance", "kinked_joint", "slip"):
         turned = stands(cell, drawn(name, cell))
         assert np.any(turned)
@@ -216,17 +216,17 @@ def test_a_sliding_joint_has_no_gear_and_carries_no_turn() -> None:
 def test_load_and_deflection_agree_at_rest(arm: str) -> None:
     """All that gives way, together: one more look at the loads changes nothing."""
     cell = cell_of(arm, seed=5)
-    causes = [
+    effects = [
         cell.scaled_to_moved(drawn(name, cell), 1.0)
         for name in ("joint_compliance", "link_bending", "base_compliance", "tool_sag", "hose_pull")
     ]
-    resting = settle(cell.truth.with_effects(*causes), cell.q, cell.conditions)
+    equilibrium = solve_equilibrium(cell.truth.with_effects(*effects), cell.q, cell.conditions)
     once_more = Arm.commanded_to(cell.truth.robot, cell.q, cell.conditions)
-    for cause in causes:
-        once_more = cause.move(once_more, resting)
+    for effect in effects:
+        once_more = effect.change_arm(once_more, equilibrium)
     for part in ("q", "base_turn_rad", "link_turn_rad", "link_shift_mm", "target_shift_mm"):
-        assert np.abs(getattr(resting, part) - (cell.q if part == "q" else 0.0)).max() > 1e-7
-        np.testing.assert_allclose(getattr(once_more, part), getattr(resting, part), atol=2e-12)
+        assert np.abs(getattr(equilibrium, part) - (cell.q if part == "q" else 0.0)).max() > 1e-7
+        np.testing.assert_allclose(getattr(once_more, part), getattr(equilibrium, part), atol=2e-12)
 
 
 @pytest.mark.parametrize("arm", ["rb5", "panda"])
@@ -251,7 +251,7 @@ def test_torques_are_slopes_of_the_potential_energy(arm: str) -> None:
     total_kg = sum(joint.mass_kg or 0.0 for joint in robot.joints) + (robot.tool.mass_kg or 0.0)
     carried = sum(np.linalg.norm(w.weight_n, axis=1) for w in at.weights) / np.linalg.norm(gravity)
     np.testing.assert_allclose(carried, total_kg + cell.conditions.payload_kg)
-    hose_torque = (hose.move(at, at).q - cell.q) / 1e-12
+    hose_torque = (hose.change_arm(at, at).q - cell.q) / 1e-12
     for j in range(n):
         step = 1e-5 * np.eye(n)[j]
         slope = (energies(cell.q + step) - energies(cell.q - step)) / 2e-5
@@ -269,7 +269,7 @@ def test_link_bends_as_a_cantilever_does(beam_kg: float, tip_kg: float) -> None:
     )
     robot = replace(robot, gravity_m_s2=(0.0, -9.81, 0.0))
     truth = Truth.without_effects(robot, np.eye(4)).with_effects(LinkBending(np.array([c])))
-    flange = settle(truth, [[0.0]]).base_T_frame[1][0]
+    flange = solve_equilibrium(truth, [[0.0]]).base_T_frame[1][0]
     force_n, own_n = 9.81 * tip_kg, 9.81 * beam_kg
     slope = c * (force_n * length_m / 2 + own_n * length_m / 6)
     sag_mm = 1e3 * c * (force_n * length_m**2 / 3 + own_n * length_m**2 / 8)
@@ -286,7 +286,7 @@ def test_end_moment_bends_a_link_into_a_circle_and_torsion_does_nothing() -> Non
     for gravity, slope in (((-9.81, 0.0, 0.0), 2e-6 * moment_nm), ((0.0, 0.0, -9.81), None)):
         robot = Robot("mast", joints, tool, gravity_m_s2=gravity)
         truth = Truth.without_effects(robot, np.eye(4)).with_effects(LinkBending(np.array([2e-6])))
-        flange = settle(truth, [[0.0]]).base_T_frame[1][0]
+        flange = solve_equilibrium(truth, [[0.0]]).base_T_frame[1][0]
         if slope is None:  # torsion along the link is left out, the weight's own bending stays
             assert flange[2, 1] == pytest.approx(0.0, abs=1e-12)
             assert flange[2, 3] < -1e-4
@@ -297,16 +297,16 @@ def test_end_moment_bends_a_link_into_a_circle_and_torsion_does_nothing() -> Non
             assert flange[1, 3] == pytest.approx(slope * 250.0, rel=1e-4)
 
 
-def test_base_turns_under_the_overturning_moment(rb5: Cell) -> None:
+def test_base_turns_under_the_overturning_moment(rb5: SimulatedCell) -> None:
     c = np.array([3e-6, 1e-6, 0.0])
-    arm = settle(rb5.truth.with_effects(BaseCompliance(c)), rb5.q, rb5.conditions)
+    arm = solve_equilibrium(rb5.truth.with_effects(BaseCompliance(c)), rb5.q, rb5.conditions)
     moment = sum(np.cross(1e-3 * w.place_mm, w.weight_n) for w in arm.weights)
     np.testing.assert_allclose(arm.base_turn_rad, c * moment, atol=1e-15)
     assert np.abs(arm.base_turn_rad).max() > 5e-5
     np.testing.assert_allclose(arm.base_T_frame[0][:, :3, 3], 0.0)
 
 
-def test_tool_sags_straight_down_where_its_springs_are_alike(rb5: Cell) -> None:
+def test_tool_sags_straight_down_where_its_springs_are_alike(rb5: SimulatedCell) -> None:
     def shift(c_mm: tuple[float, float, float]) -> NDArray:
         bent = base_T_target(rb5.truth.with_effects(ToolSag(np.array(c_mm))), rb5.q)
         return bent[:, :3, 3] - base_T_target(rb5.truth, rb5.q)[:, :3, 3]
@@ -316,7 +316,7 @@ def test_tool_sags_straight_down_where_its_springs_are_alike(rb5: Cell) -> None:
     np.testing.assert_allclose(shift((0.0, 0.0, 0.3)), -0.3 * z[:, 2:] * z, atol=1e-12)
 
 
-def test_joints_that_do_not_yield_feel_no_hose(rb5: Cell) -> None:
+def test_joints_that_do_not_yield_feel_no_hose(rb5: SimulatedCell) -> None:
     hose = drawn("hose_pull", rb5)
     assert isinstance(hose, HosePull)
     assert np.any(stands(rb5, hose))
@@ -327,13 +327,13 @@ def test_joints_that_do_not_yield_feel_no_hose(rb5: Cell) -> None:
 # ---- links and axes -------------------------------------------------------------------------------------------------
 
 
-def test_axis_tilts_at_the_joints_own_origin(rb5: Cell) -> None:
+def test_axis_tilts_at_the_joints_own_origin(rb5: SimulatedCell) -> None:
     for joint in range(6):
         cos_rad, sin_rad = np.zeros((2, 6, 2, 2))
         cos_rad[joint] = [[3e-3, 0.0], [0.0, 1e-3]]
         sin_rad[joint] = [[0.0, 2e-3], [0.0, 0.0]]
-        arm = settle(rb5.truth.with_effects(AxisWobble(cos_rad, sin_rad)), rb5.q)
-        plain = settle(rb5.truth, rb5.q)
+        arm = solve_equilibrium(rb5.truth.with_effects(AxisWobble(cos_rad, sin_rad)), rb5.q)
+        plain = solve_equilibrium(rb5.truth, rb5.q)
         q = rb5.q[:, joint]
         tilt = np.hypot(3e-3 * np.cos(q) + 2e-3 * np.sin(2 * q), 1e-3 * np.cos(2 * q))
         here, there = arm.base_T_axis[joint], plain.base_T_axis[joint]
@@ -343,7 +343,7 @@ def test_axis_tilts_at_the_joints_own_origin(rb5: Cell) -> None:
         np.testing.assert_allclose(arm.base_T_frame[joint], plain.base_T_frame[joint], atol=1e-12)
 
 
-def test_warm_arm_is_the_arm_with_longer_links(rb5: Cell) -> None:
+def test_warm_arm_is_the_arm_with_longer_links(rb5: SimulatedCell) -> None:
     effect = ThermalGrowth(2e-5)
     warm = Conditions(temperature_c=np.full(len(rb5.q), 30.0))
     robot = rb5.truth.robot
@@ -362,7 +362,7 @@ def test_warm_arm_is_the_arm_with_longer_links(rb5: Cell) -> None:
 # ---- scanner --------------------------------------------------------------------------------------------------------
 
 
-def test_scanner_laws(rb5: Cell) -> None:
+def test_scanner_laws(rb5: SimulatedCell) -> None:
     plain = scanner_T_target(rb5.truth, rb5.q, rb5.conditions)
     p, count = plain[:, :3, 3], len(rb5.q)
     middle = np.array([10.0, -20.0, 700.0])
@@ -403,7 +403,7 @@ def test_error_of_a_tool_without_length_does_not_turn_the_jig_round() -> None:
         np.testing.assert_allclose(moved, wanted, atol=1e-11)
 
 
-def test_drifting_scanner_moves_as_a_rigid_body(rb5: Cell) -> None:
+def test_drifting_scanner_moves_as_a_rigid_body(rb5: SimulatedCell) -> None:
     v, w = (
         np.array([1e-4, -2e-4, 0.0]),
         np.array([0.0, 1e-3, 2e-3]),

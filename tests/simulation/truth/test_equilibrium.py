@@ -12,7 +12,7 @@ from calib.errors import CalibError
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Joint, Robot, Tool
 from calib.simulation.pose_design import random_poses
-from calib.simulation.truth.equilibrium import Truth, settle
+from calib.simulation.truth.equilibrium import Truth, solve_equilibrium
 from calib.simulation.truth.joint_effects import TransmissionError
 from calib.simulation.truth.load_effects import JointCompliance
 from calib.simulation.truth.mechanism import Arm, Conditions
@@ -93,9 +93,9 @@ def soft(robot: Robot, scale: float = 1.0) -> Truth:
 
 
 def compliance_of(truth: Truth) -> NDArray:
-    (cause,) = truth.causes
-    assert isinstance(cause, JointCompliance)
-    return cause.c_rad_per_nm
+    (effect,) = truth.effects
+    assert isinstance(effect, JointCompliance)
+    return effect.c_rad_per_nm
 
 
 @pytest.mark.parametrize("payload_kg", [0.0, 3.0])
@@ -105,7 +105,7 @@ def test_mujoco_joint_springs_are_at_rest_where_the_arm_settles(arm: str, payloa
     truth = soft(robot, 3.0)
     model = mujoco_model(robot, payload_kg)
     q = random_poses(robot, 6, rng=np.random.default_rng(3))
-    settled = settle(truth, q, Conditions(payload_kg=np.full(6, payload_kg))).q
+    settled = solve_equilibrium(truth, q, Conditions(payload_kg=np.full(6, payload_kg))).q
     model.jnt_stiffness[:] = 1.0 / compliance_of(truth)
     for k in range(len(q)):
         model.qpos_spring[:] = q[k]
@@ -122,7 +122,7 @@ def test_equilibrium_law(robot: Robot) -> None:
     truth = soft(robot, 5.0)
     q = random_poses(robot, 10, rng=np.random.default_rng(4))
     payload_kg = np.linspace(0.0, 4.0, 10)
-    settled = settle(truth, q, Conditions(payload_kg=payload_kg)).q
+    settled = solve_equilibrium(truth, q, Conditions(payload_kg=payload_kg)).q
     compliance = compliance_of(truth)
     np.testing.assert_allclose(
         settled - q, compliance * gravity_torques(robot, settled, payload_kg), atol=1e-13
@@ -140,13 +140,13 @@ def test_pendulum_hangs_where_a_scalar_equation_says() -> None:
         wanted = brentq(
             lambda theta, q=q: theta - q + c * m * 9.81 * r_mm / 1e3 * np.cos(theta), -5.0, 5.0, xtol=1e-14
         )
-        assert settle(truth, np.array([[q]])).q[0, 0] == pytest.approx(wanted, abs=1e-12)
+        assert solve_equilibrium(truth, np.array([[q]])).q[0, 0] == pytest.approx(wanted, abs=1e-12)
 
 
 def test_arm_without_equilibrium_is_refused() -> None:
     truth = soft(builtin_robot("rb5"), 1e4)
     with pytest.raises(CalibError, match="no equilibrium"):
-        settle(truth, random_poses(truth.robot, 4, rng=np.random.default_rng(0)))
+        solve_equilibrium(truth, random_poses(truth.robot, 4, rng=np.random.default_rng(0)))
 
 
 def test_transmission_error_is_a_function_of_the_commanded_angle() -> None:
@@ -159,8 +159,8 @@ def test_transmission_error_is_a_function_of_the_commanded_angle() -> None:
     wanted = q.copy()
     wanted[:, 2] += 1e-4 * np.cos(q[:, 2]) + 3e-4 * np.cos(2 * q[:, 2]) + 5e-5 * np.cos(3 * q[:, 2])
     wanted[:, 4] += 2e-4 * np.sin(q[:, 4])
-    np.testing.assert_allclose(settle(truth, q).q, wanted, atol=1e-15)
-    assert truth.effects == ("transmission_error",)
+    np.testing.assert_allclose(solve_equilibrium(truth, q).q, wanted, atol=1e-15)
+    assert truth.effect_names == ("transmission_error",)
 
 
 def test_payload_makes_the_arm_sag_more() -> None:
@@ -168,7 +168,7 @@ def test_payload_makes_the_arm_sag_more() -> None:
     q = random_poses(robot, 30, rng=np.random.default_rng(11))
     truth = soft(robot, 0.3)
     drop_mm = [
-        settle(truth, q, Conditions(payload_kg=np.full(30, kg))).base_T_frame[-1][:, 2, 3].mean()
+        solve_equilibrium(truth, q, Conditions(payload_kg=np.full(30, kg))).base_T_frame[-1][:, 2, 3].mean()
         for kg in (0.0, 5.0)
     ]
     assert drop_mm[1] < drop_mm[0] - 0.05

@@ -1,0 +1,149 @@
+"""The measurement of a simulated arm: its points or scans as a dataset, beside the truth; and both as files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from calib.array_types import Array
+from calib.dataset.dataset import Dataset, Orientations, Points, Poses, Scanner
+from calib.dataset.files.atomic_write import write_text_atomically
+from calib.dataset.files.folder import write_dataset
+from calib.errors import CalibError
+from calib.jig import Jig
+from calib.kinematics.robot import Robot
+from calib.scans.scan import write_scan
+from calib.simulation.pose_design import target_T_jig
+from calib.simulation.scanner import ScanModel, SimulatedScan, simulate_scan
+from calib.simulation.scene import CUBE_CORNER
+from calib.simulation.truth.equilibrium import Truth, scanner_T_target, truth_document
+from calib.simulation.truth.mechanism import Conditions
+from calib.simulation.truth.visibility import SimulatedCell
+
+_WINDOW_RASTER_MM = 30.0
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A dataset and the truth it was made from. `scan` casts a scan when it is called, each from its own seed."""
+
+    dataset: Dataset
+    truth: Truth
+    apex_mm: Array  # (N, 3) where the scanner has the measured point, without noise
+    scanner_T_jig: Array  # (N, 4, 4)
+    scan_model: ScanModel | None
+    scan_seeds: tuple[int, ...]
+
+    def scan(self, pose: int) -> SimulatedScan:
+        """Cast the scan of one pose: the same points every time."""
+        if self.scan_model is None:
+            raise CalibError(
+                f"dataset {self.dataset.name}: simulated as points; ask for scans when simulating"
+            )
+        # Rounded to a raster over the field, so that repeated scans of a pose have the same window.
+        apex_mm = self.apex_mm[pose, :2]
+        offset_mm = _WINDOW_RASTER_MM * np.round(apex_mm / _WINDOW_RASTER_MM) - apex_mm
+        return simulate_scan(
+            self.scanner_T_jig[pose],
+            self.dataset.jig,
+            rng=np.random.default_rng(self.scan_seeds[pose]),
+            name=self.dataset.poses.ids[pose],
+            model=self.scan_model,
+            flange_mm=abs(self.dataset.robot.tool.d_mm),
+            arm_turn_rad=float(-self.dataset.poses.q[pose, -1]),
+            window_offset_mm=(float(offset_mm[0]), float(offset_mm[1])),
+        )
+
+    def document(self) -> dict[str, Any]:
+        """What truth.json holds."""
+        poses = self.dataset.poses
+        cell = SimulatedCell(self.dataset.robot, self.truth.with_effects(), poses.q, Conditions.of(poses))
+        visible = {
+            effect.name: cell.visible_rms_mm(effect) for effect in self.truth.effects if not effect.is_absent
+        }
+        return truth_document(
+            self.truth,
+            self.dataset.robot,
+            visible_rms_mm=visible,
+            dataset=self.dataset.name,
+            apex_mm=dict(zip(poses.ids, self.apex_mm.tolist(), strict=True)),
+        )
+
+
+def measure(
+    robot: Robot,
+    truth: Truth,
+    poses: Poses,
+    *,
+    rng: np.random.Generator,
+    name: str,
+    description: str = "",
+    jig: Jig = CUBE_CORNER,
+    noise_mm: float | None = None,
+    scan_model: ScanModel | None = None,
+    repeats: int = 1,
+    orientation_sigma_rad: float | None = None,
+) -> Simulation:
+    """Measure given poses of a given arm: points where `noise_mm` is given, scans where `scan_model` is.
+
+    The points are full poses of the jig where `orientation_sigma_rad` is given.
+    """
+    scanner_T_tool = scanner_T_target(truth, poses.q, Conditions.of(poses))
+    apex_mm = scanner_T_tool[:, :3, 3]
+    points = None
+    if noise_mm is not None:
+        pose = np.repeat(np.arange(len(poses)), repeats)
+        noisy_mm = apex_mm[pose] + noise_mm * rng.standard_normal((len(pose), 3))
+        points = Points(pose=pose, xyz_mm=noisy_mm, target=np.full(len(pose), "jig"))
+        if orientation_sigma_rad is not None:
+            turned = Rotation.from_rotvec(orientation_sigma_rad * rng.standard_normal((len(pose), 3)))
+            scanner_R_jig = (scanner_T_tool @ target_T_jig(robot))[pose, :3, :3]
+            orientations = Orientations((turned * Rotation.from_matrix(scanner_R_jig)).as_matrix())
+            points = replace(points, orientations=orientations)
+    dataset = Dataset(
+        name=name,
+        description=description,
+        robot=robot,
+        poses=poses,
+        points=points,
+        scan_folder=None if scan_model is None else "scans",
+        scanner=Scanner(
+            point_sigma_mm=noise_mm or None,
+            scan_sigma_mm=None if scan_model is None else scan_model.scan_sigma_mm,
+            orientation_sigma_rad=orientation_sigma_rad or None,
+        ),
+        jig=jig,
+    )
+    seeds = (
+        tuple(int(seed) for seed in rng.integers(2**63, size=len(poses))) if scan_model is not None else ()
+    )
+    return Simulation(dataset, truth, apex_mm, scanner_T_tool @ target_T_jig(robot), scan_model, seeds)
+
+
+def write_simulation(
+    simulation: Simulation,
+    folder: Path,
+    *,
+    truth_path: Path | None = None,
+    on_progress: Callable[[int, int, str], None] | None = None,
+) -> None:
+    """Write the dataset's folder, its scans, and the truth (truth.json in the folder unless told otherwise)."""
+    folder = Path(folder)
+    poses = simulation.dataset.poses
+    if simulation.scan_model is not None:
+        scan_folder = folder / (simulation.dataset.scan_folder or "scans")
+        scan_folder.mkdir(parents=True, exist_ok=True)
+        for i, scan_name in enumerate(poses.scan_names):
+            write_scan(scan_folder / scan_name, simulation.scan(i).scan)
+            if on_progress is not None:
+                on_progress(i + 1, len(poses), poses.ids[i])
+    write_dataset(simulation.dataset, folder)
+    truth_path = folder / "truth.json" if truth_path is None else truth_path
+    truth_path.parent.mkdir(parents=True, exist_ok=True)
+    write_text_atomically(truth_path, json.dumps(simulation.document(), indent=1) + "\n")
