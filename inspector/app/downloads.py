@@ -19,8 +19,8 @@ from inspector.panels.downloads import ITEMS, SCREENSHOT, TakeAwayPanel
 from inspector.server.viser_server import clamped
 from inspector.server.worker import LongWork, Worker
 from inspector.session import transitions as sessions
+from inspector.session.session import Session
 from inspector.session.session_file import Shown, session_text
-from inspector.session.transitions import Session
 from inspector.session.view import View
 
 TURN_S = 0.02

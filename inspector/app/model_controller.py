@@ -18,8 +18,8 @@ from calib.measurement.face_labels import Labelling
 from inspector.panels.missing_effects import LearnPanel
 from inspector.server.worker import LongWork
 from inspector.session import transitions as sessions
+from inspector.session.session import Session
 from inspector.session.session_file import Saved, reopened
-from inspector.session.transitions import Session
 from inspector.session.user_effects import OwnEffects
 
 if TYPE_CHECKING:

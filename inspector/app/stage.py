@@ -43,8 +43,8 @@ from inspector.scene.draw_scan import (
 from inspector.scene.scene_view import SceneView
 from inspector.server.worker import LongWork
 from inspector.session import transitions as sessions
+from inspector.session.session import Session
 from inspector.session.session_file import Shown
-from inspector.session.transitions import Session
 from inspector.session.view import FACTORS, View
 
 WAITING = "The fit starts when all scans have been searched. Calibrate takes the corners found so far."

@@ -27,8 +27,9 @@ from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import progress, stages
 from inspector.export import json_documents as documents
 from inspector.export.csv_and_png import residuals_csv
+from inspector.session.session import HistoryStep, Session
 from inspector.session.session_file import save_session
-from inspector.session.transitions import GEOMETRY, HistoryStep, Session, replayed, with_found
+from inspector.session.transitions import GEOMETRY, replayed, with_found
 
 SCENE_ARROWS = 100.0  # how many times longer residuals are drawn in a scene's file
 

@@ -21,7 +21,7 @@ from calib.effects.effect import full_name
 from calib.kinematics.robot import Robot
 from inspector.markup import elements as tables
 from inspector.markup import numbers as words
-from inspector.session.transitions import Session
+from inspector.session.session import Session
 
 GOOD, BAD, DOUBT, NEUTRAL = "#009E73", "#D55E00", "#E69F00", "#8A8F98"
 NOT_YET = "Not calibrated yet: the model is fitted when the search has ended. The tab Fit says what it lacks."

@@ -11,7 +11,8 @@ from inspector.markup import elements as tables
 from inspector.markup import numbers as words
 from inspector.markup.numbers import parameter_label
 from inspector.markup.palette import ROLE_COLOURS
-from inspector.session.transitions import Session, no_full_poses
+from inspector.session.session import Session
+from inspector.session.transitions import no_full_poses
 
 PARAMETER_COLUMNS = ("name", "nominal", "fitted", "change", "sigma", "unit")
 EFFECT_COLUMNS = ("name", "fitted", "sigma", "unit")  # without an effect its sizes are zero

@@ -13,7 +13,7 @@ from inspector.figures.residual_plots import added_variable
 from inspector.markup import effects as html
 from inspector.markup import elements as tables
 from inspector.panels.base import Actions, by_page, hidden_plot, put
-from inspector.session.transitions import Session
+from inspector.session.session import Session
 from inspector.session.view import View
 
 NOTE = (

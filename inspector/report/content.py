@@ -11,7 +11,8 @@ from calib.diagnosis.residual_tests import Remains, examine
 from calib.diagnosis.screening import Screening
 from calib.diagnosis.stepwise import Diagnosis
 from calib.identifiability.redundancy import Redundancy
-from inspector.session.transitions import Session, with_redundancy
+from inspector.session.session import Session
+from inspector.session.transitions import with_redundancy
 
 
 @dataclass(frozen=True)

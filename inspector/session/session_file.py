@@ -28,7 +28,7 @@ from calib.options import RESIDUAL_KINDS
 from inspector.session import transitions as sessions
 from inspector.session.json_reader import Reader, SessionFileError, read_object
 from inspector.session.json_text import to_json
-from inspector.session.transitions import HistoryStep, Session
+from inspector.session.session import HistoryStep, Session
 
 KIND, VERSION = "robot-calibration-inspector session", 1
 SAME = 1e-6  # share by which a figure may differ and still be the same

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from calib.calibration.model_versions import LINKS, Version, versions
 from calib.corners.search import CornerSearch
 from calib.options import RESIDUAL_KINDS
-from inspector.session.transitions import Session
+from inspector.session.session import Session
 
 RESIDUALS = RESIDUAL_KINDS
 LOOKS = ("All scans", "Scan", "Planes", "Corner", "All corners", "Distance", "Arm")

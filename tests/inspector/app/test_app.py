@@ -21,7 +21,7 @@ from inspector.markup.planes import group_colours
 from inspector.panels.redundancy import ALL, ANGLES, LENGTHS, group_sentence
 from inspector.panels.review import NEXT, PREVIOUS
 from inspector.scene.scene_view import OVERVIEW_POINTS, ROOT
-from inspector.session.transitions import Session
+from inspector.session.session import Session
 from tests.support.app import IDLE_S, idle_app, plain, shows
 from tests.support.tiny_dataset import BROKEN, HOSTILE, POSES, write_tiny
 from tests.support.wire_client import WireClient

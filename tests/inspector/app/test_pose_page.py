@@ -28,8 +28,9 @@ from inspector.cli.parser import main
 from inspector.export.csv_and_png import corners_csv
 from inspector.markup import numbers as words
 from inspector.session import transitions as sessions
+from inspector.session.session import Session
 from inspector.session.session_file import load_session, opening, reopened, save_session
-from inspector.session.transitions import GEOMETRY, Session
+from inspector.session.transitions import GEOMETRY
 from tests.support.app import IDLE_S, idle_app, shows
 from tests.support.tiny_dataset import scanned_cell
 from tests.support.wire_client import WireClient

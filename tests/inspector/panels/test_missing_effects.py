@@ -27,7 +27,7 @@ from inspector.markup.residuals import input_title
 from inspector.panels.missing_effects import FIND, REDO, REMOVE, UNDO
 from inspector.panels.residuals import PLACES
 from inspector.scene.scene_view import ROOT
-from inspector.session.transitions import Session
+from inspector.session.session import Session
 from tests.support.app import IDLE_S, idle_app, plain, shows
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.wire_client import WireClient

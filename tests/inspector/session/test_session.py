@@ -13,7 +13,8 @@ from calib.diagnosis.stepwise import diagnose
 from calib.errors import CalibError
 from inspector.markup.effects import last_change
 from inspector.session import transitions as sessions
-from inspector.session.transitions import GEOMETRY, HistoryStep, Session
+from inspector.session.session import HistoryStep, Session
+from inspector.session.transitions import GEOMETRY
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 
 

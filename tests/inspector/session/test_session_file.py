@@ -16,8 +16,8 @@ from calib.dataset.files.fingerprint import fingerprint
 from calib.errors import CalibError
 from inspector.cli.parser import main
 from inspector.session import transitions as sessions
+from inspector.session.session import Session
 from inspector.session.session_file import Shown, dataset_of, load_session, reopened, save_session
-from inspector.session.transitions import Session
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 
 

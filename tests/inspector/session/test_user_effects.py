@@ -14,7 +14,7 @@ from calib.dataset.files.folder import load_dataset
 from calib.errors import CalibError
 from inspector.app.app import App, serving
 from inspector.panels.missing_effects import REMOVE
-from inspector.session.transitions import Session
+from inspector.session.session import Session
 from inspector.session.user_effects import OwnEffects, Watch
 from tests.support.app import IDLE_S, idle_app, shows
 from tests.support.hidden_dataset import write_hidden

@@ -1,0 +1,84 @@
+"""A session: one dataset and what was made of it; frozen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from calib.calibration.calibrate import Calibration
+from calib.calibration.pose_errors import Failure
+from calib.corners.search import CornerSearch
+from calib.dataset.dataset import Dataset
+from calib.diagnosis.effect_selection import Added
+from calib.diagnosis.residual_tests import Remains
+from calib.diagnosis.screening import Screening
+from calib.diagnosis.stepwise import Diagnosis
+from calib.effects.catalogue import Family
+from calib.identifiability.redundancy import Redundancy
+from calib.measurement.face_labels import Labelling
+from calib.measurement.measured_points import with_corners
+
+
+@dataclass(frozen=True)
+class HistoryStep:
+    """One state of the model: what was done, and how far it is from the measurements after that."""
+
+    label: str
+    train_rmse_mm: float
+    test_rmse_mm: float  # nan without test poses
+    sigma_mm: float  # residual sigma of a coordinate; nan where no degree of freedom is left
+    effects: tuple[Added, ...] = ()  # what was in the model then, beyond the link errors
+    residual: str = "position"  # what was fitted
+    left_out: tuple[str, ...] = ()  # poses that stand out, which a diagnosis did without
+
+
+@dataclass(frozen=True)
+class Session:
+    """What is known so far. A new corner makes an old calibration stale, so it is dropped with it."""
+
+    dataset: Dataset
+    searches: Mapping[str, CornerSearch] = field(default_factory=dict)  # by pose id
+    labelling: Labelling | None = None  # which face of the jig is which there, once that was asked for
+    redundancy: Redundancy | None = None
+    calibration: Calibration | None = None
+    effects: tuple[Added, ...] = ()  # beyond the link errors
+    screening: Screening | None = None  # of everything not in this calibration's model
+    failure: Failure | None = None  # where the calibration is off; known with the screening
+    remains: Remains | None = None  # what the calibration left over, judged; known soon after the screening
+    diagnosis: Diagnosis | None = None  # where it led to this calibration
+    history: tuple[HistoryStep, ...] = ()  # the nominal robot, the link errors, then each change of the model
+    own: tuple[Family, ...] = ()  # the user's effects beyond the catalogue
+
+    @property
+    def measured(self) -> Dataset:
+        """The dataset with its points as the fit takes them: those of points.csv, else the corners found so far."""
+        return self.measured_for(self.calibration.residual if self.calibration is not None else "position")
+
+    def measured_for(self, residual: str) -> Dataset:
+        """The same as a fit of this residual needs them: full poses only where those are to be fitted."""
+        if self.dataset.points is not None:
+            return self.dataset
+        names = self.labelling if residual == "pose" else None
+        return with_corners(self.dataset, self.searches, orientation=names or False)
+
+    @property
+    def unnamed(self) -> bool:
+        """Whether full poses would have to wait until the jig's faces are named in the corners found so far."""
+        return self.dataset.points is None and self.labelling is None
+
+    @property
+    def waiting(self) -> tuple[int, ...]:
+        """Poses whose scan was not searched yet."""
+        if self.dataset.scan_folder is None:
+            return ()
+        return tuple(i for i, pose_id in enumerate(self.dataset.poses.ids) if pose_id not in self.searches)
+
+    @property
+    def needed(self) -> tuple[int, ...]:
+        """Poses whose corner has to come from their scan; where points.csv has them, scans are only looked at."""
+        return self.waiting if self.dataset.points is None else ()
+
+    @property
+    def scans(self) -> int:
+        """How many poses have a scan."""
+        return 0 if self.dataset.scan_folder is None else len(self.dataset.poses)
