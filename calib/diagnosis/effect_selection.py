@@ -15,8 +15,9 @@ import numpy as np
 from calib.calibration.calibrate import Calibration, calibrate
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.screening import Candidate, Screening, screen
-from calib.effects.catalogue import Family, effects_for, family_of
+from calib.effects.catalogue import effects_for, family_of
 from calib.effects.effect import Effect, full_name
+from calib.effects.family import Family
 from calib.errors import CalibError
 
 

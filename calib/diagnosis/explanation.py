@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from calib.calibration.calibrate import Calibration
@@ -17,25 +15,6 @@ from calib.diagnosis.screening import Candidate
 from calib.diagnosis.stepwise import Diagnosis, Step
 
 HARDLY = 0.03  # a change of the held-out error below this share is none to speak of
-
-MEASURE_NEXT: Mapping[str, str] = {
-    "joint_compliance": "the same poses with and without a payload: compliance grows with the load, nothing else does",
-    "link_bending": "the same poses with and without a payload; bending also shifts the link's end, so reach far out",
-    "base_compliance": "a dial gauge at the foot while the arm swings round stretched out: it sees the base alone",
-    "gravity_backlash": "poses on both sides of the angle where gravity's torque changes sign",
-    "backlash": "each pose twice, coming from the one side and from the other",
-    "transmission_error": "one joint alone over a whole turn in small steps",
-    "strain_wave": "one joint alone in steps of a tenth of a motor turn",
-    "joint_scale": "one joint alone from end to end of its range: a scale error grows with the angle, harmonics come back",
-    "joint_coupling": "the driving joint alone with the driven one held still",
-    "thermal_growth": "the same poses cold and warmed up",
-    "axis_wobble": "one joint alone over a whole turn, with points at two distances from its axis",
-    "scanner_distortion": "the same poses from a second place of the scanner (a second setup)",
-    "scanner_drift": "the first pose again at the end, and in between",
-    "tool_sag": "one place reached with the tool in different attitudes",
-    "incidence_bias": "one place with the jig turned in steps toward and away from the scanner",
-}
-"""A controlled change that shows one cause and leaves the others as they are."""
 
 
 def explain(diagnosis: Diagnosis) -> str:
@@ -139,7 +118,8 @@ def _ambiguous(diagnosis: Diagnosis) -> str:
     )
     if overlap:
         words += f" Of what {first.name} explains, others could explain as much ({overlap})."
-    advice = [f"for {name}, {MEASURE_NEXT[name]}" for name in names if name in MEASURE_NEXT]
+    confirm = {c.name: c.family.description.confirm for c in ranking}
+    advice = [f"for {name}, {confirm[name]}" for name in names if confirm.get(name)]
     words += f" To tell them apart, measure: {'; '.join(advice)}." if advice else ""
     poses = splitting_poses(diagnosis, count=3)
     if poses:

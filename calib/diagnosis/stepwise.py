@@ -32,9 +32,8 @@ from calib.diagnosis.fault_models import LocalFault
 from calib.diagnosis.projected_residual import leftover_of
 from calib.diagnosis.residual_tests import Remains, examine
 from calib.diagnosis.screening import Candidate, Screening, Untestable, screen
-from calib.effects.catalogue import Family, effects_for, family_of
-from calib.effects.effect import Effect
-from calib.errors import CalibError
+from calib.effects.catalogue import effects_for, family_of
+from calib.effects.family import Family
 
 FEW = 0.1  # share of poses that may stand out and still be called outliers
 AHEAD = 4  # members of a tied set that are tried with a successor
@@ -280,14 +279,3 @@ def _still_needed(
             break
         del kept[weakest]
     return kept
-
-
-def effects_named(dataset: Dataset, names: Sequence[str], own: Sequence[Family] = ()) -> tuple[Effect, ...]:
-    """The members of families by name, for `calibrate`. Raises CalibError for unknown and for untestable ones."""
-    out: list[Effect] = []
-    for name in dict.fromkeys(names):
-        family = family_of(dataset, name, own)
-        if family.why_not:
-            raise CalibError(f"effect {name} cannot be fitted here: {family.why_not}; {family.would_help}")
-        out += family.members
-    return tuple(out)

@@ -8,19 +8,37 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.dataset.dataset import Dataset
 from calib.effects import gravity
-from calib.effects.effect import Parameter
+from calib.effects.effect import Effect, Parameter
+from calib.effects.family import CatalogueEffect, Family
 from calib.effects.state import RobotState
+from calib.kinematics.robot import Robot
 
 Array = NDArray[np.float64]
 
 
+def _where_masses_are_known(name: str, robot: Robot, members: tuple[Effect, ...]) -> Family:
+    if gravity.has_masses(robot):
+        return Family(name, members)
+    return Family(
+        name,
+        members,
+        why_not="robot.toml has no masses and centres of mass of the links",
+        would_help="add mass_kg and com_mm to each [[joints]]; a maker's data sheet or CAD is good enough",
+    )
+
+
 @dataclass(frozen=True)
-class JointCompliance:
+class JointCompliance(CatalogueEffect):
     """A joint that yields to the gravity torque about it: theta += c tau (a prismatic one: d += c force)."""
 
     joint: int
     name = "joint_compliance"
+    equation = "theta_j += c_j tau_j(q, payload)"
+    symbols = (("c_j", "rad/Nm"),)
+    needs = "masses in robot.toml, or many poses; payload_kg where it varies"
+    confirm = "the same poses with and without a payload: compliance grows with the load, nothing else does"
     linear = True
     parameters = (
         Parameter("c_rad_per_nm", "rad/Nm", 5e-5, "compliance; its inverse is the stiffness", positive=True),
@@ -31,6 +49,22 @@ class JointCompliance:
         return state.add_joint_error(
             self.joint, c_rad_per_nm * state.loaded.gravity_torques_nm[:, self.joint]
         )
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """One for each joint; where masses are not known, with the masses among its unknowns."""
+        robot, poses = dataset.robot, dataset.poses
+        if gravity.has_masses(robot):
+            return Family(cls.name, tuple(cls(j) for j in range(robot.n_joints)))
+        varies = poses.payload_kg is not None and bool(np.ptp(poses.payload_kg[~poses.is_test]) > 0.0)
+        members = tuple(
+            JointComplianceUnknownMasses(
+                j, places=robot.n_joints + 1 - j if joint.is_revolute else 1, payload=varies
+            )
+            for j, joint in enumerate(robot.joints)
+        )
+        note = "robot.toml has no masses: compliance times unknown masses is fitted"
+        return Family(cls.name, members, note=note)
 
 
 @dataclass(frozen=True)
@@ -44,7 +78,9 @@ class JointComplianceUnknownMasses:
     joint: int
     places: int  # frames beyond the joint, the tool point included
     payload: bool  # whether it varies
-    name = "joint_compliance"
+    name = JointCompliance.name
+    equation, symbols = JointCompliance.equation, JointCompliance.symbols
+    needs, confirm = JointCompliance.needs, JointCompliance.confirm
     linear = True
 
     @cached_property
@@ -67,11 +103,15 @@ class JointComplianceUnknownMasses:
 
 
 @dataclass(frozen=True)
-class GravityBacklash:
+class GravityBacklash(CatalogueEffect):
     """Play that gravity takes up: theta += b / 2 sign(tau)."""
 
     joint: int
     name = "gravity_backlash"
+    equation = "theta_j += b_j / 2 sign(tau_j)"
+    symbols = (("b_j", "rad"),)
+    needs = "masses in robot.toml"
+    confirm = "poses on both sides of the angle where gravity's torque changes sign"
     linear = True
     parameters = (Parameter("b_rad", "rad", 5e-4, "width of the play", positive=True),)
 
@@ -81,9 +121,15 @@ class GravityBacklash:
             self.joint, 0.5 * b_rad * np.sign(state.loaded.gravity_torques_nm[:, self.joint])
         )
 
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """One for each joint."""
+        members = tuple(cls(j) for j in range(dataset.robot.n_joints))
+        return _where_masses_are_known(cls.name, dataset.robot, members)
+
 
 @dataclass(frozen=True)
-class LinkBending:
+class LinkBending(CatalogueEffect):
     """A link that bends under what hangs beyond it and its own weight: a cantilever with c = L / EI, `gravity.bending`.
 
     The part that turns about the next joint's axis is close to what compliance of that joint does; only the shift tells
@@ -92,6 +138,12 @@ class LinkBending:
 
     joint: int  # the joint that moves the link
     name = "link_bending"
+    equation = "end of link j turns by c_j M_j, c_j = L / EI"
+    symbols = (("c_j", "rad/Nm"),)
+    needs = "masses in robot.toml"
+    confirm = (
+        "the same poses with and without a payload; bending also shifts the link's end, so reach far out"
+    )
     linear = True
     parameters = (
         Parameter(
@@ -111,12 +163,22 @@ class LinkBending:
             .displace(c_rad_per_nm * shift_mm)
         )
 
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """One for each joint's link."""
+        members = tuple(cls(j) for j in range(dataset.robot.n_joints))
+        return _where_masses_are_known(cls.name, dataset.robot, members)
+
 
 @dataclass(frozen=True)
-class BaseCompliance:
+class BaseCompliance(CatalogueEffect):
     """A pedestal that tilts under the overturning moment of the whole arm: the base turns by C M(q)."""
 
     name = "base_compliance"
+    equation = "base turns by C M(q)"
+    symbols = (("cx", "rad/Nm"), ("cy", "rad/Nm"))
+    needs = "masses in robot.toml"
+    confirm = "a dial gauge at the foot while the arm swings round stretched out: it sees the base alone"
     linear = True
     parameters = (
         Parameter("cx_rad_per_nm", "rad/Nm", 2e-6, "tilt about x a unit moment", positive=True),
@@ -128,12 +190,21 @@ class BaseCompliance:
         moment = gravity.moment_about(state.loaded, np.zeros((len(state.poses), 3)), 0)
         return state.turn_base(moment * np.array([cx_rad_per_nm, cy_rad_per_nm, 0.0]))
 
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """One."""
+        return _where_masses_are_known(cls.name, dataset.robot, (cls(),))
+
 
 @dataclass(frozen=True)
-class ToolSag:
+class ToolSag(CatalogueEffect):
     """A tool that hangs: it moves by R diag(c) R^T g, R the flange's attitude and g gravity's direction."""
 
     name = "tool_sag"
+    equation = "target moves by R diag(c) R^T g"
+    symbols = (("c", "mm"),)
+    needs = "tool attitudes that vary"
+    confirm = "one place reached with the tool in different attitudes"
     linear = True
     parameters = tuple(
         Parameter(f"{a}_mm", "mm", 0.1, f"sag with gravity along the tool's {a}") for a in "xyz"
@@ -146,3 +217,8 @@ class ToolSag:
         down = gravity_vector / max(float(np.linalg.norm(gravity_vector)), 1e-12)
         in_tool = np.einsum("nji,j->ni", rotation, down) * np.array([x_mm, y_mm, z_mm])
         return state.displace(np.einsum("nij,nj->ni", rotation, in_tool))
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """One."""
+        return Family(cls.name, (cls(),))

@@ -7,8 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.dataset.dataset import Dataset
 from calib.effects.effect import Parameter
+from calib.effects.family import CatalogueEffect, Family
 from calib.effects.state import RobotState
+from calib.kinematics.robot import Robot
 
 
 def _harmonic(order: float, scale: float) -> tuple[Parameter, ...]:
@@ -24,8 +27,13 @@ def _periodic_error(state: RobotState, joint: int, order: float, values: dict[st
     return state.add_joint_error(joint, sine * np.sin(order * q) + cosine * np.cos(order * q))
 
 
+def _revolute_joints(robot: Robot) -> list[int]:
+    """Indices of the joints that turn."""
+    return [j for j, joint in enumerate(robot.joints) if joint.is_revolute]
+
+
 @dataclass(frozen=True)
-class TransmissionError:
+class TransmissionError(CatalogueEffect):
     """An error that comes n times a turn: theta += A sin(n q) + B cos(n q), n = 1, 2 or 3.
 
     n = 1 is eccentricity of an encoder or gear. The cosine of n = 1 at a joint whose whole range is small is close to a
@@ -35,6 +43,10 @@ class TransmissionError:
     joint: int
     order: float
     name = "transmission_error"
+    equation = "theta_j += A sin(n q_j) + B cos(n q_j), n = 1, 2, 3"
+    symbols = (("sin_n", "rad"), ("cos_n", "rad"))
+    needs = "joint angles over a good part of a turn"
+    confirm = "one joint alone over a whole turn in small steps"
     linear = True
 
     @cached_property
@@ -46,6 +58,11 @@ class TransmissionError:
         """The joint's error added."""
         return _periodic_error(state, self.joint, self.order, values)
 
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """Three harmonics of each revolute joint."""
+        return Family(cls.name, tuple(cls(j, n) for j in _revolute_joints(dataset.robot) for n in (1, 2, 3)))
+
 
 @dataclass(frozen=True)
 class StrainWave(TransmissionError):
@@ -53,14 +70,35 @@ class StrainWave(TransmissionError):
 
     order: float
     name = "strain_wave"
+    equation = "the same, n = gear ratio and 2 x gear ratio"
+    symbols = (("sin_n", "rad"), ("cos_n", "rad"))
+    needs = "gear_ratio in robot.toml"
+    confirm = "one joint alone in steps of a tenth of a motor turn"
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """Two harmonics of each revolute joint whose gear ratio is known."""
+        members = tuple(
+            cls(j, factor * joint.gear_ratio)
+            for j, joint in enumerate(dataset.robot.joints)
+            if joint.gear_ratio is not None and joint.is_revolute
+            for factor in (1.0, 2.0)
+        )
+        if members:
+            return Family(cls.name, members)
+        return Family(cls.name, (), "robot.toml has no gear_ratio", "add gear_ratio to each [[joints]]")
 
 
 @dataclass(frozen=True)
-class JointScale:
+class JointScale(CatalogueEffect):
     """A wrong gear ratio or encoder scale: theta += k q."""
 
     joint: int
     name = "joint_scale"
+    equation = "theta_j += k_j q_j"
+    symbols = (("k_j", "1"),)
+    needs = "joint angles over a good range"
+    confirm = "one joint alone from end to end of its range: a scale error grows with the angle, harmonics come back"
     linear = True
     parameters = (Parameter("k", "1", 1e-4, "share of the commanded motion"),)
 
@@ -68,14 +106,23 @@ class JointScale:
         """The joint's error added."""
         return state.add_joint_error(self.joint, k * state.q_rad[:, self.joint])
 
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """One for each joint."""
+        return Family(cls.name, tuple(cls(j) for j in range(dataset.robot.n_joints)))
+
 
 @dataclass(frozen=True)
-class JointCoupling:
+class JointCoupling(CatalogueEffect):
     """A joint that is dragged by its neighbour, as wrists with bevel gears are: theta_j += k q_i."""
 
     joint: int
     driver: int
     name = "joint_coupling"
+    equation = "theta_j += k q_i, neighbours of the wrist"
+    symbols = (("k", "1"),)
+    needs = "three joints or more"
+    confirm = "the driving joint alone with the driven one held still"
     linear = True
 
     @cached_property
@@ -88,13 +135,26 @@ class JointCoupling:
         (k,) = values.values()
         return state.add_joint_error(self.joint, k * state.q_rad[:, self.driver])
 
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """The last two joints, each by its neighbour before it, and the last by the one before that."""
+        n = dataset.robot.n_joints
+        pairs = [(j, j - 1) for j in range(max(n - 2, 1), n)] + ([(n - 1, n - 3)] if n >= 3 else [])
+        if n < 2:
+            return Family(cls.name, (), "the arm has one joint", "nothing: there is no neighbour")
+        return Family(cls.name, tuple(cls(joint, driver) for joint, driver in pairs))
+
 
 @dataclass(frozen=True)
-class Backlash:
+class Backlash(CatalogueEffect):
     """Play that is taken up from the side the joint came from: theta += b / 2 sign(approach)."""
 
     joint: int
     name = "backlash"
+    equation = "theta_j += b_j / 2 sign(approach_j)"
+    symbols = (("b_j", "rad"),)
+    needs = "approach1 ... in poses.csv, from both sides"
+    confirm = "each pose twice, coming from the one side and from the other"
     linear = True
     parameters = (Parameter("b_rad", "rad", 5e-4, "width of the play"),)
 
@@ -104,9 +164,31 @@ class Backlash:
             return state
         return state.add_joint_error(self.joint, 0.5 * b_rad * np.sign(state.poses.approach[:, self.joint]))
 
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """One for each joint that was moved to from both sides in the training poses."""
+        poses = dataset.poses
+        if poses.approach is None:
+            return Family(
+                cls.name,
+                (),
+                "poses.csv has no approach columns",
+                "move to each pose from both sides and write approach1 ... (-1 or 1)",
+            )
+        sides = [np.unique(poses.approach[~poses.is_test, j]) for j in range(dataset.robot.n_joints)]
+        both = [j for j, of_joint in enumerate(sides) if len(of_joint) > 1]
+        if not both:
+            return Family(
+                cls.name,
+                (),
+                "every joint always came from the same side: backlash is then a joint offset",
+                "come to some poses from the other side",
+            )
+        return Family(cls.name, tuple(cls(j) for j in both))
+
 
 @dataclass(frozen=True)
-class AxisWobble:
+class AxisWobble(CatalogueEffect):
     """A joint's axis that tilts as it turns, about its own origin, by cosine and sine of n q, n = 1 or 2.
 
     The part of n = 1 that turns with the link is plain geometry and is left to it: what is kept tilts the axis in the
@@ -116,6 +198,10 @@ class AxisWobble:
     joint: int
     order: int
     name = "axis_wobble"
+    equation = "axis j tilts about its origin by sin, cos of n q_j, n = 1, 2"
+    symbols = (("x_sin_n", "rad"), ("y_cos_n", "rad"))
+    needs = "joint angles over a good part of a turn"
+    confirm = "one joint alone over a whole turn, with points at two distances from its axis"
     linear = True
 
     @cached_property
@@ -141,3 +227,8 @@ class AxisWobble:
         # axis is that frame's x where beta is small.
         before = self.joint - 1
         return state.add_link_error(before, "alpha", about_x).add_link_error(before, "beta", about_y)
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """Two harmonics of each revolute joint."""
+        return Family(cls.name, tuple(cls(j, n) for j in _revolute_joints(dataset.robot) for n in (1, 2)))

@@ -7,15 +7,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.dataset.dataset import Dataset
 from calib.effects.effect import Parameter
+from calib.effects.family import CatalogueEffect, Family
 from calib.effects.state import RobotState
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 
+def _field(dataset: Dataset) -> tuple[Vector, float]:
+    """Middle and half width, mm, of where the training points lie in the scanner's frame."""
+    if dataset.points is None:
+        return (0.0, 0.0, 0.0), 1.0
+    xyz = dataset.points.xyz_mm[~dataset.poses.is_test[dataset.points.pose]]
+    low, high = xyz.min(axis=0), xyz.max(axis=0)
+    x, y, z = (0.5 * (low + high)).tolist()
+    return (x, y, z), max(0.5 * float(np.max(high - low)), 1e-6)
+
+
 @dataclass(frozen=True)
-class ScannerDistortion:
+class ScannerDistortion(CatalogueEffect):
     """Depth and radial errors about the middle of the measured field.
 
     With u = (p - centre) / half: depth z += k1 u_z + k2 u_z^2, radial (x, y) += k r^2 (u_x, u_y), r^2 = u_x^2 + u_y^2.
@@ -26,6 +38,10 @@ class ScannerDistortion:
     centre_mm: Vector
     half_mm: float
     name = "scanner_distortion"
+    equation = "z += k1 u + k2 u^2, radial k r^3 about the field's middle"
+    symbols = (("depth1", "mm"), ("depth2", "mm"), ("radial", "mm"), ("decentre", "mm"))
+    needs = "points spread over the field"
+    confirm = "the same poses from a second place of the scanner (a second setup)"
     linear = True
     parameters = (
         Parameter("depth1_mm", "mm", 0.1, "depth error at the edge of the field, linear"),
@@ -62,9 +78,14 @@ class ScannerDistortion:
         out[:, :2] = radial_mm * square * across + square * shift + 2.0 * (across @ shift)[:, None] * across
         return state.displace_in_scanner(out)
 
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """One, about the middle of the training points."""
+        return Family(cls.name, (cls(*_field(dataset)),))
+
 
 @dataclass(frozen=True)
-class ScannerDrift:
+class ScannerDrift(CatalogueEffect):
     """A scanner that moves during the session: p += (v + w x (p - centre)) t, t from the first pose on."""
 
     centre_mm: Vector
@@ -72,6 +93,10 @@ class ScannerDrift:
     start_s: float
     duration_s: float
     name = "scanner_drift"
+    equation = "p += (v + w x p) t"
+    symbols = (("v", "mm/s"), ("w", "rad/s"))
+    needs = "time_s in poses.csv"
+    confirm = "the first pose again at the end, and in between"
     linear = True
 
     @property
@@ -93,12 +118,29 @@ class ScannerDrift:
         since_s = (state.poses.time_s - self.start_s)[:, None]
         return state.displace_in_scanner((v + np.cross(w, arm)) * since_s).turn_in_scanner(w * since_s)
 
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """One, about the middle of the training points, over the time that all poses took."""
+        time_s = dataset.poses.time_s
+        if time_s is None:
+            return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")
+        start_s, duration_s = float(time_s.min()), float(np.ptp(time_s))
+        if duration_s <= 0.0:
+            return Family(
+                cls.name, (), "time_s is the same at every pose", "write down when each pose was measured"
+            )
+        return Family(cls.name, (cls(*_field(dataset), start_s, duration_s),))
+
 
 @dataclass(frozen=True)
-class IncidenceBias:
+class IncidenceBias(CatalogueEffect):
     """A range error that grows as the jig turns away: b (1 - cos phi) along the ray, phi between ray and jig axis."""
 
     name = "incidence_bias"
+    equation = "b (1 - cos phi) along the ray"
+    symbols = (("b", "mm"),)
+    needs = "jig attitudes that vary"
+    confirm = "one place with the jig turned in steps toward and away from the scanner"
     linear = True
     parameters = (Parameter("b_mm", "mm", 0.1, "range error at grazing incidence"),)
 
@@ -113,15 +155,33 @@ class IncidenceBias:
         cosine = np.abs(np.einsum("ni,ni->n", ray, axis))
         return state.displace_in_scanner(b_mm * (1.0 - cosine)[:, None] * ray)
 
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """One."""
+        return Family(cls.name, (cls(),))
+
 
 @dataclass(frozen=True)
-class ScannerScale:
+class ScannerScale(CatalogueEffect):
     """An isotropic scale error: p times 1 + s. It equals a scaling of every length of the arm."""
 
     name = "scanner_scale"
+    equation = "p times 1 + s"
+    symbols = (("s", "1"),)
+    needs = "a length standard; not testable without one"
     linear = True
     parameters = (Parameter("s", "1", 1e-4, "scale error"),)
 
     def apply(self, state: RobotState, *, s: float) -> RobotState:
         """What is reported, scaled."""
         return state if state.seen is None else state.displace_in_scanner(s * state.seen.scanner_mm)
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """One that no dataset can test: the arm's lengths and the scanner's scale are known only together."""
+        return Family(
+            cls.name,
+            (cls(),),
+            why_not="a scale error of the scanner equals a scaling of every length of the arm",
+            would_help="measure a certified length (a ball bar, two targets on a gauge) with the same scanner",
+        )

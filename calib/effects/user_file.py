@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from calib.dataset.dataset import Dataset
-from calib.effects.catalogue import Family, families_from
+from calib.effects.catalogue import catalogue_names
 from calib.effects.checked_apply import error_words
-from calib.effects.descriptions import FAMILY_NAMES
 from calib.effects.effect import Effect, Parameter, apply_values
+from calib.effects.family import Family, families_from
 from calib.effects.state import RobotState
 from calib.errors import CalibError
 from calib.fitting.model import geometric_model
@@ -49,7 +49,7 @@ def check_effects(effects: Iterable[Effect], dataset: Dataset, where: str = "eff
         _check(effect, state, where)
     families = families_from(effects)
     for family in families:
-        if family.name in FAMILY_NAMES:
+        if family.name in catalogue_names():
             raise CalibError(
                 f"{where}: effect {family.name!r} has the name of one in the catalogue; give it another `name`"
             )

@@ -19,7 +19,7 @@ from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.dataset.files.points_csv import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from calib.dataset.files.robot_checks import refuse_beyond
 from calib.dataset.files.robot_toml import builtin_robot, load_robot
-from calib.effects.descriptions import DESCRIPTIONS
+from calib.effects.catalogue import descriptions
 from calib.errors import DatasetError
 from calib.identifiability.structural import redundancy, with_place_unknown
 from calib.measurement.measured_points import failed_searches, name_faces, require_corners, with_corners
@@ -88,8 +88,8 @@ def run_redundancy(options: Any) -> int:
 def run_effects(options: Any) -> int:
     """The catalogue."""
     lines = [
-        f"{d.name}: {d.equation}  [{', '.join(f'{n} {u}' for n, u in d.parameters)}]; needs {d.needs}"
-        for d in DESCRIPTIONS
+        f"{d.name}: {d.equation}  [{', '.join(f'{n} {u}' for n, u in d.symbols)}]; needs {d.needs}"
+        for d in descriptions()
     ]
     show(options, documents.effects_document(), "\n".join(lines))
     return 0

@@ -16,8 +16,9 @@ from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.diagnosis.effect_selection import Addition, add_in_turn
 from calib.diagnosis.explanation import explain, verdict_words
-from calib.diagnosis.stepwise import diagnose, effects_named
-from calib.effects.catalogue import Family
+from calib.diagnosis.stepwise import diagnose
+from calib.effects.catalogue import effects_named
+from calib.effects.family import Family
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError, DatasetError
 from calib.validation.cross_validation import cross_validate

@@ -18,7 +18,7 @@ from calib.diagnosis.fault_models import LocalFault
 from calib.diagnosis.pose_recommendation import splitting_poses
 from calib.diagnosis.screening import Candidate
 from calib.diagnosis.stepwise import Diagnosis, Step
-from calib.effects.descriptions import DESCRIPTIONS
+from calib.effects.catalogue import descriptions
 from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import PlaceUnknown
 from calib.measurement.face_labels import Labelling
@@ -280,9 +280,9 @@ def effects_document() -> dict[str, Any]:
             {
                 "name": d.name,
                 "equation": d.equation,
-                "parameters": [{"name": name, "unit": unit} for name, unit in d.parameters],
+                "parameters": [{"name": name, "unit": unit} for name, unit in d.symbols],
                 "needs": d.needs,
             }
-            for d in DESCRIPTIONS
+            for d in descriptions()
         ]
     }

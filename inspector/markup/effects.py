@@ -11,13 +11,13 @@ from calib.calibration.calibrate import Calibration
 from calib.calibration.noise_check import noise_floor_mm
 from calib.diagnosis.advice import Advice
 from calib.diagnosis.decision_rules import is_convincing
-from calib.diagnosis.explanation import MEASURE_NEXT, explain, left_in_short, verdict_words
+from calib.diagnosis.explanation import explain, left_in_short, verdict_words
 from calib.diagnosis.parameter_meaning import meaning
 from calib.diagnosis.pose_recommendation import NextPose
 from calib.diagnosis.screening import Candidate, Screening, Untestable, Value
 from calib.diagnosis.stepwise import Diagnosis
-from calib.effects.descriptions import DESCRIPTIONS
-from calib.effects.effect import full_name
+from calib.effects.effect import family_name, full_name
+from calib.effects.family import Description, describe
 from calib.kinematics.robot import Robot
 from inspector.markup import elements as tables
 from inspector.markup import numbers as words
@@ -147,11 +147,12 @@ def chosen_html(
     name: str, candidate: Candidate | None, calibration: Calibration, cv_before_mm: float, *, own: bool
 ) -> str:
     """What the chosen effect is, its estimated parameters, what it may be confused with, how to be sure."""
-    described = next((d for d in DESCRIPTIONS if d.name == name), None)
+    described = _description(name, candidate, calibration)
     out = tables.heading(f"Effect {name}")
     facts: list[tuple[str, object]] = []
-    if described is not None:
-        facts += [("equation", described.equation), ("needs", described.needs)]
+    facts += [
+        (what, text) for what, text in (("equation", described.equation), ("needs", described.needs)) if text
+    ]
     if own:
         facts.append(("from", "your effects file"))
     if candidate is not None:
@@ -165,8 +166,8 @@ def chosen_html(
         facts.append(("could also be made by", likeness or "nothing else here"))
         if candidate.family.note:
             facts.append(("assumed", candidate.family.note))
-    if name in MEASURE_NEXT:
-        facts.append(("to be sure, measure", MEASURE_NEXT[name]))
+    if described.confirm:
+        facts.append(("to be sure, measure", described.confirm))
     out += tables.facts(facts)
     if candidate is None:
         return out
@@ -185,6 +186,14 @@ def chosen_html(
             "coordinate that is left over against what the effect would make of it. Points along the line speak for it."
         )
     )
+
+
+def _description(name: str, candidate: Candidate | None, calibration: Calibration) -> Description:
+    """What the class of a candidate, or of an effect in the model, says of it."""
+    if candidate is not None:
+        return candidate.family.description
+    inside = next((effect for effect in calibration.model.effects if family_name(effect) == name), None)
+    return describe(inside) if inside is not None else Description(name)
 
 
 def fitted_html(calibration: Calibration, name: str) -> str:

@@ -20,9 +20,9 @@ from calib.diagnosis.pose_recommendation import splitting_poses
 from calib.diagnosis.projected_residual import leftover_of
 from calib.diagnosis.residual_tests import examine
 from calib.diagnosis.screening import Screening, screen
-from calib.diagnosis.stepwise import Diagnosis, diagnose, effects_named
+from calib.diagnosis.stepwise import Diagnosis, diagnose
 from calib.effects.base import Parameter
-from calib.effects.descriptions import FAMILY_NAMES
+from calib.effects.catalogue import catalogue_names, effects_named
 from calib.effects.state import RobotState
 from calib.effects.user_file import check_effects, load_effects
 from calib.errors import CalibError, FitError
@@ -43,7 +43,7 @@ def simulated(
     ).dataset
 
 
-NAMEABLE = tuple(name for name in FAMILY_NAMES if name != "scanner_scale")
+NAMEABLE = tuple(name for name in catalogue_names() if name != "scanner_scale")
 
 
 @pytest.mark.parametrize("effect", NAMEABLE)
@@ -148,7 +148,6 @@ OWN_FILE = '''
 from dataclasses import dataclass
 import numpy as np
 from calib.effects.base import Parameter
-from calib.effects.descriptions import FAMILY_NAMES
 
 
 @dataclass(frozen=True)

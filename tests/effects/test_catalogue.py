@@ -11,8 +11,7 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import evaluate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.effects.catalogue import effects_for, family_of
-from calib.effects.descriptions import FAMILY_NAMES
+from calib.effects.catalogue import catalogue_names, effects_for, family_of
 from calib.effects.effect import (
     Effect,
     Parameter,
@@ -66,7 +65,7 @@ def label(effect: Effect) -> str:
 
 def test_the_catalogue_is_what_is_described_and_all_of_it_runs_here() -> None:
     families = effects_for(DATASET)
-    assert tuple(family.name for family in families) == FAMILY_NAMES
+    assert tuple(family.name for family in families) == catalogue_names()
     assert [family.name for family in families if family.why_not] == ["scanner_scale"]
     assert all(family_name(member) == family.name for family in families for member in family.members)
 
