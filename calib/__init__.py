@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from calib.calibration.calibrate import calibrate
     from calib.compensation.target_correction import corrected_joints
-    from calib.corners.search import find_corner, find_corners
+    from calib.corners.batch import find_corners
+    from calib.corners.search import find_corner
     from calib.dataset.files.folder import load_dataset, write_dataset
     from calib.diagnosis.stepwise import diagnose
     from calib.effects.effect import Effect, Parameter
@@ -31,7 +32,7 @@ _HOME = {
     "corrected_joints": "calib.compensation.target_correction",
     "diagnose": "calib.diagnosis.stepwise",
     "find_corner": "calib.corners.search",
-    "find_corners": "calib.corners.search",
+    "find_corners": "calib.corners.batch",
     "load_dataset": "calib.dataset.files.folder",
     "load_scan": "calib.scans.scan",
     "simulate_dataset": "calib.simulation.simulate",

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass, field, replace
-from functools import partial
 from hashlib import blake2b
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +15,11 @@ from calib.corners.face_selection import ChoiceTolerances, face_choices, why_non
 from calib.corners.intersection import Corner
 from calib.corners.refinement import RefinementOptions, refine
 from calib.corners.unit_check import MOST_EDGES, extent_of, with_unit
-from calib.dataset.dataset import Dataset
-from calib.errors import CornerError, DatasetError, ScanError
 from calib.jig import Jig
-from calib.parallel import as_they_come
 from calib.planes.clustering import ClusterTolerances, PlaneGroup, cluster
 from calib.planes.filters import FilterTolerances, SampleSets, apply_filters, draw_sample_sets, walk_for
 from calib.planes.normals import NEIGHBOURS, Neighbourhoods, estimate_normals, finite_rows, thin_to_voxels
-from calib.scans.scan import Scan, load_scan
-from calib.scans.scan_counts import PointCount
+from calib.scans.scan import PointCount, Scan
 
 MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
 MOST_CHOICES = 4  # triples of planes that are refined before the search gives up
@@ -124,14 +116,14 @@ def _search(
     """As many looks as it takes, at a scan taken to be in millimetres."""
     failure = _unworkable(scan, jig)
     if failure:
-        return _failed(scan.name, failure, 0.0)
+        return failed_search(scan.name, failure)
     thinned = thin_to_voxels(scan.points_mm, jig.edge_mm / _EDGE_VOXELS)
     if len(thinned) < NEIGHBOURS:
         failure = (
             f"the scan's points lie in {len(thinned)} spots of {jig.edge_mm / _EDGE_VOXELS:.2g} mm, a corner needs "
             f"{NEIGHBOURS} at the very least; scan the pose again"
         )
-        return _failed(scan.name, failure, 0.0)
+        return failed_search(scan.name, failure)
     searches: list[CornerSearch] = []
     for neighbours, times in _LOOKS:
         around = estimate_normals(scan.points_mm[thinned], neighbours)
@@ -181,78 +173,6 @@ def _look(
     )
 
 
-def find_corners(
-    dataset: Dataset,
-    *,
-    on_progress: Callable[[int, int, str], None] | None = None,
-    executor: Executor | None = None,
-    in_flight: int = 64,
-    intermediate: bool = True,
-) -> dict[str, CornerSearch]:
-    """The corner of every pose's scan, by pose id, in the dataset's order.
-
-    `on_progress(done, total, pose_id)` is called after each scan. With an `executor` (threads, processes, Dask's
-    `Client.get_executor()`: any `concurrent.futures.Executor`) the scans are processed by it, `in_flight` with it at a
-    time, which should be twice its workers or more; the result is the same to the bit, save the last digits of the
-    covariance where BLAS has another number of threads there (OPENBLAS_NUM_THREADS; Dask's workers have 1). Each job
-    loads its own scan, so no more scans are in memory than jobs run at a time. A scan that cannot be read becomes a
-    failed search with `unreadable` set. Without `intermediate` the searches come back without the arrays that are only
-    looked at (some 2 MB a scan of 200,000 points): with the corner, the counts and the reason.
-
-    Raises DatasetError where the dataset has no scans; CornerError where a process of the executor died.
-    """
-    ids = dataset.poses.ids
-    paths = [dataset.scan_path(i) for i in range(len(ids))]
-    scans = [path for path in paths if path is not None]
-    if len(scans) < len(ids) or not scans:
-        raise DatasetError(
-            f"dataset {dataset.name!r} has no scans to find corners in; name them with scans = ..."
-        )
-    search = partial(
-        search_file,
-        jig=dataset.jig,
-        scan_sigma_mm=dataset.scanner.scan_sigma_mm,
-        intermediate=intermediate,
-    )
-    found: dict[int, CornerSearch] = {}
-    try:
-        for pose, result in as_they_come(search, scans, executor, in_flight):
-            found[pose] = result
-            if on_progress is not None:
-                on_progress(len(found), len(ids), ids[pose])
-    except BrokenExecutor:
-        raise CornerError(
-            f"dataset {dataset.name!r}: a process died after {len(found)} of {len(ids)} scans, perhaps for want of "
-            "memory; search with fewer processes"
-        ) from None
-    return {pose_id: found[pose] for pose, pose_id in enumerate(ids)}
-
-
-@one_blas_thread()
-def search_file(
-    path: Path, jig: Jig, scan_sigma_mm: float | None = None, *, intermediate: bool = True
-) -> CornerSearch:
-    """`find_corner` in a scan file; one that cannot be read becomes a failed search with `unreadable` set."""
-    try:
-        scan = load_scan(path)
-    except ScanError as error:
-        return _failed(path.stem, str(error), 0.0, unreadable=True)
-    search = find_corner(scan, jig, scan_sigma_mm=scan_sigma_mm)
-    search = replace(search, count=PointCount(len(scan.points_mm), scan.dropped))
-    return search if intermediate else _brief(search)
-
-
-def _brief(search: CornerSearch) -> CornerSearch:
-    """The search without its points: what is found, counted and said stays."""
-    none, no_bits = np.zeros((0, 3)), np.zeros(0, dtype=np.uint8)
-    corner = search.corner
-    if corner is not None:
-        one, two, three = (replace(face, inlier_bits=no_bits) for face in corner.faces)
-        corner = replace(corner, faces=(one, two, three))
-    sets = SampleSets(np.zeros((0, 4, 3)), none, none, search.sets.rejected_by)
-    return replace(search, voxel_points_mm=none, voxel_normals=none, sets=sets, corner=corner)
-
-
 @dataclass(frozen=True)
 class _Tolerances:
     """The stages' tolerances, from the jig's edge and the scan's noise; the factors were found by experiment."""
@@ -300,11 +220,11 @@ def _unworkable(scan: Scan, jig: Jig) -> str:
     return ""
 
 
-def _failed(name: str, failure: str, seconds: float, *, unreadable: bool = False) -> CornerSearch:
+def failed_search(name: str, failure: str, *, unreadable: bool = False) -> CornerSearch:
     """A search that ended before the first sample set."""
     none = np.zeros((0, 3))
     sets = SampleSets(np.zeros((0, 4, 3)), none, none, np.zeros(0, np.uint8))
-    return CornerSearch(name, none, none, sets, (), (), None, failure, seconds, unreadable)
+    return CornerSearch(name, none, none, sets, (), (), None, failure, 0.0, unreadable)
 
 
 def _generator(points_mm: NDArray) -> np.random.Generator:

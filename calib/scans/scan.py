@@ -27,6 +27,19 @@ class Scan:
     dropped: int = 0  # rows without a value, left out on loading
 
 
+@dataclass(frozen=True)
+class PointCount:
+    """How many points a scan's file holds, and how many of its rows have no value."""
+
+    points: int  # with a value
+    dropped: int  # rows without one, left out on loading
+
+    @property
+    def share_dropped(self) -> float:
+        """0 to 1, of all rows."""
+        return self.dropped / max(self.points + self.dropped, 1)
+
+
 def load_scan(path: str | Path) -> Scan:
     """Read a scan: .ply, .pcd, .xyz, .csv, .txt, .npz, or the vertices of an .stl or .obj. Lengths are millimetres.
 

@@ -19,7 +19,7 @@ from calib.diagnosis.stepwise import Diagnosis, diagnose
 from calib.errors import FitError
 from calib.identifiability.structural import fewest_poses
 from calib.measurement.measured_points import failed_searches, with_corners
-from calib.scans.scan_counts import PointCount
+from calib.scans.scan import PointCount
 from calib.validation.cross_validation import SUSPICIOUS, noise_ratio
 from calib.validation.splits import training_places
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from calib.calibration.calibrate import Calibration
 from calib.calibration.pose_errors import failure_of
-from calib.corners.search import search_file
+from calib.corners.batch import search_file
 from calib.dataset.dataset import Dataset, without_poses
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.effect_selection import Added, calibrate_with, proposed, recalled

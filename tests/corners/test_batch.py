@@ -22,7 +22,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.corners.search import CornerSearch, find_corners
+from calib.corners.batch import find_corners
+from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Scanner
 from calib.errors import CornerError
 from calib.jig import Jig
@@ -105,7 +106,7 @@ def test_another_name_changes_nothing_and_more_blas_threads_only_the_covariances
     copy.write_bytes(dataset.scan_path(0).read_bytes())
     code = (
         "import sys; from pathlib import Path\n"
-        "from calib.corners.search import search_file; from calib.jig import Jig\n"
+        "from calib.corners.batch import search_file; from calib.jig import Jig\n"
         "found = search_file(Path(sys.argv[1]), Jig(), 0.02).corner\n"
         "print(found.xyz_mm.tobytes().hex(), found.covariance_mm2.tobytes().hex())"
     )
@@ -138,7 +139,7 @@ def _die(path: Path, **_: Any) -> None:
 
 
 def test_a_process_that_dies_is_told(dataset: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("calib.corners.search.search_file", _die)
+    monkeypatch.setattr("calib.corners.batch.search_file", _die)
     with ProcessPoolExecutor(1, mp_context=SPAWN) as executor, pytest.raises(CornerError, match="fewer proc"):
         find_corners(dataset, executor=executor)
 

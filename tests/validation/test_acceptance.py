@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.corners.search import find_corners, search_file
+from calib.corners.batch import find_corners, search_file
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.jig import Jig
 from calib.scans.readers.by_suffix import READERS
-from calib.scans.scan import write_scan
-from calib.scans.scan_counts import PointCount
+from calib.scans.scan import PointCount, write_scan
 from calib.validation.acceptance import Finding, check, thin_scans
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
