@@ -16,10 +16,10 @@ from inspector.session.transitions import with_redundancy
 
 
 @dataclass(frozen=True)
-class Look:
-    """One fit, and what it leaves over against the inputs that it has most order in."""
+class ModelResidual:
+    """What the fit of one model leaves over: the errors of the poses, and the tests of them against every input."""
 
-    title: str
+    title: str  # the model, see `model_name`
     failure: Failure
     remains: Remains
 
@@ -32,7 +32,8 @@ class Report:
     calibration: Calibration
     ranking: Screening
     ranking_of: str  # the model that the ranking is about
-    looks: tuple[Look, ...]  # the link errors' first where an effect was found, then the last fit
+    # After the link errors alone, where an effect was found, then after the last fit.
+    residuals: tuple[ModelResidual, ...]
     redundancy: Redundancy
 
     @property
@@ -51,20 +52,20 @@ def report_of(session: Session) -> Report:
     assert ranking is not None
     analysis = session.redundancy or with_redundancy(session, calibration.residual).redundancy
     assert analysis is not None
-    model = model_words(calibration)
+    model = model_name(calibration)
     found = session.diagnosis
     remains = session.remains or examine(calibration.dataset, ranking.leftover)
-    looks = [Look(model, session.failure or failure_of(calibration), remains)]
+    residuals = [ModelResidual(model, session.failure or failure_of(calibration), remains)]
     ranking_of = model
     if found is not None:
         first = found.steps[0]
-        ranking, ranking_of = first.screening, model_words(first.calibration)
+        ranking, ranking_of = first.screening, model_name(first.calibration)
         if len(found.steps) > 1:
             before = examine(first.calibration.dataset, first.screening.leftover)
-            looks.insert(0, Look(ranking_of, failure_of(first.calibration), before))
-    return Report(session, calibration, ranking, ranking_of, tuple(looks), analysis)
+            residuals.insert(0, ModelResidual(ranking_of, failure_of(first.calibration), before))
+    return Report(session, calibration, ranking, ranking_of, tuple(residuals), analysis)
 
 
-def model_words(calibration: Calibration) -> str:
+def model_name(calibration: Calibration) -> str:
     """ "link errors + backlash": what is in the model."""
     return " + ".join(["link errors", *calibration.model.family_names])

@@ -1,6 +1,6 @@
 """A calibration as a report: what was measured, what was found, how sure it is, and by which method and versions.
 
-`report_content.report_of` gathers what it tells, `report_sections` has a function a section, `report_page` the HTML.
+`content.report_of` gathers what it tells, `sections` has a function a section, `page` renders them by the templates.
 """
 
 from __future__ import annotations
@@ -19,8 +19,20 @@ from inspector.figures.plots import error_history
 from inspector.markup import numbers as words
 from inspector.markup.effects import NEUTRAL, VERDICTS, last_change
 from inspector.markup.fit import FIGURES
-from inspector.report import page, sections
-from inspector.report.content import Report, model_words
+from inspector.report import sections
+from inspector.report.blocks import (
+    Block,
+    Bullets,
+    Facts,
+    Figure,
+    KeyFigures,
+    Paragraph,
+    Section,
+    Table,
+    VerdictLine,
+)
+from inspector.report.content import Report, model_name
+from inspector.report.page import MARK, render_page
 
 METHOD = (
     "Frame i of the arm is Rz(theta_i + q_i) Trans(a_i, 0, d_i) Rx(alpha_i) Ry(beta_i); a tool row of the same form "
@@ -46,33 +58,33 @@ def is_report(path: Path) -> bool:
     """Whether a file is a report of ours, or empty: one that may be replaced."""
     with path.open("rb") as file:
         start = file.read(2000)
-    return not start or page.MARK.encode() in start
+    return not start or MARK.encode() in start
 
 
 def report_html(report: Report, *, now: datetime) -> str:
     """The page; `now` is the date that it carries."""
     made = now.astimezone().strftime("%Y-%m-%d %H:%M %Z").strip()
-    head = page.paragraph(
-        f"{report.dataset.robot.name}, {report.dataset.robot.n_joints} joints. Made {made}.", soft=True
+    robot = report.dataset.robot
+    head = (
+        Paragraph(f"{robot.name}, {robot.n_joints} joints. Made {made}.", soft=True),
+        KeyFigures(_key_figures(report)),
     )
-    return page.page(
+    residuals = [block for model in report.residuals for block in sections.model_residual(report, model)]
+    return render_page(
         f"Calibration report: {report.dataset.name}",
-        head + page.key_figures(_key_figures(report)),
-        [
-            ("Verdict", _verdict(report)),
-            ("Error history", _history(report)),
-            ("Dataset and how it was measured", sections.dataset(report)),
-            ("What could be missing", sections.ranking(report)),
-            (
-                "Where the model is off",
-                [part for look in report.looks for part in sections.look(report, look)],
-            ),
-            ("Residual by pose", sections.by_pose(report)),
-            ("Which parameters can be known", sections.redundancy(report)),
-            ("Parameters", sections.parameters(report)),
-            ("Method", [page.bullets(METHOD), page.bullets(REFERENCES)]),
-            ("Made with", [page.facts(versions()), page.paragraph(f"Made {made}.", soft=True)]),
-        ],
+        head,
+        (
+            Section("Verdict", _verdict(report)),
+            Section("Error history", _history(report)),
+            Section("Dataset and how it was measured", sections.dataset(report)),
+            Section("What could be missing", sections.ranking(report)),
+            Section("Where the model is off", residuals),
+            Section("Residual by pose", sections.by_pose(report)),
+            Section("Which parameters can be known", sections.redundancy(report)),
+            Section("Parameters", sections.parameters(report)),
+            Section("Method", (Bullets(METHOD), Bullets(REFERENCES))),
+            Section("Made with", (Facts(versions()), Paragraph(f"Made {made}.", soft=True))),
+        ),
     )
 
 
@@ -103,22 +115,22 @@ def _key_figures(report: Report) -> list[tuple[str, object]]:
     return out
 
 
-def _verdict(report: Report) -> list[str | page.Figure]:
+def _verdict(report: Report) -> list[Block]:
     if report.diagnosis is not None:
         *paragraphs, last = explain(report.diagnosis).split("\n\n")
         last = last.replace(" above", " below")  # there the verdict comes last, here first
-        mark = page.verdict(last, VERDICTS[report.diagnosis.verdict])
-        return [mark, *(page.paragraph(p) for p in paragraphs)]
+        mark = VerdictLine(last, VERDICTS[report.diagnosis.verdict])
+        return [mark, *(Paragraph(p) for p in paragraphs)]
     sentence, colour = last_change(report.session)
-    model = model_words(report.calibration)
+    model = model_name(report.calibration)
     return [
-        page.verdict(f"No verdict: the model ({model}) was put together by hand.", NEUTRAL),
-        *([page.verdict(sentence, colour)] if sentence else []),
-        page.paragraph(check_sigma(report.calibration).summary()),
+        VerdictLine(f"No verdict: the model ({model}) was put together by hand.", NEUTRAL),
+        *([VerdictLine(sentence, colour)] if sentence else []),
+        Paragraph(check_sigma(report.calibration).summary()),
     ]
 
 
-def _history(report: Report) -> list[str | page.Figure]:
+def _history(report: Report) -> list[Block]:
     steps = report.session.history
     floor = noise_floor_mm(report.calibration)
 
@@ -136,9 +148,9 @@ def _history(report: Report) -> list[str | page.Figure]:
     )
     columns = ("model", "training, mm", "test, mm", "residual sigma, mm")
     return [
-        page.Figure(draw, caption),
-        page.table(columns, rows, caption="3D RMSE; the sigma is of one coordinate, by degrees of freedom"),
-        page.table(
+        Figure(draw, caption),
+        Table(columns, rows, caption="3D RMSE; the sigma is of one coordinate, by degrees of freedom"),
+        Table(
             ("errors, mm", "before", "after", "reduction"),
             _before_after(report.calibration),
             caption="All figures; distances are to the reference pose",

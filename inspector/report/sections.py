@@ -22,15 +22,14 @@ from inspector.markup import numbers as words
 from inspector.markup.effects import probability, untestable_words, value_row
 from inspector.markup.fit import PARAMETER_COLUMNS, parameter_rows
 from inspector.markup.residuals import AXES, band_note, input_title, joint_title, shown, turned
-from inspector.report import page
-from inspector.report.content import Look, Report
+from inspector.report.blocks import Block, Bullets, Facts, Figure, Paragraph, Table
+from inspector.report.content import ModelResidual, Report
 
-Parts = list[str | page.Figure]
 SHOWN_INPUTS = 2
 _P = 0.01
 
 
-def dataset(report: Report) -> Parts:
+def dataset(report: Report) -> list[Block]:
     """What was measured, where, under which conditions, and what is odd about it."""
     given = report.session.dataset
     poses = given.poses
@@ -48,7 +47,7 @@ def dataset(report: Report) -> Parts:
         ("conditions written down", words.listing(_conditions(given)) or "none"),
     ]
     notes = [*report.calibration.warnings, *_of_scans(given, report.session.searches)]
-    return [page.facts(rows), *([page.bullets(notes)] if notes else [])]
+    return [Facts(rows), *([Bullets(notes)] if notes else [])]
 
 
 def _measured(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> str:
@@ -97,7 +96,7 @@ def _conditions(dataset: Dataset) -> list[str]:
     return [*out, *map(str, poses.extra.columns)]
 
 
-def ranking(report: Report) -> Parts:
+def ranking(report: Report) -> list[Block]:
     """Every effect that could be missing, with its evidence, and those that cannot be tested here."""
     rows = [
         (
@@ -112,23 +111,23 @@ def ranking(report: Report) -> Parts:
     ]
     named = [c.name in report.calibration.model.family_names for c in report.ranking.candidates]
     columns = ("effect", "log evidence", "p (Holm)", "explains, %", "CV, mm", "could also be made by")
-    out: Parts = [
-        page.paragraph(
+    out: list[Block] = [
+        Paragraph(
             f"Each effect held against what the model of {report.ranking_of} leaves over. CV: error of a "
             "coordinate when each pose is predicted from the others, "
             f"{words.millimetres(report.ranking.cv_rmse_mm)} mm without any of them."
         ),
-        page.table(columns, rows, left=(0, 5), mark=next((i for i, c in enumerate(named) if c), None)),
+        Table(columns, rows, left=(0, 5), mark=next((i for i, c in enumerate(named) if c), None)),
     ]
     best = next((c for c in report.ranking.candidates if c.values), None)
     if best is not None:
         values = [value_row(value) for value in best.values]
         caption = f"{best.name}: its coefficients as that ranking estimates them"
-        out.append(page.table(("parameter", "value", "sigma", "unit"), values, caption=caption, left=(0, 3)))
+        out.append(Table(("parameter", "value", "sigma", "unit"), values, caption=caption, left=(0, 3)))
     silent = report.diagnosis.untestable if report.diagnosis else report.ranking.untestable
     if silent:
-        out.append(page.paragraph("Cannot be tested with these data:"))
-        out.append(page.bullets(untestable_words(silent)))
+        out.append(Paragraph("Cannot be tested with these data:"))
+        out.append(Bullets(untestable_words(silent)))
     return out
 
 
@@ -138,21 +137,21 @@ def _likeness(candidate: Candidate) -> str:
     return ", ".join(f"{name} {100 * share:.0f}\u00a0%" for name, share in most) or "–"
 
 
-def look(report: Report, look: Look) -> Parts:
+def model_residual(report: Report, model: ModelResidual) -> list[Block]:
     """What a fit leaves over against the inputs that it has most order in."""
-    inputs = [test for test in look.remains.inputs if test.input in look.failure.inputs]
+    inputs = [test for test in model.remains.inputs if test.input in model.failure.inputs]
     if not inputs:
-        return [page.paragraph(f"{look.title}: no input varies that the residual could follow.")]
+        return [Paragraph(f"{model.title}: no input varies that the residual could follow.")]
     rows = [
         (input_title(t.input, report.dataset.robot), _channel(t, report.dataset), probability(t.p_value))
         for t in inputs[:5]
     ]
     caption = (
-        f"Model: {look.title}. Order against the inputs, the most first; p is corrected for all looked at"
+        f"Model: {model.title}. Order against the inputs, the most first; p is corrected for all looked at"
     )
-    out: Parts = [page.table(("input", "shows most in", "p"), rows, left=(0, 1), caption=caption)]
+    out: list[Block] = [Table(("input", "shows most in", "p"), rows, left=(0, 1), caption=caption)]
     structured = [t for t in inputs if t.p_value < _P] or inputs[:1]
-    return [*out, *(_against(report, look, t) for t in structured[:SHOWN_INPUTS])]
+    return [*out, *(_against(report, model, t) for t in structured[:SHOWN_INPUTS])]
 
 
 def _channel(test: InputTest, dataset: Dataset) -> str:
@@ -162,8 +161,8 @@ def _channel(test: InputTest, dataset: Dataset) -> str:
     return next(title for title, axis in AXES.items() if "xyz"[axis] == test.where)
 
 
-def _against(report: Report, look: Look, test: InputTest) -> page.Figure:
-    robot, failure = report.dataset.robot, look.failure
+def _against(report: Report, model: ModelResidual, test: InputTest) -> Figure:
+    robot, failure = report.dataset.robot, model.failure
     joint = int(test.where.split()[1]) - 1 if test.where.startswith("joint") else None
     x = turned(test.input, failure.inputs[test.input], robot)
     y, y_title, band = shown(failure, _channel(test, report.dataset), joint, robot)
@@ -178,15 +177,15 @@ def _against(report: Report, look: Look, test: InputTest) -> page.Figure:
 
     order = "No order beyond noise" if test.p_value >= _P else "Order"
     found = f"{order} against {x_title} (p = {probability(test.p_value)})"
-    caption = f"Model: {look.title}. {found}. {band_note(failure, band)}"
-    return page.Figure(draw, caption)
+    caption = f"Model: {model.title}. {found}. {band_note(failure, band)}"
+    return Figure(draw, caption)
 
 
 def _hide(trace: go.Scatter) -> None:
     trace.update(visible=False)
 
 
-def by_pose(report: Report) -> Parts:
+def by_pose(report: Report) -> list[Block]:
     """The error of each pose after the last fit."""
     frame = report.calibration.after.to_frame(report.dataset)
 
@@ -194,10 +193,10 @@ def by_pose(report: Report) -> Parts:
         ids, roles = frame["pose"].tolist(), frame["role"].tolist()
         return pose_residuals(ids, roles, frame["error_mm"].to_numpy(), what="3D error after", dark=dark)
 
-    return [page.Figure(draw, "Predicted minus measured, length in mm, with everything above in the model.")]
+    return [Figure(draw, "Predicted minus measured, length in mm, with everything above in the model.")]
 
 
-def redundancy(report: Report) -> Parts:
+def redundancy(report: Report) -> list[Block]:
     """Which parameters act alike, and how many can be known."""
     analysis = report.redundancy
 
@@ -214,26 +213,26 @@ def redundancy(report: Report) -> Parts:
     ]
     caption = "Pearson's r between the columns of the nominal Jacobian; grey: no influence."
     return [
-        page.paragraph(f"Seen by {analysis.seen}."),
-        page.facts(rows),
-        page.bullets(analysis.summary().split("\n")[1:]),
-        page.Figure(draw, caption, height_px=640, width_px=740),
+        Paragraph(f"Seen by {analysis.seen}."),
+        Facts(rows),
+        Bullets(analysis.summary().split("\n")[1:]),
+        Figure(draw, caption, height_px=640, width_px=740),
     ]
 
 
-def parameters(report: Report) -> Parts:
+def parameters(report: Report) -> list[Block]:
     """All parameters, and the sums that are known better than their parts."""
-    out: Parts = [
-        page.table(PARAMETER_COLUMNS, parameter_rows(report.calibration), left=(0, 5)),
-        page.paragraph(
+    out: list[Block] = [
+        Table(PARAMETER_COLUMNS, parameter_rows(report.calibration), left=(0, 5)),
+        Paragraph(
             "* the data tell next to nothing of it by itself: the value is held by its tolerance, or shared.",
             soft=True,
         ),
     ]
     sums = known_sums(report.calibration)
     if sums:
-        out.append(page.paragraph("Sums that the data know better than their parts:"))
-        out.append(page.bullets(_sum(c, report.calibration) for c in sums))
+        out.append(Paragraph("Sums that the data know better than their parts:"))
+        out.append(Bullets([_sum(c, report.calibration) for c in sums]))
     return out
 
 

@@ -10,6 +10,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import markupsafe
 import numpy as np
 import pytest
 
@@ -17,8 +18,9 @@ from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
 from inspector.cli.parser import main
 from inspector.markup.numbers import millimetres
-from inspector.report import page as report_page
+from inspector.report.blocks import Table
 from inspector.report.content import report_of
+from inspector.report.page import render_page
 from inspector.report.report import report_html, versions
 from inspector.session import transitions as sessions
 from tests.support.hidden_dataset import HIDDEN, write_hidden
@@ -118,15 +120,17 @@ def test_no_name_becomes_markup_and_nothing_is_fetched(written: Path) -> None:
     own = page[: page.index("<script>/**")] + page[page.rindex("<script>") :]  # without plotly.js itself
     for name in (HOSTILE, BROKEN_OUT):
         assert name not in own
-        assert html.escape(name, quote=True) in own
+        assert str(markupsafe.escape(name)) in own
     assert "pwned=1</script>" not in own
     assert not re.search(r"<[^>]*\b(?:src|href)\s*=", own)
     assert "default-src 'none'" in own
 
 
 def test_a_word_that_is_too_long_for_a_column_is_broken_and_others_are_not() -> None:
-    drawn = report_page.table(("effect",), [("x" * 60,), ("transmission_error",)])
-    assert drawn.count("wide long") == 1
+    table = Table(("effect",), [("x" * 60,), ("transmission_error",)])
+    drawn = render_page("title", [table], [])
+    assert drawn.count('class="wide long"') == 1
+    assert drawn.count('class="wide"') == 2  # the heading and the short one
 
 
 def test_a_model_put_together_by_hand_is_told_as_such(folder: Path) -> None:

@@ -1,0 +1,92 @@
+"""What the sections of a report consist of: paragraphs, lists, tables, figures. The templates escape their values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import plotly.graph_objects as go
+
+from inspector.markup.elements import LONG_NAME
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """A sentence or several; `soft` ones are smaller and grey."""
+
+    kind: ClassVar[str] = "paragraph"  # the macro in templates/blocks.html
+    sentence: str
+    soft: bool = False
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """A plain list."""
+
+    kind: ClassVar[str] = "bullets"
+    sentences: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: the columns in `left` hold words, the others numbers; row `mark` is emphasised."""
+
+    kind: ClassVar[str] = "table"
+    headers: Sequence[str]
+    rows: Sequence[Sequence[object]]
+    caption: str = ""
+    left: Sequence[int] = (0,)
+    mark: int | None = None
+
+    def cell_class(self, column: int, value: object) -> str:
+        """The CSS class of a cell: a number, words, or words of which one is too long for a line."""
+        if column not in self.left:
+            return "num"
+        return "wide long" if max(map(len, str(value).split()), default=0) > LONG_NAME else "wide"
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Name and value, a row each."""
+
+    kind: ClassVar[str] = "facts"
+    pairs: Sequence[tuple[str, object]]
+
+
+@dataclass(frozen=True)
+class KeyFigures:
+    """A few numbers to be seen first."""
+
+    kind: ClassVar[str] = "key_figures"
+    pairs: Sequence[tuple[str, object]]
+
+
+@dataclass(frozen=True)
+class VerdictLine:
+    """The answer, marked with a colour of the palette (never one from outside)."""
+
+    kind: ClassVar[str] = "verdict"
+    sentence: str
+    colour: str
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A plotly figure with its caption. `draw(dark)` makes either version; `max_width_px` is its width at the most."""
+
+    draw: Callable[[bool], go.Figure]
+    caption: str
+    height_px: int = 360
+    width_px: int = 1000  # at the most
+
+
+Block = Paragraph | Bullets | Table | Facts | KeyFigures | VerdictLine | Figure
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and what stands below it."""
+
+    heading: str
+    blocks: Sequence[Block]
