@@ -41,6 +41,7 @@ from calib.fitting.pose_residuals import PoseResiduals
 from calib.fitting.position_residuals import PositionResiduals
 from calib.frames import apply, make_transform, skew
 from calib.identifiability.structural import structural_rank
+from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target
 
@@ -69,7 +70,7 @@ def measured(
 
 def held_out(dataset: Dataset, truth: Truth, seat: NDArray, kind: str, seed: int) -> tuple[int, float, float]:
     """Directions known, place error in mm and attitude error in rad of one fit."""
-    result = calibrate(dataset, residual=kind)
+    result = calibrate(dataset, FitOptions(kind))
     model, x, observed = result.model, result.fit.x, Observations.of(dataset)
     placed = PoseResiduals(model, observed).placement(x)
     frames = (

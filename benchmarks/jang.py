@@ -22,6 +22,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.repeats import repeats_of
 from calib.measurement.measured_points import with_corners
+from calib.options import FitOptions
 
 ROOT = Path(__file__).resolve().parents[1]
 REFERENCE = ROOT / "tests" / "reference"
@@ -39,7 +40,7 @@ def figure_15(dataset: Dataset) -> None:
         "Distance error to the reference pose, mm (Jang 2025, figure 15; the paper's arm is real, ours simulated)"
     )
     print(f"{'':18} {'before':>9} {'after':>9} {'fall':>8}   {'paper: before':>13} {'after':>9} {'fall':>8}")
-    results = {kind: calibrate(dataset, residual=kind) for kind in ("distance", "position")}
+    results = {kind: calibrate(dataset, FitOptions(kind)) for kind in ("distance", "position")}
     for kind, result in results.items():
         print(f"fitted by {kind}s")
         for row in rows("jang_fig15_distance_error.csv"):

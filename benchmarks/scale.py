@@ -38,6 +38,7 @@ def child(count: int, residual: str) -> None:
     from calib.fitting.observations import Observations
     from calib.fitting.position_residuals import make_residuals
     from calib.fitting.trust_region import solve
+    from calib.options import FitOptions
     from calib.simulation.truth.equilibrium import Truth
 
     rng = np.random.default_rng(7)
@@ -55,7 +56,7 @@ def child(count: int, residual: str) -> None:
     fit = solve(make_residuals(residual, geometric_model(robot), Observations.of(dataset)))
     fit_s, fit_mb = time.process_time() - began, peak_mb()
     began = time.process_time()
-    result = calibrate(dataset, residual=residual)
+    result = calibrate(dataset, FitOptions(residual))
     print(
         json.dumps(
             {

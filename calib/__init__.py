@@ -21,12 +21,14 @@ if TYPE_CHECKING:
     from calib.diagnosis.stepwise import diagnose
     from calib.effects.effect import Effect, Parameter
     from calib.errors import CalibError
+    from calib.options import FitOptions
     from calib.scans.scan import load_scan
     from calib.simulation.simulate import simulate_dataset
 
 _HOME = {
     "CalibError": "calib.errors",
     "Effect": "calib.effects.effect",
+    "FitOptions": "calib.options",
     "Parameter": "calib.effects.effect",
     "calibrate": "calib.calibration.calibrate",
     "corrected_joints": "calib.compensation.target_correction",
@@ -42,6 +44,7 @@ _HOME = {
 __all__ = [
     "CalibError",
     "Effect",
+    "FitOptions",
     "Parameter",
     "calibrate",
     "corrected_joints",

@@ -25,6 +25,7 @@ from calib.fitting.robust import solve_robustly
 from calib.fitting.trust_region import Fit, Iteration, solve
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import Robot
+from calib.options import FitOptions
 
 Array = NDArray[np.float64]
 
@@ -47,11 +48,16 @@ class Calibration:
 
     dataset: Dataset
     model: Model
-    residual: str
+    options: FitOptions  # what was asked of the fit
     fit: Fit
     before: Evaluation
     after: Evaluation
     weights: Array | None = None  # of the training points, where the fit was robust
+
+    @property
+    def residual(self) -> str:
+        """What was made small, of `calib.options.RESIDUAL_KINDS`."""
+        return self.options.residual
 
     @property
     def robot(self) -> Robot:
@@ -173,13 +179,9 @@ def declared_sigma_mm(dataset: Dataset) -> float:
 @one_blas_thread()
 def calibrate(
     dataset: Dataset,
+    options: FitOptions = FitOptions(),
     *,
-    residual: str = "position",
     effects: Sequence[Effect] = (),
-    fixed: Sequence[str] = (),
-    prior: bool = True,
-    tolerances: Mapping[str, float] | None = None,
-    robust: bool = False,
     sizes: Mapping[str, float] | None = None,
     start: Calibration | None = None,
 ) -> Calibration:
@@ -190,20 +192,17 @@ def calibrate(
 
     Args:
         dataset: with measured points.
-        residual: "position" (free scanner frames), "distance" (Jang), "pairs", or "pose" (with the orientations).
+        options: what is asked of the fit; the result keeps it.
         effects: beyond the link errors.
-        fixed: names of parameters to hold at their nominal value.
-        prior: hold parameters within about their tolerance.
-        tolerances: of single link parameters, by name, in mm or rad, where the default of 1 mm and 0.5 deg is wrong.
         sizes: of the effects' parameters, by full name, where their usual scale is not the prior to use.
-        robust: let points or full poses far from the model count less (`calib.fitting.robust`); not for "distance".
         start: an earlier fit of the same arm to go on from, by its parameters' names. It saves iterations.
 
     Raises:
         FitError: no points, an unknown name, or fewer equations than the data would have to settle.
     """
-    links = LinkErrors(dataset.robot, checked_tolerances(dataset.robot, tolerances or {}))
-    model = Model(dataset.robot, (links, *effects), sizes=sizes or {}).hold(fixed)
+    residual, prior = options.residual, options.prior
+    links = LinkErrors(dataset.robot, checked_tolerances(dataset.robot, options.tolerances))
+    model = Model(dataset.robot, (links, *effects), sizes=sizes or {}).hold(options.held)
     observed = Observations.of(dataset)
     if len(observed.points) < 3:
         raise FitError(
@@ -216,7 +215,7 @@ def calibrate(
     residuals = make_residuals(residual, model, observed)
     rows = len(residuals.residual(np.zeros(len(model.parameters))))
     _require_equations(dataset, observed, residual, rows - residuals.degrees_spent, rank=0)
-    if robust and residual == "distance":
+    if options.robust and residual == "distance":
         raise FitError("robust weights need a residual of each point; take position, pairs or pose")
     way: tuple[Iteration, ...] = ()  # that led to where this fit begins
     links_alone = Model(dataset.robot, (links,), model.fixed)
@@ -228,7 +227,7 @@ def calibrate(
     if effects:
         model = model.with_loads_at(first_x)
     weights = None
-    if robust:
+    if options.robust:
         fit, weights = solve_robustly(
             lambda seen: make_residuals(residual, model, seen), observed, start=first_x, prior=prior
         )
@@ -245,7 +244,7 @@ def calibrate(
     return Calibration(
         dataset=dataset,
         model=model,
-        residual=residual,
+        options=options,
         fit=fit,
         before=before,
         after=after,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from calib.calibration.calibrate import Calibration, calibrate
 from calib.calibration.evaluation import Evaluation
 from calib.fitting.model import Model, geometric_model
+from calib.options import FitOptions
 
 Array = NDArray[np.float64]
 
@@ -50,7 +51,8 @@ def _mean_by_pose(version: Version, values: Array) -> Array:
 def versions(calibration: Calibration, links: Calibration | None = None) -> tuple[Version, ...]:
     """The nominal robot, the link errors alone, and, where the model has effects, with them.
 
-    `links` is the fit of the link errors alone to the same points, where it is known already; else it is made here.
+    `links` is the fit of the link errors alone to the same points in the same way, where it is known already; else it
+    is made here, as was asked of `calibration`.
     """
     nominal = geometric_model(calibration.dataset.robot)
     at_zero = np.zeros(len(nominal.parameters))
@@ -58,16 +60,22 @@ def versions(calibration: Calibration, links: Calibration | None = None) -> tupl
     if not calibration.model.family_names:
         return (*out, _fitted(LINKS, calibration))
     if links is None or not fits_same_points(links, calibration):
-        links = calibrate(calibration.dataset, residual=calibration.residual)
+        links = calibrate(calibration.dataset, _options_for_links(calibration))
     return (*out, _fitted(LINKS, links), _fitted(EFFECTS, calibration))
 
 
 def fits_same_points(one: Calibration, other: Calibration) -> bool:
-    """Whether two fits looked at the same measurements in the same way."""
+    """Whether two fits looked at the same measurements, and the same was asked of both for the link errors."""
     a, b = one.dataset.points, other.dataset.points
-    if one.residual != other.residual or one.dataset.robot != other.dataset.robot or a is None or b is None:
+    if _options_for_links(one) != _options_for_links(other):
+        return False
+    if one.dataset.robot != other.dataset.robot or a is None or b is None:
         return False
     return np.array_equal(a.pose, b.pose) and np.array_equal(a.xyz_mm, b.xyz_mm)
+
+
+def _options_for_links(calibration: Calibration) -> FitOptions:
+    return calibration.options.for_parameters(calibration.dataset.robot.parameter_names)
 
 
 def _fitted(name: str, calibration: Calibration) -> Version:

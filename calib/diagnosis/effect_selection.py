@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from calib.effects.catalogue import effects_for, family_of
 from calib.effects.effect import Effect, full_name
 from calib.effects.family import Family
 from calib.errors import CalibError
+from calib.options import FitOptions
 
 
 @dataclass(frozen=True)
@@ -50,14 +50,19 @@ def proposed(screening: Screening | None, name: str) -> Added:
 
 
 def calibrate_with(
-    dataset: Dataset, added: Sequence[Added], *, effects: Sequence[Effect] = (), **options: Any
+    dataset: Dataset,
+    added: Sequence[Added],
+    options: FitOptions = FitOptions(),
+    *,
+    effects: Sequence[Effect] = (),
+    start: Calibration | None = None,
 ) -> Calibration:
-    """`calibrate` with these effects in the model, after any whole `effects`; options as there."""
+    """`calibrate` with these effects in the model, after any whole `effects`; `options` and `start` as there."""
     sizes: dict[str, float] = {}
     for one in added:
         sizes |= one.sizes
     members = [member for one in added for member in one.members]
-    return calibrate(dataset, effects=[*effects, *members], sizes=sizes, **options)
+    return calibrate(dataset, options, effects=[*effects, *members], sizes=sizes, start=start)
 
 
 @dataclass(frozen=True)
@@ -72,18 +77,18 @@ class Addition:
 def add_in_turn(
     dataset: Dataset,
     names: Sequence[str],
+    options: FitOptions = FitOptions(),
     *,
     effects: Sequence[Effect] = (),
     own: Sequence[Family] = (),
-    **options: Any,
 ) -> tuple[Addition, ...]:
     """The fit without them, then one more for each name: screened after the last fit, added, fitted together.
 
     Args:
         names: families to add, in this order.
+        options: what is asked of every fit.
         effects: in the model from the start, whole.
         own: families beyond the catalogue.
-        options: of `calibrate`.
 
     Raises:
         CalibError: an unknown name, one that these data cannot speak about, or one of which nothing shows.
@@ -93,11 +98,11 @@ def add_in_turn(
         family = family_of(dataset, name, own)
         if family.why_not:
             raise CalibError(f"effect {name} cannot be fitted here: {family.why_not}; {family.would_help}")
-    steps = [Addition(None, (), calibrate_with(dataset, (), effects=effects, **options))]
+    steps = [Addition(None, (), calibrate_with(dataset, (), options, effects=effects))]
     for name in dict.fromkeys(names):
         last = steps[-1]
         added = (*last.added, proposed(screen(last.calibration, families), name))
-        fit = calibrate_with(dataset, added, effects=effects, start=last.calibration, **options)
+        fit = calibrate_with(dataset, added, options, effects=effects, start=last.calibration)
         steps.append(Addition(name, added, fit))
     return tuple(steps)
 

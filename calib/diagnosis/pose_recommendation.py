@@ -41,7 +41,10 @@ def splitting_poses(diagnosis: Diagnosis, *, count: int = 5) -> tuple[NextPose, 
 def poses_between(
     calibration: Calibration, causes: Sequence[Candidate], *, count: int = 5, tried: int = 400
 ) -> tuple[NextPose, ...]:
-    """As `splitting_poses`, for any causes beyond a calibration's model; () for fewer than two that show at all."""
+    """As `splitting_poses`, for any causes beyond a calibration's model; () for fewer than two that show at all.
+
+    What was asked of the calibration is asked of each cause's fit too.
+    """
     doubted = [c for c in causes if c.members]
     if len(doubted) < 2:
         return ()
@@ -69,6 +72,7 @@ def _places(calibration: Calibration, candidate: Candidate, q: Array) -> Array:
     already = calibration.model.effects[1:]
     fitted = calibrate(
         calibration.dataset,
+        calibration.options,
         effects=[*already, *candidate.members],
         sizes={**calibration.model.sizes, **candidate.sizes},
     )

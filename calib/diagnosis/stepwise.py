@@ -34,6 +34,7 @@ from calib.diagnosis.residual_tests import Remains, examine
 from calib.diagnosis.screening import Candidate, Screening, Untestable, screen
 from calib.effects.catalogue import effects_for, family_of
 from calib.effects.family import Family
+from calib.options import FitOptions
 
 FEW = 0.1  # share of poses that may stand out and still be called outliers
 AHEAD = 4  # members of a tied set that are tried with a successor
@@ -116,6 +117,7 @@ class _Added:
 @one_blas_thread()
 def diagnose(
     dataset: Dataset,
+    options: FitOptions = FitOptions(),
     *,
     effects: Sequence[str] = (),
     own: Sequence[Family] = (),
@@ -127,6 +129,7 @@ def diagnose(
 
     Args:
         dataset: with measured points; test poses are used to confirm only.
+        options: what is asked of every fit.
         effects: families that are taken as present from the start, all joints.
         own: families beyond the catalogue.
         max_steps: effects to add at the most.
@@ -141,7 +144,7 @@ def diagnose(
 
     def fit(added: Sequence[_Added]) -> Calibration:
         inside = [Added.of(one.candidate) for one in added]
-        return calibrate_with(dataset, inside, effects=given, start=calibration)
+        return calibrate_with(dataset, inside, options, effects=given, start=calibration)
 
     tell("fitting the geometry")
     calibration: Calibration | None = None  # each fit goes on from the last model that was taken
@@ -208,6 +211,7 @@ def diagnose(
     tell("once more without the poses that stand out")
     rest = diagnose(
         without_poses(dataset, remains.outlier_poses),
+        options,
         effects=effects,
         own=own,
         max_steps=max_steps,

@@ -19,6 +19,7 @@ from calib.diagnosis.stepwise import Diagnosis, diagnose
 from calib.errors import FitError
 from calib.identifiability.structural import fewest_poses
 from calib.measurement.measured_points import failed_searches, with_corners
+from calib.options import FitOptions
 from calib.scans.scan import PointCount
 from calib.validation.cross_validation import SUSPICIOUS, noise_ratio
 from calib.validation.splits import training_places
@@ -81,8 +82,8 @@ class Check:
 def check(
     dataset: Dataset,
     searches: Mapping[str, CornerSearch] | None = None,
+    options: FitOptions = FitOptions(),
     *,
-    residual: str = "position",
     max_test_rmse_mm: float | None = None,
     on_step: Callable[[str], None] | None = None,
 ) -> Check:
@@ -90,6 +91,7 @@ def check(
 
     Args:
         searches: of the scans, by pose id, where the points come from them.
+        options: what is asked of the fit.
         max_test_rmse_mm: what the 3D error of the test poses may be; without it, it has to be less than before.
         on_step: hears a line of words before each stage of the diagnosis.
     """
@@ -97,23 +99,23 @@ def check(
     if searches:
         findings += thin_scans({pose: s.count for pose, s in searches.items() if s.count is not None})
         findings.append(_corners(searches))
-        dataset = with_corners(dataset, searches, orientation=residual == "pose")
+        dataset = with_corners(dataset, searches, orientation=options.residual == "pose")
     repeats = find_repeats(dataset)
     if repeats:
         findings.append(_repeats(dataset, repeats))
     calibration = diagnosis = None
     places = training_places(dataset)
-    needed = fewest_poses(dataset.robot, residual=residual, setups=len(np.unique(places.setup)))
+    needed = fewest_poses(dataset.robot, residual=options.residual, setups=len(np.unique(places.setup)))
     if len(places) < needed:
         words = (
             f"not tried: {len(places)} different training poses are measured, a fit takes at least {needed}"
         )
         findings.append(Finding("fit", None if repeats else False, words))
     else:
-        calibration = calibrate(dataset, residual=residual)
+        calibration = calibrate(dataset, options)
         findings += _fit(calibration, max_test_rmse_mm)
         try:
-            diagnosis = diagnose(dataset, on_step=on_step)
+            diagnosis = diagnose(dataset, options.with_residual("position"), on_step=on_step)
             findings.append(Finding("diagnosis", None, verdict_words(diagnosis).removeprefix("Verdict: ")))
         except FitError as error:  # a fit that leaves no equation to judge by is told of, it is no failure
             findings.append(Finding("diagnosis", None, f"not tried: {error}"))

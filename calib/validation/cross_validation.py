@@ -7,9 +7,8 @@ would help is the question of `calib.validation.learning_curve`, whether more th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,8 +19,10 @@ from calib.calibration.calibrate import Calibration, calibrate, figures_line
 from calib.calibration.evaluation import Evaluation, Figures
 from calib.calibration.noise_check import SigmaCheck, check_sigma
 from calib.dataset.dataset import Dataset
+from calib.effects.effect import Effect
 from calib.errors import FitError
 from calib.fitting.trust_region import Fit
+from calib.options import FitOptions
 from calib.validation.splits import deal_folds, split_dataset, training_places
 
 Progress = Callable[[int, int, str], None]
@@ -149,22 +150,22 @@ def noise_ratio(fit: Fit) -> float:
 @one_blas_thread()
 def cross_validate(
     dataset: Dataset,
+    options: FitOptions = FitOptions(),
     *,
     folds: int = 5,
-    residual: str = "position",
+    effects: Sequence[Effect] = (),
     rng: np.random.Generator | None = None,
     on_progress: Progress | None = None,
-    **options: Any,
 ) -> CrossValidation:
     """Fit `folds` times, each time without one fold of the training poses, and look at the poses left out.
 
     Args:
         dataset: with measured points; its test poses are not touched.
         folds: how many; each has its share of every setup.
-        residual: as of `calibrate`.
+        options: what is asked of every fit.
+        effects: in the model of every fit, beyond the link errors.
         rng: deals the poses; the same deal every time where None.
         on_progress: called with fits done, fits in all, and what was fitted.
-        options: further ones of `calibrate` (effects, fixed, prior, ...).
 
     Raises:
         FitError: no points, fewer than two folds, more folds than poses, or too few poses in a fold's training part.
@@ -184,13 +185,13 @@ def cross_validate(
             "each setup three poses for its frame; ask for fewer folds or measure more poses"
         )
     everything = places.poses_of(range(len(places)))
-    whole = calibrate(split_dataset(dataset, everything, everything[:0])[0], residual=residual, **options)
+    whole = calibrate(split_dataset(dataset, everything, everything[:0])[0], options, effects=effects)
     done: list[Fold] = []
     before, after = [], []
     for fold in dealt:
         held_out = places.poses_of(fold)
         split, rows = split_dataset(dataset, np.setdiff1d(everything, held_out), held_out)
-        fitted = calibrate(split, residual=residual, **options)
+        fitted = calibrate(split, options, effects=effects)
         before.append(_held_out(fitted.before, rows, len(dataset.poses)))
         after.append(_held_out(fitted.after, rows, len(dataset.poses)))
         train, test = fitted.after.train, fitted.after.test
@@ -200,7 +201,9 @@ def cross_validate(
         if on_progress is not None:
             on_progress(len(done), folds, f"fold {len(done)}")
     notes = tuple(f"setup {name!r} has too few poses to hold any out: all of them train" for name in small)
-    return CrossValidation(dataset, residual, tuple(done), _pooled(before), _pooled(after), whole, notes)
+    return CrossValidation(
+        dataset, options.residual, tuple(done), _pooled(before), _pooled(after), whole, notes
+    )
 
 
 def _held_out(evaluation: Evaluation, rows: NDArray[np.int64], poses: int) -> Evaluation:

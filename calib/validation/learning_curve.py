@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,8 +16,10 @@ from calib.blas_threads import one_blas_thread
 from calib.calibration.calibrate import Calibration, calibrate
 from calib.calibration.noise_check import SigmaCheck, check_sigma
 from calib.dataset.dataset import Dataset
+from calib.effects.effect import Effect
 from calib.errors import FitError
 from calib.identifiability.structural import structural_rank
+from calib.options import FitOptions
 from calib.validation.cross_validation import Progress
 from calib.validation.splits import (
     MIN_FRAME_POSES,
@@ -152,13 +153,13 @@ class LearningCurve:
 @one_blas_thread()
 def learning_curve(
     dataset: Dataset,
+    options: FitOptions = FitOptions(),
     *,
     counts: Sequence[int] | None = None,
     repeats: int = 5,
-    residual: str = "position",
+    effects: Sequence[Effect] = (),
     rng: np.random.Generator | None = None,
     on_progress: Progress | None = None,
-    **options: Any,
 ) -> LearningCurve:
     """Fit to growing parts of the training poses and look at poses that are always held out.
 
@@ -169,10 +170,10 @@ def learning_curve(
         dataset: with measured points.
         counts: of different training poses; six from the fewest that carry a fit to all where None.
         repeats: draws of the poses.
-        residual: as of `calibrate`.
+        options: what is asked of every fit.
+        effects: in the model of every fit, beyond the link errors.
         rng: draws the poses; the same ones every time where None.
         on_progress: called with fits done, fits in all, and the count just fitted.
-        options: further ones of `calibrate` (effects, fixed, prior, ...).
 
     Raises:
         FitError: no points, too few poses, or counts that cannot be.
@@ -182,7 +183,7 @@ def learning_curve(
     if repeats < 1:
         raise FitError(f"found {repeats} repeats; a learning curve needs 1 at least, 5 is usual")
     held_out, draws = _draws(dataset, places, repeats, rng)
-    fewest = _fewest(dataset, places, residual)
+    fewest = _fewest(dataset, places, options.residual)
     most = min(len(order) for order, _ in draws)
     if counts is None:
         counts = np.unique(np.round(np.geomspace(fewest, max(most, fewest), 6)).astype(int)).tolist()
@@ -200,12 +201,12 @@ def learning_curve(
                 continue  # all poses and the same test poses: the same fit again
             outside = tests if held is None else places.poses_of(held)
             split, _ = split_dataset(dataset, places.poses_of(order[:n]), outside)
-            fits[n].append(calibrate(split, residual=residual, **options))
+            fits[n].append(calibrate(split, options, effects=effects))
             if on_progress is not None:
                 on_progress(repeat * len(counts) + k + 1, repeats * len(counts), f"{n} poses")
     last = fits[counts[-1]][0]
     steps = tuple(_step(n, fits[n]) for n in counts)
-    return LearningCurve(dataset, residual, held_out, steps, check_sigma(last), last.after.notes)
+    return LearningCurve(dataset, options.residual, held_out, steps, check_sigma(last), last.after.notes)
 
 
 def _draws(

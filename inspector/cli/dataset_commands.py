@@ -24,7 +24,7 @@ from calib.effects.catalogue import descriptions
 from calib.errors import DatasetError
 from calib.identifiability.structural import redundancy, with_place_unknown
 from calib.measurement.measured_points import failed_searches, name_faces, require_corners, with_corners
-from calib.options import BUILTIN_ROBOTS
+from calib.options import BUILTIN_ROBOTS, FitOptions
 from calib.validation.acceptance import check
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import processes, progress, stages
@@ -169,7 +169,7 @@ def run_check(options: Any) -> int:
                 check(
                     dataset,
                     searches,
-                    residual=options.residual,
+                    FitOptions(options.residual),
                     max_test_rmse_mm=options.max_test_rmse_mm,
                     on_step=on_step,
                 )

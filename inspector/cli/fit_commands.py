@@ -21,6 +21,7 @@ from calib.effects.catalogue import effects_named
 from calib.effects.family import Family
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError, DatasetError
+from calib.options import FitOptions
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import learning_curve
 from inspector.cli.dataset_commands import load, measured, searched, show
@@ -40,22 +41,22 @@ def own_effects(options: Any, dataset: Dataset) -> tuple[Family, ...]:
     return load_effects(options.effects_file, dataset) if options.effects_file is not None else ()
 
 
-def fit_options(options: Any, dataset: Dataset, own: Sequence[Family]) -> dict[str, Any]:
-    """What --residual, --effect, --hold, --no-prior, --tolerance and --robust are called by `calib.calibrate`."""
-    return {
-        "residual": options.residual,
-        "effects": effects_named(dataset, options.effect, own),
-        "fixed": options.hold,
-        "prior": not options.no_prior,
-        "tolerances": dict(options.tolerance),
-        "robust": options.robust,
-    }
+def fit_options(options: Any) -> FitOptions:
+    """What --residual, --hold, --no-prior, --tolerance and --robust ask of a fit."""
+    return FitOptions(
+        residual=options.residual,
+        prior=not options.no_prior,
+        held=tuple(options.hold),
+        tolerances=dict(options.tolerance),
+        robust=options.robust,
+    )
 
 
 def _fitted(options: Any, dataset: Dataset) -> tuple[Addition, ...]:
     """The fits that were asked for: one, then one more for each --add."""
     own = own_effects(options, dataset)
-    return add_in_turn(dataset, options.add, own=own, **fit_options(options, dataset, own))
+    effects = effects_named(dataset, options.effect, own)
+    return add_in_turn(dataset, options.add, fit_options(options), effects=effects, own=own)
 
 
 def run_calibrate(options: Any) -> int:
@@ -135,10 +136,13 @@ def _errors(calibration: Calibration) -> str:
 def run_validate(options: Any) -> int:
     """Folds over poses, and a learning curve."""
     dataset = measured(load(options.path), orientation=options.residual == "pose")
-    more = fit_options(options, dataset, own_effects(options, dataset))
+    asked, effects = (
+        fit_options(options),
+        effects_named(dataset, options.effect, own_effects(options, dataset)),
+    )
     with progress("fits", "fit") as on_progress:
-        folds = cross_validate(dataset, folds=options.folds, on_progress=on_progress, **more)
-        curve = learning_curve(dataset, on_progress=on_progress, **more)
+        folds = cross_validate(dataset, asked, folds=options.folds, effects=effects, on_progress=on_progress)
+        curve = learning_curve(dataset, asked, effects=effects, on_progress=on_progress)
     words = f"{folds.summary()}\n\n{curve.summary()}"
     show(options, documents.validation_document(folds, curve), words)
     return 0

@@ -23,6 +23,7 @@ from calib.fitting.pose_residuals import require_orientations
 from calib.identifiability.structural import redundancy
 from calib.measurement.face_labels import Labelling
 from calib.measurement.measured_points import name_faces
+from calib.options import FitOptions
 from inspector.session.session import HistoryStep, Session
 
 GEOMETRY = "link errors"
@@ -83,7 +84,8 @@ def with_redundancy(session: Session, residual: str = "position") -> Session:
 def with_calibration(session: Session, residual: str = "position") -> Session:
     """Fit the five-parameter model, and the effects that were added, to what is measured so far."""
     session = with_names(session) if residual == "pose" else session
-    result = calibrate_with(session.measured_for(residual), session.effects, residual=residual)
+    asked = FitOptions() if session.calibration is None else session.calibration.options
+    result = calibrate_with(session.measured_for(residual), session.effects, asked.with_residual(residual))
     label = session.history[-1].label if session.effects else GEOMETRY
     start = _nominal(result)
     history = (
@@ -189,7 +191,7 @@ def replayed(session: Session, steps: Sequence[HistoryStep]) -> Session:
         measured = session.measured_for(step.residual)
         dataset = without_poses(measured, step.left_out) if step.left_out else measured
         start = _from(fits[-1], last, step.effects) if fits else None
-        fits.append(calibrate_with(dataset, step.effects, residual=step.residual, start=start))
+        fits.append(calibrate_with(dataset, step.effects, FitOptions(step.residual), start=start))
         last = step.effects
     if not fits:
         return session
@@ -216,7 +218,7 @@ def _calibrated(session: Session) -> Calibration:
 def _changed(session: Session, effects: tuple[Added, ...], label: str) -> Session:
     before = _calibrated(session)
     start = _from(before, session.effects, effects)
-    result = calibrate_with(session.measured, effects, residual=before.residual, start=start)
+    result = calibrate_with(session.measured, effects, before.options, start=start)
     history = (*session.history, _step(label, result, effects))
     return _unjudged(replace(session, calibration=result, effects=effects, history=history))
 

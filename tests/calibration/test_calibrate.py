@@ -22,6 +22,7 @@ from calib.fitting.observations import Observations
 from calib.fitting.scanner_frame import fit_scanner_frame
 from calib.identifiability.structural import redundancy
 from calib.kinematics.robot import Target
+from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import check
 from tests.support.arms import REFERENCE, dataset_of, elementary_points, jang_arm, park_arm, perturbed
@@ -39,7 +40,7 @@ def simulated(seed: int = 0, **more: object) -> Dataset:
 
 @pytest.mark.parametrize("residual", ["position", "distance"])
 def test_the_held_out_error_falls_to_the_noise(residual: str) -> None:
-    result = calibrate(simulated(), residual=residual)
+    result = calibrate(simulated(), FitOptions(residual))
     assert result.before.test is not None
     assert result.after.test is not None
     assert result.before.test.rmse_mm > 1.0
@@ -76,7 +77,7 @@ def test_test_poses_have_no_say_in_the_fit() -> None:
 def test_figures_by_hand() -> None:
     """RMSE, max and mean of the 3D error and of distances to the reference, from the definitions."""
     dataset = simulated(noise_mm=0.3)
-    result = calibrate(dataset, residual="distance")
+    result = calibrate(dataset, FitOptions("distance"))
     assert dataset.points is not None
     measured = dataset.points.xyz_mm
     base = elementary_points(result.robot, dataset.poses.q)
@@ -108,7 +109,7 @@ def test_setups_have_frames_of_their_own_and_one_without_training_says_so() -> N
         Points(dataset.points.pose, xyz, dataset.points.target)
     )
     for residual in ("position", "distance"):
-        result = calibrate(split, residual=residual)
+        result = calibrate(split, FitOptions(residual))
         assert result.after.train is not None
         assert result.after.test is not None
         assert result.after.train.rmse_mm < 0.1
@@ -171,7 +172,7 @@ def test_too_few_poses_are_refused_with_the_number_that_would_do() -> None:
     with pytest.raises(FitError, match=r"8 training poses give 18 equations.*19 knowable.*at least 9 "):
         calibrate(dataset_of(robot, robot, rng, poses=8, noise_mm=0.1))
     with pytest.raises(FitError, match=r"12 training poses give 11 equations"):
-        calibrate(dataset_of(robot, robot, rng, poses=12, noise_mm=0.1), residual="distance")
+        calibrate(dataset_of(robot, robot, rng, poses=12, noise_mm=0.1), FitOptions("distance"))
     with pytest.raises(FitError, match="no measured points"):
         calibrate(replace(simulated(), points=None))
 
@@ -218,7 +219,7 @@ def test_jangs_table_3_explains_his_arm() -> None:
     true = jang_arm("jang_table3_rb5_calibrated.csv")
     dataset = dataset_of(jang_arm(), true, rng, test=13, noise_mm=0.0)
     for residual in ("position", "distance"):
-        result = calibrate(dataset, residual=residual)
+        result = calibrate(dataset, FitOptions(residual))
         assert result.after.test is not None
         assert result.before.test is not None
         assert result.before.test.max_mm > 3.0

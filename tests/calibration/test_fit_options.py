@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,19 +14,23 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.pose_recommendation import poses_between
 from calib.diagnosis.screening import Candidate, screen
+from calib.diagnosis.stepwise import diagnose
 from calib.effects.catalogue import effects_for
+from calib.errors import FitError
 from calib.fitting.observations import conditions_at
+from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
+from calib.validation.cross_validation import cross_validate
+from calib.validation.learning_curve import learning_curve
 from inspector.session.transitions import Session, with_effect, with_screening
 
-ASKED: list[dict[str, Any]] = [
-    {"fixed": ["a2", "beta3"]},
-    {"tolerances": {"a2": 0.01}},
-    {"prior": False},
-    {"robust": True},
-    {"residual": "distance"},
+ASKED = [
+    FitOptions(held=("a2", "beta3")),
+    FitOptions(tolerances={"a2": 0.01}),
+    FitOptions(robust=True),
+    FitOptions(prior=False),
+    FitOptions(residual="distance"),
 ]
-lost = pytest.mark.xfail(strict=True, reason="refits do not know what the user asked for")
 
 
 @pytest.fixture(scope="module")
@@ -49,35 +52,32 @@ def same_request(one: Calibration, other: Calibration) -> bool:
     )
 
 
-@lost
-@pytest.mark.parametrize("asked", ASKED[:2] + ASKED[3:4], ids=str)
-def test_comparison_fits_the_link_errors_alone_as_was_asked(dataset: Dataset, asked: dict[str, Any]) -> None:
+@pytest.mark.parametrize("asked", ASKED[:3], ids=str)
+def test_comparison_fits_the_link_errors_alone_as_was_asked(dataset: Dataset, asked: FitOptions) -> None:
     effects = next(f.members for f in effects_for(dataset) if f.name == "transmission_error")
-    full = calibrate(dataset, effects=effects, **asked)
+    full = calibrate(dataset, asked, effects=effects)
     assert same_request(versions(full)[1].calibration, full)
 
 
-@lost
 def test_comparison_fits_the_link_errors_without_prior_where_that_was_asked(dataset: Dataset) -> None:
     effects = next(f.members for f in effects_for(dataset) if f.name == "transmission_error")
-    found = versions(calibrate(dataset, effects=effects, prior=False))[1].calibration
-    np.testing.assert_array_equal(found.fit.x, calibrate(dataset, prior=False).fit.x)
+    asked = FitOptions(prior=False)
+    found = versions(calibrate(dataset, asked, effects=effects))[1].calibration
+    np.testing.assert_array_equal(found.fit.x, calibrate(dataset, asked).fit.x)
 
 
-@lost
 @pytest.mark.parametrize("asked", ASKED[:4], ids=str)
-def test_comparison_takes_no_fit_that_was_asked_otherwise(dataset: Dataset, asked: dict[str, Any]) -> None:
-    assert not fits_same_points(calibrate(dataset), calibrate(dataset, **asked))
+def test_comparison_takes_no_fit_that_was_asked_otherwise(dataset: Dataset, asked: FitOptions) -> None:
+    assert not fits_same_points(calibrate(dataset), calibrate(dataset, asked))
 
 
-@lost
 @pytest.mark.parametrize("asked", ASKED, ids=str)
-def test_poses_are_recommended_by_fits_as_was_asked(dataset: Dataset, asked: dict[str, Any]) -> None:
-    result = calibrate(dataset, **asked)
+def test_poses_are_recommended_by_fits_as_was_asked(dataset: Dataset, asked: FitOptions) -> None:
+    result = calibrate(dataset, asked)
     first, second = (c for c in screen(result, effects_for(dataset)).candidates[:2])
 
     def places(candidate: Candidate, q: np.ndarray) -> np.ndarray:
-        fitted = calibrate(dataset, effects=candidate.members, sizes=candidate.sizes, **asked)
+        fitted = calibrate(dataset, asked, effects=candidate.members, sizes=candidate.sizes)
         at_mm = fitted.model.predict(fitted.fit.x, conditions_at(dataset.poses, q))
         return frames.apply(next(iter(fitted.after.scanner_T_base.values())), at_mm)
 
@@ -87,11 +87,35 @@ def test_poses_are_recommended_by_fits_as_was_asked(dataset: Dataset, asked: dic
     np.testing.assert_allclose([pose.separation_mm for pose in poses], apart, rtol=1e-9)
 
 
-@lost
-@pytest.mark.parametrize("asked", ASKED[:2] + ASKED[3:4], ids=str)
-def test_an_effect_is_added_to_a_session_as_was_asked(dataset: Dataset, asked: dict[str, Any]) -> None:
-    session = with_screening(replace(Session(dataset), calibration=calibrate(dataset, **asked)))
+@pytest.mark.parametrize("asked", ASKED[:3], ids=str)
+def test_an_effect_is_added_to_a_session_as_was_asked(dataset: Dataset, asked: FitOptions) -> None:
+    session = with_screening(replace(Session(dataset), calibration=calibrate(dataset, asked)))
     assert session.calibration is not None
     added = with_effect(session, "transmission_error").calibration
     assert added is not None
     assert same_request(added, session.calibration)
+
+
+def test_comparison_holds_only_what_the_link_errors_have(dataset: Dataset) -> None:
+    effects = next(f.members for f in effects_for(dataset) if f.name == "transmission_error")
+    held = calibrate(dataset, effects=effects).fit.parameters[-1].name
+    full = calibrate(dataset, FitOptions(held=("a2", held)), effects=effects)
+    links = versions(full)[1].calibration
+    assert links.options == FitOptions(held=("a2",))
+    assert versions(full, links)[1].calibration is links
+
+
+@pytest.mark.parametrize("asked", ASKED[:3], ids=str)
+def test_every_step_of_a_diagnosis_is_fitted_as_was_asked(dataset: Dataset, asked: FitOptions) -> None:
+    found = diagnose(dataset, asked)
+    assert found.missing
+    assert all(step.calibration.options == asked for step in found.steps)
+
+
+def test_every_fold_and_every_draw_is_fitted_as_was_asked(dataset: Dataset) -> None:
+    asked = FitOptions(held=("a2", "beta3"), robust=True)
+    whole = cross_validate(dataset, asked, folds=3).whole
+    assert whole.options == asked
+    assert whole.fit.x.size == calibrate(dataset).fit.x.size - 2
+    with pytest.raises(FitError, match="nix"):
+        learning_curve(dataset, FitOptions(held=("nix",)))

@@ -14,6 +14,7 @@ from calib.diagnosis.screening import screen
 from calib.diagnosis.stepwise import Diagnosis, diagnose
 from calib.effects.catalogue import family_of
 from calib.errors import CalibError
+from calib.options import FitOptions
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 
 
@@ -50,7 +51,7 @@ def test_names_and_sizes_alone_bring_the_same_fit_back(dataset: Dataset) -> None
 def test_a_second_effect_is_screened_beside_the_first(dataset: Dataset, found: Diagnosis) -> None:
     ranked = found.steps[0].screening.candidates
     other = next(c for c in reversed(ranked) if c.members and c.name != HIDDEN).name
-    steps = add_in_turn(dataset, [other, HIDDEN, other], prior=True)
+    steps = add_in_turn(dataset, [other, HIDDEN, other], FitOptions())
     assert [step.name for step in steps] == [None, other, HIDDEN]
     assert [len(step.added) for step in steps] == [0, 1, 2]
     assert steps[-1].calibration.model.family_names == (other, HIDDEN)

@@ -8,6 +8,7 @@ import pytest
 from calib.calibration.calibrate import calibrate
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import family_of
+from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
 
 
@@ -23,8 +24,8 @@ def test_poses_of_an_arm_with_an_effect_are_fitted_to_the_noise(effect: str) -> 
         effects=[(effect, 6.0)],
         orientation_sigma_rad=3e-5,
     ).dataset
-    without = calibrate(dataset, residual="pose")
-    with_it = calibrate(dataset, residual="pose", effects=family_of(dataset, effect).members)
+    without = calibrate(dataset, FitOptions("pose"))
+    with_it = calibrate(dataset, FitOptions("pose"), effects=family_of(dataset, effect).members)
     assert without.fit.noise > 3.0
     assert 0.8 < with_it.fit.noise < 1.2
     assert with_it.attitudes is not None

@@ -23,6 +23,7 @@ from calib.fitting.pose_residuals import PoseResiduals
 from calib.fitting.position_residuals import make_residuals
 from calib.fitting.trust_region import solve
 from calib.identifiability.structural import redundancy, structural_rank
+from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.equilibrium import base_T_target
 from tests.effects.test_catalogue import DATASET, MEMBERS, label
@@ -200,7 +201,7 @@ def test_data_without_what_it_takes_are_told() -> None:
 
 def test_calibrate_tells_attitudes_and_full_poses_know_two_parameters_more() -> None:
     dataset = full_poses(9, poses=50)
-    result = calibrate(dataset, residual="pose")
+    result = calibrate(dataset, FitOptions("pose"))
     assert result.attitudes is not None
     before, after = result.attitudes
     assert before.test is not None
@@ -232,7 +233,7 @@ def test_the_rank_of_poses_is_that_of_the_residual() -> None:
 
 def test_too_few_poses_are_told_with_the_number_that_would_do() -> None:
     with pytest.raises(FitError, match="measure at least 6 different poses"):
-        calibrate(full_poses(11, poses=5), residual="pose")
+        calibrate(full_poses(11, poses=5), FitOptions("pose"))
 
 
 def test_a_joint_six_that_points_cannot_see_is_seen_by_poses() -> None:
@@ -250,8 +251,8 @@ def test_a_joint_six_that_points_cannot_see_is_seen_by_poses() -> None:
     turned = frames.rotation_from_rotvec(2e-3 * np.sin(q6)[:, None] * axis) @ given.scanner_R_jig
     spoiled = dataset.with_points(replace(dataset.points, orientations=replace(given, scanner_R_jig=turned)))
     members = [m for m in family_of(spoiled, "transmission_error").members if m.joint == 5 and m.order == 1]
-    seen = calibrate(spoiled, residual="pose", effects=members).to_frame().set_index("name")
+    seen = calibrate(spoiled, FitOptions("pose"), effects=members).to_frame().set_index("name")
     row = seen.loc["transmission_error.J6.sin1_rad"]
     assert row["change"] == pytest.approx(2e-3, abs=max(5 * row["sigma"], 1e-4))
-    blind = calibrate(spoiled, residual="position", effects=members).to_frame().set_index("name")
+    blind = calibrate(spoiled, FitOptions("position"), effects=members).to_frame().set_index("name")
     assert abs(blind.loc["transmission_error.J6.sin1_rad", "change"]) < 2e-4

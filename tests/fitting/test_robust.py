@@ -20,6 +20,7 @@ from calib.fitting.observations import Observations
 from calib.fitting.position_residuals import make_residuals
 from calib.fitting.robust import point_norms, rows_of_points, solve_robustly, tukey_weights, weighted
 from calib.fitting.trust_region import Fit, solve
+from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
 from tests.fitting.test_pose_residuals import SIGMA_RAD, full_poses, seated, uneven
@@ -207,10 +208,13 @@ def test_the_command_takes_robust_poses_and_names_those_that_count_less(
     document = json.loads(capsys.readouterr().out)
     (warning,) = (w for w in document["warnings"] if "count less than half" in w)
     assert dataset.poses.ids[point] in warning
-    by_library = calibrate(wrong, residual="pose", robust=True)
+    by_library = calibrate(wrong, FitOptions("pose", robust=True))
     assert document["sigma_mm"] == pytest.approx(by_library.sigma_mm, rel=1e-4)
     # The test poses tell that the arm is as good as without the wrong pose; the plain fit is not.
-    best, bad = calibrate(dataset, residual="pose").after.test, calibrate(wrong, residual="pose").after.test
+    best, bad = (
+        calibrate(dataset, FitOptions("pose")).after.test,
+        calibrate(wrong, FitOptions("pose")).after.test,
+    )
     assert best is not None
     assert bad is not None
     assert document["test"]["rmse_mm"] < 1.1 * best.rmse_mm < bad.rmse_mm

@@ -14,7 +14,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import family_of
 from calib.errors import FitError
 from calib.identifiability.structural import fewest_poses
-from calib.options import RESIDUAL_KINDS
+from calib.options import RESIDUAL_KINDS, FitOptions
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import check
 
@@ -37,8 +37,8 @@ def measured(robot: str, poses: int, setups: int = 1) -> Dataset:
 def test_both_sides_of_the_limit(robot: str, residual: str, setups: int) -> None:
     needed = fewest_poses(builtin_robot(robot), residual=residual, setups=setups)
     with pytest.raises(FitError, match=f"measure at least {needed} different poses"):
-        calibrate(measured(robot, needed - 1, setups), residual=residual)
-    fit = calibrate(measured(robot, needed, setups), residual=residual).fit
+        calibrate(measured(robot, needed - 1, setups), FitOptions(residual))
+    fit = calibrate(measured(robot, needed, setups), FitOptions(residual)).fit
     assert fit.converged
     assert fit.degrees_of_freedom >= 1
 

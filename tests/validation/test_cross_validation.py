@@ -17,6 +17,7 @@ from calib.calibration.noise_check import SigmaCheck, check_sigma
 from calib.dataset.dataset import Dataset, Points, Scanner
 from calib.dataset.files.folder import write_dataset
 from calib.errors import FitError
+from calib.options import FitOptions
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import LearningCurve, LearningStep, learning_curve
 from calib.validation.splits import deal_folds, growing_order, split_dataset, training_places
@@ -109,8 +110,8 @@ def test_held_out_poses_have_no_say_in_their_own_fold(residual: str) -> None:
     assert dataset.points is not None
     xyz = dataset.points.xyz_mm.copy()
     xyz[20] += [3.0, 0.0, 0.0]
-    clean = cross_validate(dataset, residual=residual)
-    moved = cross_validate(dataset.with_points(replace(dataset.points, xyz_mm=xyz)), residual=residual)
+    clean = cross_validate(dataset, FitOptions(residual))
+    moved = cross_validate(dataset.with_points(replace(dataset.points, xyz_mm=xyz)), FitOptions(residual))
 
     def error(result: object) -> np.ndarray:
         after = result.after  # type: ignore[attr-defined]

@@ -21,6 +21,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import FitError
 from calib.measurement.face_labels import Labelling
 from calib.measurement.measured_points import with_corners
+from calib.options import FitOptions
 from calib.simulation.measured_dataset import write_simulation
 from calib.simulation.simulate import simulate_dataset
 from inspector.app.app import App, serving
@@ -220,7 +221,7 @@ def test_faces_that_the_robot_contradicts_are_told_and_full_poses_refused(folder
         assert session(app).calibration is first
         dataset, searches = load_dataset(folder / "contradicted"), session(app).searches
     with pytest.raises(FitError) as refusal:  # as the command does it
-        calibrate(with_corners(dataset, searches, orientation=True), residual="pose")
+        calibrate(with_corners(dataset, searches, orientation=True), FitOptions("pose"))
     assert str(refusal.value) == reason
 
 
