@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from calib import frames
 from calib.calibration.calibrate import Calibration
-from calib.diagnosis.projected_residual import directions_at
-from calib.diagnosis.residual_tests import inputs_at
+from calib.calibration.input_variables import inputs_at
+from calib.calibration.joint_directions import directions_at
 from calib.distributions import chi2_ppf
 from calib.fitting.observations import Observations, place_scanner
 from calib.fitting.scanner_frame import whitener

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.calibration.calibrate import Calibration
+from calib.calibration.joint_directions import directions_at
 from calib.effects.state import RobotState
 from calib.errors import FitError
-from calib.fitting.model import Model, point_by_state
+from calib.fitting.model import point_by_state
 from calib.fitting.observations import Observations, place_scanner
 from calib.fitting.position_residuals import PositionResiduals
 
@@ -96,20 +97,3 @@ def joint_directions(leftover: Leftover) -> list[Array]:
     """For each joint (M, 3): how its motion moves the measured points, whitened, mm (or mm/rad) over sigma."""
     residuals = leftover.residuals
     return directions_at(residuals.model, leftover.x, residuals.observed, leftover.base_to_residual)
-
-
-def directions_at(model: Model, x: Array, observed: Observations, base_to_residual: Array) -> list[Array]:
-    """As `joint_directions`, of any observations whose scanner is placed. base_to_residual  # (M, 3, 3)"""
-    poses, row = observed.used_poses
-    by_x = model.linearise(x, poses, seen=observed.seen())[1]
-    names = [p.name for p in model.parameters]
-    out = []
-    for j, joint in enumerate(model.robot.joints):
-        kind = "theta" if joint.is_revolute else "d"
-        name = f"{kind}{j + 1}"
-        if name in names:
-            column = by_x[row][:, :, [names.index(name)]]
-            out.append((base_to_residual @ column)[..., 0])
-        else:
-            out.append(np.zeros((len(row), 3)))
-    return out

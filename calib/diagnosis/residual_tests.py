@@ -16,14 +16,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from calib.blas_threads import one_blas_thread
-from calib.dataset.dataset import Dataset, Poses
+from calib.calibration.input_variables import inputs_at
+from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import find_repeats, pooled_sigma_mm
 from calib.diagnosis.fault_models import LocalFault, fault_of
 from calib.diagnosis.projected_residual import Leftover, joint_directions
 from calib.distributions import chi2_sf, f_sf
-from calib.effects.gravity import has_masses
-from calib.effects.state import RobotState
-from calib.kinematics.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -75,32 +73,6 @@ def inputs_of(leftover: Leftover) -> dict[str, Array]:
     """Everything a residual may depend on, by name, one value a used pose (N,)."""
     poses, _ = leftover.residuals.observed.used_poses
     return inputs_at(leftover.residuals.model.robot, poses, leftover.state)
-
-
-def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]:
-    """As `inputs_of`, of any poses (N) with the arm's state there; what never changes is left out."""
-    inputs = {f"q{j + 1}": poses.q[:, j] for j in range(robot.n_joints)}
-    if has_masses(robot):
-        torques = state.gravity_torques_nm
-        inputs |= {f"torque{j + 1}": torques[:, j] for j in range(robot.n_joints)}
-    for name in ("payload_kg", "temperature_c", "time_s"):
-        values = getattr(poses, name)
-        if values is not None:
-            inputs[name] = values
-    if poses.approach is not None:
-        inputs |= {f"approach{j + 1}": poses.approach[:, j] for j in range(robot.n_joints)}
-    seen = state.seen
-    if seen is not None:
-        inputs |= {axis: seen.scanner_mm[:, k] for k, axis in enumerate("xyz")}
-    inputs["order"] = np.arange(len(poses), dtype=float)
-    for name in poses.extra.columns:
-        column = poses.extra[name]
-        inputs[str(name)] = (
-            column.to_numpy(dtype=float)
-            if column.dtype.kind in "fiub"
-            else column.factorize()[0].astype(float)
-        )
-    return {name: v for name, v in inputs.items() if len(np.unique(v)) > 1}
 
 
 @one_blas_thread()
