@@ -2,317 +2,75 @@
 
 Three equal faces look alike under turns by 120 degrees. What tells them apart, in this order:
 
-* `robot`: the scanner is placed by the corners' positions and the nominal arm, so the attitude of the tool is predicted
-  to a degree or so. How the jig sits on the tool, tool_R_jig, is unknown but the same at all poses: the names that make
-  it the same are the right ones. What is left is one turn of all poses together, which is a mere convention: face 1 is
-  the one whose normal lies nearest the tool's x axis, unless the jig's angles tell its faces apart;
-* `angles`: a jig whose measured `face_angles_deg` differ by more than the scans' noise is marked by them;
-* `continuity`: with neither, each pose is named as the one before it, which holds for small turns between poses of one
-  setup; where the joint angles tell of another turn than the faces do, the pose is refused.
+* `robot`: the corners' positions and the nominal arm give the scanner's frame, and so the attitude of the tool to a
+  degree or so. How the jig sits on the tool, tool_R_jig, is unknown but the same at all poses: the right labels are
+  those that make it the same. One cyclic shift of the labels of all poses together remains, a mere convention: face 1
+  is the one whose normal lies nearest the tool's x axis, unless the jig's angles tell its faces apart;
+* `angles`: a jig whose measured `face_angles_deg` differ by more than the scans' noise;
+* `continuity`: without either, each pose is labelled as the one before it, which holds for small turns between poses of
+  one setup; where the joint angles give another turn than the faces do, the pose is refused.
 
-No jig is square to a scan's microradians. Where its faces, taken over all poses, do not meet at the angles told, and
-those are not certified, the angles found take their place: else each orientation would lean as its own noise weighs.
+No jig is square to a scan's microradians. Where the mean angles of its faces over all poses differ from the jig's, and
+those are not certified, the mean angles take their place: otherwise the orientation of each pose would be biased in a
+direction that depends on the noise of its faces.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib import frames
 from calib.corners.intersection import Corner
-from calib.corners.orientation import Orientation, candidates, oriented
-from calib.dataset.dataset import Dataset, points_from_corners
-from calib.errors import FitError
-from calib.fitting.model import geometric_model
-from calib.fitting.observations import Observations, place_scanner, predict_points
+from calib.corners.orientation import candidates, oriented
+from calib.dataset.dataset import Dataset
 from calib.jig import Jig, angles_between_deg
-from calib.kinematics import chain as kinematics
+from calib.measurement.labelling_rules import (
+    label_by_angles,
+    label_by_continuity,
+    label_by_robot,
+    predicted_attitudes,
+)
+from calib.measurement.labels import FaceLabels
 
-Array = NDArray[np.float64]
-_Three = tuple[Orientation, Orientation, Orientation]  # one for each way to name the faces
-
-LEAST_MARGIN_DEG = 60.0
-"""How much nearer the best of three names has to be than the next; they lie 120 degrees apart."""
-CLEARLY = 12.0
-"""How much better, in squared misfit, the angles of one way of naming have to fit than those of the others."""
-_BY = {
-    "robot": "the nominal robot",
-    "angles": "the jig's unequal angles",
-    "continuity": "small turns from pose to pose",
-}
-_MEASURE_MORE = "measure three poses or more there that lie apart, and not on one line"
-_MARK_IT = "or mark the jig (unequal face_angles_deg in dataset.toml)"
-_MOST_CONTRADICTED = 0.25  # of the poses: a robot that is wrong so often is right by chance at the others
-_LOOSE_RAD = 0.2  # a scanner placed less firmly than this predicts no attitude
-_HYPOTHESES = 40
-_LEAST_POSES = 5  # that together say at what angles the faces meet
+_MOST_CONTRADICTED = 0.25  # of the poses: beyond it, the predictions agree with the other poses by chance
+_LEAST_POSES = 5  # for a mean of the angles between the faces
 _CLEARLY_OFF = 5.0  # sigmas of the total misfit
 
 
-@dataclass(frozen=True)
-class Labelling:
-    """The jig's orientation at each pose, its faces named alike at all of them."""
-
-    by: str  # "robot", "angles" or "continuity"
-    orientations: Mapping[str, Orientation]  # by pose id
-    off: Mapping[str, float]  # by pose id: how far the best name is from what was expected; see `unit`
-    margin: Mapping[str, float]  # by pose id: how much farther the next-best name is
-    unit: str  # of both: "deg", or "squared sigmas" where angles tell
-    refused: Mapping[str, str]  # pose id -> why its faces cannot be named
-    found_angles_deg: tuple[float, float, float] | None = None  # where they took the place of those told
-    lack: str = ""  # why there are poses without names, and what would help, of the first of them
-
-    def summary(self) -> str:
-        """One line: what named the faces, the least margin, and how many were refused."""
-        needed = LEAST_MARGIN_DEG if self.unit == "deg" else CLEARLY
-        least = (
-            f", margin {min(self.margin.values()):.4g} {self.unit} or more (needed: {needed:g})"
-            if self.margin
-            else ""
-        )
-        first = next(iter(self.refused.items()), None)
-        refused = f"; {len(self.refused)} refused, {first[0]}: {first[1]}" if first else ""
-        meet = ", ".join(f"{angle:.4f}" for angle in self.found_angles_deg or ())
-        angles = f"; they meet at {meet} deg, which differs from what dataset.toml tells" if meet else ""
-        count = len(self.orientations)
-        poses = f"{count} pose{'' if count == 1 else 's'}"
-        return f"faces named by {_BY[self.by]} at {poses}{least}{angles}{refused}"
-
-    def document(self) -> dict[str, Any]:
-        """As a JSON object; quaternions are w, x, y, z of scanner_R_jig."""
-        return {
-            "named_by": self.by,
-            "margin_unit": self.unit,
-            "found_angles_deg": self.found_angles_deg,
-            "poses": [
-                {
-                    "pose": pose_id,
-                    "quaternion": found.quaternion(),
-                    "covariance_rad2": found.covariance_rad2,
-                    "sigma_rad": found.sigma_rad(),
-                    "faces": found.order,
-                    "misfit": found.misfit,
-                    "off": self.off.get(pose_id),
-                    "margin": self.margin.get(pose_id),
-                }
-                for pose_id, found in self.orientations.items()
-            ],
-            "refused": [{"pose": pose_id, "reason": reason} for pose_id, reason in self.refused.items()],
-        }
-
-
-def label_corners(dataset: Dataset, corners: Mapping[str, Corner]) -> Labelling:
-    """Name the jig's faces at all poses that have a corner.
+def label_corners(dataset: Dataset, corners: Mapping[str, Corner]) -> FaceLabels:
+    """Label the jig's faces at all poses that have a corner.
 
     Raises CornerError for face angles that no jig can have.
     """
     ids = [pose_id for pose_id in dataset.poses.ids if pose_id in corners]
     three = {pose_id: candidates(corners[pose_id], dataset.jig) for pose_id in ids}
-    predicted, why = _predicted_attitudes(dataset, corners) if ids else ({}, {})
-    marked = len(set(dataset.jig.face_angles_deg)) > 1
-    named = _by_robot(three, predicted, why, marked) if predicted else None
-    contradicted = 0 if named is None else sum(pose_id in predicted for pose_id in named.refused)
+    predicted, why = predicted_attitudes(dataset, corners) if ids else ({}, {})
+    unequal = len(set(dataset.jig.face_angles_deg)) > 1
+    labels = label_by_robot(three, predicted, why, unequal) if predicted else None
+    contradicted = 0 if labels is None else sum(pose_id in predicted for pose_id in labels.refused)
     if contradicted > max(1.0, _MOST_CONTRADICTED * len(predicted)):
-        words = (
+        reason = (
             f"the nominal robot has the jig stand otherwise at {contradicted} of {len(predicted)} poses; check the "
             "joint angles and their signs, of the last joint above all"
         )
-        named, why = None, dict.fromkeys(ids, words)
-    if named is None:
-        named = (_by_angles(three) if marked else None) or _by_continuity(three, why, dataset)
-    return _with_found_angles(named, corners, dataset.jig)
+        labels, why = None, dict.fromkeys(ids, reason)
+    if labels is None:
+        labels = (label_by_angles(three) if unequal else None) or label_by_continuity(three, why, dataset)
+    return _with_found_angles(labels, corners, dataset.jig)
 
 
-def _with_found_angles(named: Labelling, corners: Mapping[str, Corner], jig: Jig) -> Labelling:
-    """The same names; the orientations by the angles at which the faces meet on the whole, where the jig's are off."""
-    before = named.orientations
+def _with_found_angles(labels: FaceLabels, corners: Mapping[str, Corner], jig: Jig) -> FaceLabels:
+    """The same labels; orientations by the mean angles between the faces where those differ from the jig's."""
+    before = labels.orientations
     misfit, count = sum(o.misfit for o in before.values()), len(before)
     if jig.certified or count < _LEAST_POSES or misfit < 3.0 * count + _CLEARLY_OFF * np.sqrt(6.0 * count):
-        return named
+        return labels
     in_jig = np.zeros((3, 3))
     for pose_id, found in before.items():
         in_jig += np.array([corners[pose_id].faces[i].normal for i in found.order]) @ found.scanner_R_jig
     in_jig /= np.linalg.norm(in_jig, axis=1, keepdims=True)
     truer = replace(jig, face_angles_deg=angles_between_deg(in_jig))
     after = {pose_id: oriented(corners[pose_id], truer, found.order) for pose_id, found in before.items()}
-    return replace(named, orientations=after, found_angles_deg=truer.face_angles_deg)
-
-
-def _turn_deg(rotation: Array) -> Array:
-    """(...,) by how much rotations (..., 3, 3) turn."""
-    cosine = 0.5 * (np.trace(rotation, axis1=-2, axis2=-1) - 1.0)
-    return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
-
-
-def _predicted_attitudes(
-    dataset: Dataset, corners: Mapping[str, Corner]
-) -> tuple[dict[str, Array], dict[str, str]]:
-    """scanner_R_tool (3, 3) by pose id as the nominal arm and the corners' positions have it; of the others, why not.
-
-    Only of setups whose corners are spread enough to place the scanner.
-    """
-    points = points_from_corners(
-        dataset,
-        {pose_id: corner.xyz_mm for pose_id, corner in corners.items()},
-        {pose_id: corner.covariance_mm2 for pose_id, corner in corners.items()},
-    )
-    try:
-        observed = Observations.of(dataset.with_points(points), np.ones(len(dataset.poses), dtype=bool))
-    except FitError as error:
-        return {}, dict.fromkeys(corners, str(error))
-    model = geometric_model(dataset.robot)
-    x = np.zeros(len(model.parameters))
-    observed = place_scanner(observed, model, x)
-    assert observed.scanner_T_base is not None
-    base_mm = predict_points(model, x, observed)
-    attitude = _nominal_attitudes(dataset)
-    out: dict[str, Array] = {}
-    why: dict[str, str] = {}
-    for setup, scanner_T_base in observed.scanner_T_base.items():
-        rows = np.flatnonzero(observed.setup == setup)
-        ids = [dataset.poses.ids[pose] for pose in points.pose[rows]]
-        spread = np.linalg.svd(base_mm[rows] - base_mm[rows].mean(axis=0), compute_uv=False)
-        off_mm = np.linalg.norm(frames.apply(scanner_T_base, base_mm[rows]) - points.xyz_mm[rows])
-        rms_mm = [
-            float(value) / np.sqrt(len(rows)) for value in (off_mm, spread[1] if len(rows) > 1 else 0.0)
-        ]
-        if len(rows) < 3 or rms_mm[1] < 1.0:
-            few = f"{len(rows)} corner{'' if len(rows) == 1 else 's'}"
-            why |= dict.fromkeys(ids, f"{few} of its setup do not place the scanner; {_MEASURE_MORE}")
-        elif rms_mm[0] > _LOOSE_RAD * rms_mm[1]:
-            words = (
-                f"the nominal robot has the corners of its setup {rms_mm[0]:.3g} mm (rms) from where they are, too far "
-                "to place the scanner; check robot.toml, the joint angles with their signs, and the order of the poses"
-            )
-            why |= dict.fromkeys(ids, words)
-        else:
-            placed = scanner_T_base[:3, :3]
-            out |= {i: placed @ attitude[pose] for i, pose in zip(ids, points.pose[rows], strict=True)}
-    return out, why
-
-
-def _nominal_attitudes(dataset: Dataset) -> Array:
-    """base_R_tool (N, 3, 3) of all poses."""
-    chain = kinematics.forward(dataset.robot.table, dataset.poses.q, dataset.robot.is_revolute)
-    return np.asarray(chain.base_T_frame[:, -1, :3, :3])
-
-
-def _by_robot(
-    three: Mapping[str, _Three], predicted: Mapping[str, Array], why: Mapping[str, str], marked: bool
-) -> Labelling:
-    ids = [pose_id for pose_id in three if pose_id in predicted]
-    # (K, 3, 3, 3): of each pose and each way of naming, how the jig would sit on the tool.
-    seats = np.array([[predicted[i].T @ o.scanner_R_jig for o in three[i]] for i in ids])
-    tool_R_jig = _most_agreed(seats)
-    turn_deg = _turn_deg(np.swapaxes(tool_R_jig, -1, -2) @ seats)  # (K, 3)
-    name = np.argmin(turn_deg, axis=1)
-    shift = _convention(three, ids, seats, name, marked)
-    off, margin = _best_and_margin(turn_deg)
-    refused = {i: why[i] for i in three if i not in predicted}
-    refused |= {
-        pose_id: f"the jig stands {off[row]:.3g} deg from where the nominal robot has it, the next name "
-        f"{off[row] + margin[row]:.3g} deg; check that pose's joint angles, or leave its orientation out"
-        for row, pose_id in enumerate(ids)
-        if margin[row] < LEAST_MARGIN_DEG
-    }
-    named = {i: three[i][(name[row] + shift) % 3] for row, i in enumerate(ids) if i not in refused}
-    by_id = {i: row for row, i in enumerate(ids) if i not in refused}
-    return Labelling(
-        "robot",
-        named,
-        {i: float(off[row]) for i, row in by_id.items()},
-        {i: float(margin[row]) for i, row in by_id.items()},
-        "deg",
-        refused,
-        lack=next(iter(refused.values()), ""),
-    )
-
-
-def _most_agreed(seats: Array) -> Array:
-    """The jig's seat (3, 3) that most poses agree with, by some name; the mean of those that agree."""
-    tried = seats[:: max(1, len(seats) // _HYPOTHESES), 0]
-    turns = [_turn_deg(seat.T @ seats) for seat in tried]  # each (K, 3)
-    best = int(np.argmin([np.median(turn.min(axis=1)) for turn in turns]))
-    nearest = np.argmin(turns[best], axis=1)
-    agreeing = turns[best].min(axis=1) < 0.5 * LEAST_MARGIN_DEG
-    chosen = seats[np.arange(len(seats)), nearest][agreeing]
-    return frames.mean_rotation(chosen)
-
-
-def _convention(
-    three: Mapping[str, _Three], ids: list[str], seats: Array, name: NDArray[np.int64], marked: bool
-) -> int:
-    """By how many names all poses are turned together: by the jig's angles, else face 1 nearest the tool's x."""
-    if marked:
-        total = [sum(three[i][(name[row] + k) % 3].misfit for row, i in enumerate(ids)) for k in range(3)]
-        best, second = np.sort(total)[:2]
-        if second - best > CLEARLY:
-            return int(np.argmin(total))
-    along_x = [np.mean(seats[np.arange(len(seats)), (name + k) % 3][:, 0, 0]) for k in range(3)]
-    return int(np.argmax(along_x))
-
-
-def _best_and_margin(values: Array) -> tuple[Array, Array]:
-    """Of rows (K, 3) the least value (K,) and how far the next one is above it (K,)."""
-    ordered = np.sort(values, axis=1)
-    return ordered[:, 0], ordered[:, 1] - ordered[:, 0]
-
-
-def _by_angles(three: Mapping[str, _Three]) -> Labelling | None:
-    """By the jig's own unequal angles; None where some scan cannot tell them apart."""
-    misfits = np.array([[o.misfit for o in ways] for ways in three.values()]).reshape(-1, 3)
-    off, margin = _best_and_margin(misfits)
-    if np.any(margin < CLEARLY):
-        return None
-    return Labelling(
-        "angles",
-        {i: min(ways, key=lambda o: o.misfit) for i, ways in three.items()},
-        dict(zip(three, off.tolist(), strict=True)),
-        dict(zip(three, margin.tolist(), strict=True)),
-        "squared sigmas",
-        {},
-    )
-
-
-def _by_continuity(three: Mapping[str, _Three], why: Mapping[str, str], dataset: Dataset) -> Labelling:
-    """Each pose as the one before it, where it turned little; the first with face 1 most along the scanner's x."""
-    named: dict[str, Orientation] = {}
-    off: dict[str, float] = {}
-    margin: dict[str, float] = {}
-    refused: dict[str, str] = {}
-    attitude, setup = _nominal_attitudes(dataset), dataset.poses.setup
-    before, lack = -1, ""  # the pose named last
-    for pose_id, ways in three.items():
-        row = dataset.poses.index(pose_id)
-        if before < 0:
-            named[pose_id] = max(ways, key=lambda o: o.scanner_R_jig[0, 0])
-            before = row
-            continue
-        last = dataset.poses.ids[before]
-        turn_deg = _turn_deg(named[last].scanner_R_jig.T @ np.array([o.scanner_R_jig for o in ways]))
-        (least,), (more,) = _best_and_margin(turn_deg[None])
-        by_joints_deg = float(_turn_deg(attitude[before].T @ attitude[row]))
-        help_ = f"{why[pose_id]}, {_MARK_IT}"
-        if setup[row] != setup[before]:
-            refused[pose_id] = f"the scanner stands elsewhere than at {last}, and {help_}"
-        elif more < LEAST_MARGIN_DEG:
-            refused[pose_id] = (
-                f"it turned {least:.3g} deg since {last} by one name of the faces, {least + more:.3g} deg by another, "
-                f"and {help_}"
-            )
-        elif abs(by_joints_deg - least) > 0.5 * LEAST_MARGIN_DEG:
-            refused[pose_id] = (
-                f"it turned {least:.3g} deg since {last} by its faces, {by_joints_deg:.3g} deg by the joint angles, "
-                f"and {help_}"
-            )
-        else:
-            named[pose_id] = ways[int(np.argmin(turn_deg))]
-            off[pose_id], margin[pose_id] = float(least), float(more)
-            before = row
-        lack = lack or (help_ if pose_id in refused else "")
-    return Labelling("continuity", named, off, margin, "deg", refused, lack=lack)
+    return replace(labels, orientations=after, found_angles_deg=truer.face_angles_deg)

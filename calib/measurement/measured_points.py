@@ -1,4 +1,4 @@
-"""From corners to measured points: the step between looking at scans and fitting a robot."""
+"""From corners to measured points: the step between searching scans and fitting a robot."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ from calib.corners.intersection import Corner
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset, Orientations, points_from_corners
 from calib.errors import CornerError, ScanError
-from calib.measurement.face_labels import Labelling, label_corners
+from calib.measurement.face_labels import label_corners
+from calib.measurement.labels import FaceLabels
 
 
 def with_corners(
-    dataset: Dataset, searches: Mapping[str, CornerSearch], *, orientation: bool | Labelling = False
+    dataset: Dataset, searches: Mapping[str, CornerSearch], *, orientation: bool | FaceLabels = False
 ) -> Dataset:
     """The dataset with the corners that were found, by pose id, as its points; poses without a corner have none.
 
-    With `orientation` the points are full poses, save where the jig's faces cannot be named. Naming them takes a while:
-    who has named them already (`name_faces`) gives that.
+    With `orientation` the points are full poses, except where the jig's faces cannot be labelled. Labelling takes a
+    while: a caller that has the labels already (`label_faces`) hands them over.
     """
     found = found_corners(searches)
     points = points_from_corners(
@@ -29,13 +30,13 @@ def with_corners(
         {pose_id: corner.covariance_mm2 for pose_id, corner in found.items()},
     )
     if orientation:
-        labelling = label_corners(dataset, found) if orientation is True else orientation
+        labels = label_corners(dataset, found) if orientation is True else orientation
         ids = [dataset.poses.ids[i] for i in points.pose]
-        points = replace(points, orientations=_orientations(labelling, ids))
+        points = replace(points, orientations=_orientations(labels, ids))
     return dataset.with_points(points)
 
 
-def name_faces(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> Labelling:
+def label_faces(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> FaceLabels:
     """Which face of the jig is which in the corners that were found, and so how the jig stands.
 
     Raises CornerError for face angles that no jig can have.
@@ -43,16 +44,16 @@ def name_faces(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> Labell
     return label_corners(dataset, found_corners(searches))
 
 
-def _orientations(labelling: Labelling, ids: Sequence[str]) -> Orientations:
-    """Of the poses in order; NaN where the faces could not be named. A covariance stays one, for what looks at all."""
-    known = [labelling.orientations.get(pose_id) for pose_id in ids]
+def _orientations(labels: FaceLabels, ids: Sequence[str]) -> Orientations:
+    """Of the poses in order; NaN where the faces are not labelled, with finite covariances, which all are inverted."""
+    known = [labels.orientations.get(pose_id) for pose_id in ids]
     unknown = np.full((3, 3), np.nan)
     return Orientations(
         np.array([unknown if o is None else o.scanner_R_jig for o in known]).reshape(-1, 3, 3),
         np.array([np.eye(3) if o is None else o.covariance_rad2 for o in known]).reshape(-1, 3, 3),
         np.array([np.zeros((3, 3)) if o is None else o.cross_mm_rad for o in known]).reshape(-1, 3, 3),
-        labelling.summary(),
-        labelling.lack,
+        labels.summary(),
+        labels.lack,
     )
 
 

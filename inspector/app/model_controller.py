@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from calib.diagnosis.pose_recommendation import nearest_rival, poses_between
 from calib.errors import CalibError
-from calib.measurement.face_labels import Labelling
+from calib.measurement.labels import FaceLabels
 from inspector.panels.missing_effects import LearnPanel
 from inspector.server.worker import LongWork
 from inspector.session import transitions as sessions
@@ -54,7 +54,7 @@ class Modelling:
         self._aside = ThreadPoolExecutor(1, thread_name_prefix="inspector-aside")
         # Who asks for full poses does not wait until a ranking or a diagnosis is through.
         self._naming = ThreadPoolExecutor(1, thread_name_prefix="inspector-naming")
-        self._names: tuple[Session, Future[Labelling]] | None = (
+        self._names: tuple[Session, Future[FaceLabels]] | None = (
             None  # the last that were asked for, and of what
         )
 
@@ -96,9 +96,9 @@ class Modelling:
         try:
             yield from self._first_fit(residual) if saved is None else self._reopen(saved, residual)
         except CalibError:  # full poses may tell what positions did not
-            yield from self.name_faces()
+            yield from self.label_faces()
             raise
-        yield from self.name_faces()
+        yield from self.label_faces()
 
     def _first_fit(self, residual: str) -> LongWork:
         """The link errors; by positions where these data cannot be fitted as was chosen with another dataset."""
@@ -120,8 +120,8 @@ class Modelling:
             yield from self._first_fit(residual)
             raise
         if again is not None and again[0].calibration is not None:
-            named = again[0].labelling or self._session.labelling
-            self._change(replace(sessions.seen_since(again[0], self._session), labelling=named))
+            named = again[0].face_labels or self._session.face_labels
+            self._change(replace(sessions.seen_since(again[0], self._session), face_labels=named))
             self._stage.show_saved(saved.shown)
         if again is not None:
             self._stage.review.show_problem(" ".join(again[1]))
@@ -151,7 +151,7 @@ class Modelling:
         self._change(session)
         yield from self.rank()
 
-    def name_faces(self) -> LongWork:
+    def label_faces(self) -> LongWork:
         """Name the jig's faces where nothing has yet, so that full poses can be fitted at once, or why not is said."""
         try:
             yield from self._named()
@@ -173,7 +173,7 @@ class Modelling:
             yield
             if self._session.searches is not session.searches:
                 return
-        self._stage.keep(replace(self._session, labelling=future.result()))
+        self._stage.keep(replace(self._session, face_labels=future.result()))
         self._names = None
 
     # ---- effects ----------------------------------------------------------------------------------------------------

@@ -23,7 +23,7 @@ from calib.dataset.files.robot_toml import builtin_robot, load_robot
 from calib.effects.catalogue import descriptions
 from calib.errors import DatasetError
 from calib.identifiability.structural import redundancy, with_place_unknown
-from calib.measurement.measured_points import failed_searches, name_faces, require_corners, with_corners
+from calib.measurement.measured_points import failed_searches, label_faces, require_corners, with_corners
 from calib.options import BUILTIN_ROBOTS, FitOptions
 from calib.validation.acceptance import check
 from inspector.cli.output_paths import check_outputs
@@ -53,15 +53,15 @@ def run_corners(options: Any) -> int:
     check_outputs(dataset, [options.out])
     searches = _search(dataset, options.processes)
     require_corners(dataset, searches)
-    labelling = name_faces(dataset, searches)
+    labels = label_faces(dataset, searches)
     if options.out is not None:
-        found = with_corners(dataset, searches, orientation=labelling if options.orientation else False)
+        found = with_corners(dataset, searches, orientation=labels if options.orientation else False)
         write_text_atomically(options.out, corners_csv(found))
     failed = failed_searches(searches)
     words = [f"{search.summary()}{_left_out(search)}" for search in searches.values()]
     words.append(f"{len(searches) - len(failed)} of {len(searches)} corners found")
-    words.append(labelling.summary())
-    show(options, documents.corners_document(searches, labelling), "\n".join(words))
+    words.append(labels.summary())
+    show(options, documents.corners_document(searches, labels), "\n".join(words))
     return 0
 
 

@@ -21,14 +21,14 @@ from calib.diagnosis.stepwise import Diagnosis, Step
 from calib.effects.catalogue import descriptions
 from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import PlaceUnknown
-from calib.measurement.face_labels import Labelling
+from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import failed_searches
 from calib.validation.acceptance import Check
 from calib.validation.cross_validation import CrossValidation
 from calib.validation.learning_curve import LearningCurve
 
 
-def corners_document(searches: Mapping[str, CornerSearch], labelling: Labelling) -> dict[str, Any]:
+def corners_document(searches: Mapping[str, CornerSearch], labels: FaceLabels) -> dict[str, Any]:
     """What `corners --json` prints: the corners with their planes, the jig's orientations, and what failed and why."""
 
     def scan(pose_id: str) -> dict[str, int | None]:
@@ -63,7 +63,7 @@ def corners_document(searches: Mapping[str, CornerSearch], labelling: Labelling)
         {"pose": pose_id, "reason": reason, **scan(pose_id)}
         for pose_id, reason in failed_searches(searches).items()
     ]
-    return {"corners": found, "failed": failed, "orientations": labelling.document()}
+    return {"corners": found, "failed": failed, "orientations": labels.document()}
 
 
 def redundancy_document(redundancy: Redundancy, unknown: PlaceUnknown) -> dict[str, Any]:

@@ -33,8 +33,8 @@ def faces_words(session: Session) -> str:
     problem = no_full_poses(session)
     if problem:
         return NO_POSES + problem.removeprefix(f"dataset {session.dataset.name}: ")
-    if session.labelling is not None:
-        return f"pose can be fitted: {session.labelling.summary()}."
+    if session.face_labels is not None:
+        return f"pose can be fitted: {session.face_labels.summary()}."
     return "pose can be fitted: points.csv has orientations."
 
 

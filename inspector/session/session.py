@@ -15,7 +15,7 @@ from calib.diagnosis.screening import Screening
 from calib.diagnosis.stepwise import Diagnosis
 from calib.effects.catalogue import Family
 from calib.identifiability.redundancy import Redundancy
-from calib.measurement.face_labels import Labelling
+from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import with_corners
 
 
@@ -38,7 +38,7 @@ class Session:
 
     dataset: Dataset
     searches: Mapping[str, CornerSearch] = field(default_factory=dict)  # by pose id
-    labelling: Labelling | None = None  # which face of the jig is which there, once that was asked for
+    face_labels: FaceLabels | None = None  # which face of the jig is which there, once that was asked for
     redundancy: Redundancy | None = None
     calibration: Calibration | None = None
     effects: tuple[Added, ...] = ()  # beyond the link errors
@@ -58,13 +58,13 @@ class Session:
         """The same as a fit of this residual needs them: full poses only where those are to be fitted."""
         if self.dataset.points is not None:
             return self.dataset
-        names = self.labelling if residual == "pose" else None
+        names = self.face_labels if residual == "pose" else None
         return with_corners(self.dataset, self.searches, orientation=names or False)
 
     @property
     def unnamed(self) -> bool:
         """Whether full poses would have to wait until the jig's faces are named in the corners found so far."""
-        return self.dataset.points is None and self.labelling is None
+        return self.dataset.points is None and self.face_labels is None
 
     @property
     def waiting(self) -> tuple[int, ...]:

@@ -21,8 +21,8 @@ from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import Observations
 from calib.fitting.pose_residuals import require_orientations
 from calib.identifiability.structural import redundancy
-from calib.measurement.face_labels import Labelling
-from calib.measurement.measured_points import name_faces
+from calib.measurement.labels import FaceLabels
+from calib.measurement.measured_points import label_faces
 from calib.options import FitOptions
 from inspector.session.session import HistoryStep, Session
 
@@ -44,7 +44,7 @@ def with_search(session: Session, pose: int) -> Session:
     if session.dataset.points is not None:
         return replace(session, searches=searches)
     return _unjudged(
-        replace(session, searches=searches, labelling=None, calibration=None, effects=(), history=())
+        replace(session, searches=searches, face_labels=None, calibration=None, effects=(), history=())
     )
 
 
@@ -53,12 +53,12 @@ def with_names(session: Session) -> Session:
 
     Raises CornerError for face angles that no jig can have.
     """
-    return replace(session, labelling=face_names(session)) if session.unnamed else session
+    return replace(session, face_labels=face_names(session)) if session.unnamed else session
 
 
-def face_names(session: Session) -> Labelling:
+def face_names(session: Session) -> FaceLabels:
     """Which face of the jig is which in the corners found so far. Raises as `with_names`."""
-    return name_faces(session.dataset, session.searches)
+    return label_faces(session.dataset, session.searches)
 
 
 def no_full_poses(session: Session) -> str:
@@ -73,7 +73,7 @@ def no_full_poses(session: Session) -> str:
 
 def seen_since(session: Session, now: Session) -> Session:
     """A session of the same dataset, with what was looked at meanwhile."""
-    return replace(session, searches=now.searches, labelling=now.labelling, redundancy=now.redundancy)
+    return replace(session, searches=now.searches, face_labels=now.face_labels, redundancy=now.redundancy)
 
 
 def with_redundancy(session: Session, residual: str = "position") -> Session:

@@ -19,7 +19,8 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CornerError
 from calib.frames import mean_rotation
 from calib.jig import Jig, jig_normals
-from calib.measurement.face_labels import Labelling, label_corners
+from calib.measurement.face_labels import label_corners
+from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import with_corners
 from calib.simulation.measured_dataset import Simulation
 from calib.simulation.simulate import simulate_dataset
@@ -205,7 +206,7 @@ def test_a_jig_that_is_not_as_told_is_measured_over_all_poses(simulation):
     real = Jig(face_angles_deg=(90.03, 89.98, 90.01))
     dataset, corners, true = labelled(simulation, np.random.default_rng(14), real, sigma_rad=2e-5)
 
-    def squared(result: Labelling) -> float:
+    def squared(result: FaceLabels) -> float:
         seats = np.array([true[i].T @ o.scanner_R_jig for i, o in enumerate(result.orientations.values())])
         seat = mean_rotation(seats)
         each = []

@@ -19,7 +19,7 @@ from calib.dataset.dataset import Orientations
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import FitError
-from calib.measurement.face_labels import Labelling
+from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import with_corners
 from calib.options import FitOptions
 from calib.simulation.measured_dataset import write_simulation
@@ -86,7 +86,7 @@ class Gate:
         self.open, self._name = threading.Event(), sessions.face_names
         monkeypatch.setattr(sessions, "face_names", self)
 
-    def __call__(self, session: Session) -> Labelling:
+    def __call__(self, session: Session) -> FaceLabels:
         self.calls += 1
         assert self.open.wait(IDLE_S)
         return self._name(session)
@@ -136,7 +136,7 @@ def test_an_effect_and_the_way_back_keep_the_full_poses(app: App, page: WireClie
     fit(page, "pose")
     page.wait(lambda p: (c := session(app).calibration) is not None and c.residual == "pose", 30.0)
     assert app.worker.wait_idle(IDLE_S)
-    names, screening = session(app).labelling, session(app).screening
+    names, screening = session(app).face_labels, session(app).screening
     assert screening is not None
     effect = next(c.name for c in screening.candidates if c.members)
     app.add_effect(effect)
@@ -149,7 +149,7 @@ def test_an_effect_and_the_way_back_keep_the_full_poses(app: App, page: WireClie
         now = session(app)
         assert now.calibration is not None
         assert now.calibration.residual == residual
-        assert now.labelling is names
+        assert now.face_labels is names
     points = session(app).measured.points
     assert points is not None
     assert points.orientations is None
@@ -193,7 +193,7 @@ def test_another_dataset_meanwhile_is_not_touched(folder: Path, monkeypatch: pyt
         gate.open.set()
         assert app.worker.wait_idle(IDLE_S)
         assert session(app).dataset.name == "points"
-        assert session(app).labelling is None
+        assert session(app).face_labels is None
         assert session(app).calibration.residual == "position"  # type: ignore[union-attr]
         assert page.props("Calibrate")["disabled"] is False
 
@@ -255,7 +255,7 @@ def test_points_with_orientations_need_no_names(folder: Path, tmp_path: Path) ->
         fit(page, "pose")
         page.wait(lambda p: (c := session(app).calibration) is not None and c.residual == "pose", 30.0)
         assert app.worker.wait_idle(IDLE_S)
-        assert session(app).labelling is None
+        assert session(app).face_labels is None
         assert session(app).calibration.faces_named == ""  # type: ignore[union-attr]
 
 
@@ -272,17 +272,17 @@ def searched(folder: Path) -> Session:
 
 def test_a_new_corner_makes_old_names_stale(searched: Session) -> None:
     named = sessions.with_names(searched)
-    assert named.labelling is not None
+    assert named.face_labels is not None
     assert sessions.with_names(named) is named
     again = sessions.with_search(named, 3)
-    assert again.labelling is None
+    assert again.face_labels is None
     assert again.unnamed
 
 
 def test_a_session_names_what_a_fit_of_full_poses_needs_and_nothing_else(searched: Session) -> None:
-    assert sessions.with_calibration(searched).labelling is None
+    assert sessions.with_calibration(searched).face_labels is None
     full = sessions.with_calibration(searched, "pose")
-    assert full.labelling is not None
+    assert full.face_labels is not None
     points = full.measured.points
     assert points is not None
     assert isinstance(points.orientations, Orientations)
@@ -301,12 +301,12 @@ def test_a_saved_fit_of_full_poses_from_scans_opens_again(searched: Session, fol
     fresh = replace(searched, dataset=load_dataset(found.folder), searches=dict(searched.searches))
     again, notes = reopened(fresh, saved)
     assert notes == ()
-    assert again.labelling is not None
+    assert again.face_labels is not None
     assert again.calibration is not None
     assert full.calibration is not None
     np.testing.assert_array_equal(again.calibration.fit.x, full.calibration.fit.x)
     with idle_app(folder / "cell", saved=found) as app, WireClient(app.server.get_port()) as page:
         shows(page, "pose, ", "Attitude of the jig", "pose can be fitted: faces named by")
-        assert session(app).labelling is not None
+        assert session(app).face_labels is not None
         np.testing.assert_array_equal(session(app).calibration.fit.x, full.calibration.fit.x)  # type: ignore[union-attr]
         assert page.value("Fit") == "pose"
