@@ -14,6 +14,10 @@ for _variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
 
 from hypothesis import settings  # noqa: E402
 
+pytest.register_assert_rewrite(
+    "tests.support"
+)  # their assertions say what they compared, as those of test files do
+
 # No deadline: a slow machine is not a wrong result. In CI the drawn inputs are the same on every run.
 settings.register_profile("project", deadline=None, print_blob=True, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("project")
@@ -21,7 +25,7 @@ settings.load_profile("project")
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    """A headless Chromium; see browser_support.py for what happens where there is none."""
+    """A headless Chromium; see tests/support/browser.py for what happens where there is none."""
     from tests.support.browser import browser  # the browser's driver is needed by few tests
 
     with browser() as running:

@@ -6,18 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from calib import frames
+from tests.support.arms import random_transform
 
 SEEDS = st.integers(0, 2**32 - 1)
-
-
-def random_transform(rng: np.random.Generator) -> np.ndarray:
-    out = np.eye(4)
-    out[:3, :3] = Rotation.random(rng=rng).as_matrix()
-    out[:3, 3] = rng.normal(size=3) * 500.0
-    return out
 
 
 @given(SEEDS)

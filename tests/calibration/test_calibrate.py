@@ -25,8 +25,15 @@ from calib.kinematics.robot import Target
 from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import check
-from tests.support.arms import REFERENCE, dataset_of, elementary_points, jang_arm, park_arm, perturbed
-from tests.test_frames import random_transform
+from tests.support.arms import (
+    REFERENCE,
+    dataset_of,
+    elementary_points,
+    jang_arm,
+    park_arm,
+    perturbed,
+    random_transform,
+)
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -24,8 +24,15 @@ from calib.errors import FitError
 from calib.fitting.model import Model, geometric_model
 from calib.kinematics.robot import Robot
 from inspector.cli.parser import main
-from tests.support.arms import dataset_of, elementary_points, jang_arm, park_arm, perturbed, random_arm
-from tests.test_frames import random_transform
+from tests.support.arms import (
+    dataset_of,
+    elementary_points,
+    jang_arm,
+    park_arm,
+    perturbed,
+    random_arm,
+    random_transform,
+)
 
 
 def tool_axes(robot: Robot, q: np.ndarray) -> np.ndarray:

@@ -10,7 +10,6 @@ import pytest
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import evaluate
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import catalogue_names, effects_for, family_of
 from calib.effects.effect import (
     Effect,
@@ -26,28 +25,8 @@ from calib.effects.state import RobotState
 from calib.errors import CalibError
 from calib.fitting.model import Model, geometric_model
 from calib.fitting.observations import Observations, place_scanner
-from tests.support.arms import dataset_of, perturbed
-
-
-def rich_dataset(poses: int = 40) -> Dataset:
-    """Every condition there is, so that every family has something to look at."""
-    rng = np.random.default_rng(0)
-    robot = builtin_robot("rb5")
-    base_T_scanner = np.eye(4)
-    base_T_scanner[:3, 3] = [1500.0, -200.0, 300.0]
-    dataset = dataset_of(
-        robot, perturbed(robot, rng), rng, poses=poses, noise_mm=0.05, base_T_scanner=base_T_scanner
-    )
-    n = len(dataset.poses)
-    conditions = replace(
-        dataset.poses,
-        payload_kg=rng.choice([0.0, 2.0, 5.0], n),
-        temperature_c=rng.uniform(18, 32, n),
-        time_s=np.sort(rng.uniform(0, 3600, n)),
-        approach=rng.choice([-1.0, 1.0], (n, robot.n_joints)),
-    )
-    return replace(dataset, poses=conditions)
-
+from tests.support.arms import dataset_of
+from tests.support.fit_cases import label, rich_dataset
 
 DATASET = rich_dataset()
 MEMBERS = [member for family in effects_for(DATASET) for member in family.members]
@@ -57,10 +36,6 @@ def state_of(dataset: Dataset) -> RobotState:
     nominal = geometric_model(dataset.robot)
     observed = place_scanner(Observations.of(dataset), nominal, np.zeros(len(nominal.parameters)))
     return RobotState.nominal(dataset.robot, observed.used_poses[0], observed.seen())
-
-
-def label(effect: Effect) -> str:
-    return full_name(effect, effect.parameters[0])
 
 
 def test_the_catalogue_is_what_is_described_and_all_of_it_runs_here() -> None:

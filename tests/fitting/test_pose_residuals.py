@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from calib import frames
 from calib.calibration.calibrate import calibrate
-from calib.dataset.dataset import Dataset, Orientations
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import effects_for, family_of
 from calib.effects.effect import full_name
@@ -26,44 +25,17 @@ from calib.identifiability.structural import redundancy, structural_rank
 from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.equilibrium import base_T_target
-from tests.effects.test_catalogue import DATASET, MEMBERS, label
-from tests.fitting.test_residuals import check_gradient
+from tests.support.fit_cases import (
+    SIGMA_RAD,
+    check_gradient,
+    full_poses,
+    label,
+    rich_dataset,
+    with_pose_covariances,
+)
 
-SIGMA_RAD = 1e-4
-
-
-def full_poses(seed: int, *, poses: int = 40, robot: str = "rb5", **options: object) -> Dataset:
-    """A simulated arm's poses with 0.05 mm and 0.1 mrad of noise, the jig sitting on the tool anyhow."""
-    made = simulate_dataset(
-        builtin_robot(robot),
-        rng=np.random.default_rng(seed),
-        poses=poses,
-        orientation_sigma_rad=SIGMA_RAD,
-        **options,  # type: ignore[arg-type]
-    )
-    return seated(made.dataset, Rotation.random(random_state=seed).as_matrix())
-
-
-def seated(dataset: Dataset, seat: np.ndarray) -> Dataset:
-    assert dataset.points is not None
-    given = dataset.points.orientations
-    assert given is not None
-    turned = replace(given, scanner_R_jig=given.scanner_R_jig @ seat)
-    return dataset.with_points(replace(dataset.points, orientations=turned))
-
-
-def uneven(dataset: Dataset, rng: np.random.Generator) -> Dataset:
-    """One covariance of all six errors of its own for each pose; every fifth has no orientation."""
-    assert dataset.points is not None
-    given = dataset.points.orientations
-    assert given is not None
-    root = rng.normal(size=(len(dataset.points), 6, 6)) * np.repeat([0.05, SIGMA_RAD], 3)[:, None]
-    whole = root @ np.swapaxes(root, 1, 2)
-    measured = given.scanner_R_jig.copy()
-    measured[::5] = np.nan
-    orientations = Orientations(measured, whole[:, 3:, 3:], whole[:, :3, 3:])
-    points = replace(dataset.points, covariance_mm2=whole[:, :3, :3], orientations=orientations)
-    return dataset.with_points(points)
+DATASET = rich_dataset()
+MEMBERS = [member for family in effects_for(DATASET) for member in family.members]
 
 
 @pytest.mark.parametrize("effect", [*MEMBERS, LinkErrors(DATASET.robot)], ids=label)
@@ -110,7 +82,7 @@ def test_a_drifting_scanner_turns_what_it_sees_as_the_truth_says() -> None:
 def test_the_jacobian_is_the_derivative_of_the_cost(setups: int) -> None:
     """Frames and seat are eliminated, yet the cost's gradient 2 J^T r has to be exact."""
     rng = np.random.default_rng(1)
-    dataset = uneven(full_poses(2, setups=setups), rng)
+    dataset = with_pose_covariances(full_poses(2, setups=setups), rng)
     residuals = make_residuals("pose", geometric_model(dataset.robot), Observations.of(dataset))
     assert residuals.degrees_spent == 6 * setups + 3
     check_gradient(residuals, rng)
@@ -118,7 +90,7 @@ def test_the_jacobian_is_the_derivative_of_the_cost(setups: int) -> None:
 
 def test_no_other_frame_and_seat_fit_better() -> None:
     """Elimination against a general minimiser over the nine unknowns, with nothing shared."""
-    dataset = uneven(full_poses(4), np.random.default_rng(4))
+    dataset = with_pose_covariances(full_poses(4), np.random.default_rng(4))
     observed = Observations.of(dataset)
     residuals = PoseResiduals(geometric_model(dataset.robot), observed)
     x = np.zeros(len(residuals.parameters))

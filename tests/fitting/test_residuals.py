@@ -9,44 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.dataset.dataset import Dataset, Points
+from calib.dataset.dataset import Points
 from calib.fitting.model import geometric_model
 from calib.fitting.observations import Observations
-from calib.fitting.position_residuals import Residuals, make_residuals
+from calib.fitting.position_residuals import make_residuals
 from calib.fitting.robust import solve_robustly, tukey_weights
 from calib.fitting.trust_region import solve
 from calib.options import RESIDUAL_KINDS
-from tests.support.arms import dataset_of, elementary_points, jang_arm, perturbed
-from tests.test_frames import random_transform
+from tests.support.arms import dataset_of, elementary_points, jang_arm, perturbed, random_transform
+from tests.support.fit_cases import check_gradient, with_point_covariances
 
 SEEDS = st.integers(0, 2**32 - 1)
-
-
-def uneven(dataset: Dataset, rng: np.random.Generator) -> Dataset:
-    """The dataset with a covariance of its own for each point."""
-    assert dataset.points is not None
-    spread = rng.normal(size=(len(dataset.points), 3, 3)) * 0.03
-    covariance = spread @ np.swapaxes(spread, 1, 2) + 0.01**2 * np.eye(3)
-    return dataset.with_points(
-        Points(dataset.points.pose, dataset.points.xyz_mm, dataset.points.target, covariance)
-    )
-
-
-def check_gradient(residuals: Residuals, rng: np.random.Generator) -> None:
-    """At a point away from zero the cost's gradient is 2 J^T r, and the residual is the one that comes with J."""
-    scales = np.array([p.scale for p in residuals.parameters])
-    x = rng.normal(size=len(scales)) * scales * 0.3
-    at = residuals.linearise(x)
-    gradient = 2.0 * at.jacobian.T @ at.residual
-    np.testing.assert_allclose(at.residual, residuals.residual(x), atol=1e-9)
-    for k in range(len(x)):
-        step = np.zeros(len(x))
-        step[k] = 1e-4 * scales[k]
-        high, low = residuals.residual(x + step), residuals.residual(x - step)
-        numeric = (high @ high - low @ low) / (2 * step[k])
-        assert gradient[k] == pytest.approx(
-            numeric, rel=1e-5, abs=1e-5 * np.abs(gradient * scales).max() / scales[k]
-        )
 
 
 @pytest.mark.parametrize(
@@ -56,7 +29,9 @@ def test_the_jacobian_is_the_derivative_of_the_cost(kind: str) -> None:
     """Elimination changes the residual's own derivative, yet the cost's gradient 2 J^T r has to be exact."""
     rng = np.random.default_rng(1)
     robot = jang_arm()
-    dataset = uneven(dataset_of(robot, perturbed(robot, rng), rng, poses=20, noise_mm=0.05), rng)
+    dataset = with_point_covariances(
+        dataset_of(robot, perturbed(robot, rng), rng, poses=20, noise_mm=0.05), rng
+    )
     check_gradient(make_residuals(kind, geometric_model(robot), Observations.of(dataset)), rng)
 
 
@@ -64,7 +39,9 @@ def test_pairs_are_all_distances_with_the_covariance_they_have() -> None:
     """The normal matrix and the right-hand side against generalised least squares on every distance by itself."""
     rng = np.random.default_rng(2)
     robot = jang_arm()
-    dataset = uneven(dataset_of(robot, perturbed(robot, rng, mm=1e-4, rad=1e-7), rng, poses=9), rng)
+    dataset = with_point_covariances(
+        dataset_of(robot, perturbed(robot, rng, mm=1e-4, rad=1e-7), rng, poses=9), rng
+    )
     observed = Observations.of(dataset)
     residuals = make_residuals("pairs", geometric_model(robot), observed)
     x = np.zeros(len(residuals.parameters))

@@ -23,7 +23,7 @@ from calib.fitting.trust_region import Fit, solve
 from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
-from tests.fitting.test_pose_residuals import SIGMA_RAD, full_poses, seated, uneven
+from tests.support.fit_cases import SIGMA_RAD, full_poses, seated, with_pose_covariances
 
 POSES = 50
 
@@ -170,7 +170,7 @@ def test_the_constants_give_the_efficiency_that_they_promise(rows: int) -> None:
 
 
 def test_points_without_orientation_are_weighed_by_their_three_rows() -> None:
-    dataset = uneven(full_poses(21, poses=60), np.random.default_rng(2))
+    dataset = with_pose_covariances(full_poses(21, poses=60), np.random.default_rng(2))
     point = 10  # has a place only
     fit, weights = robust(spoiled(dataset, point, shift_mm=5.0))
     seen = Observations.of(dataset)
@@ -188,7 +188,7 @@ def test_points_without_orientation_are_weighed_by_their_three_rows() -> None:
 
 def test_a_weight_is_one_of_all_six_coordinates() -> None:
     """The same weight for all only makes the residual shorter: covariances and what point and turn share go along."""
-    dataset = uneven(full_poses(22), np.random.default_rng(3))
+    dataset = with_pose_covariances(full_poses(22), np.random.default_rng(3))
     seen = Observations.of(dataset)
     model = geometric_model(dataset.robot)
     x = 0.2 * model.scales

@@ -29,8 +29,8 @@ from tests.support.arms import (
     park_arm,
     perturbed,
     random_arm,
+    random_transform,
 )
-from tests.test_frames import random_transform
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -1,18 +1,24 @@
-"""The app for tests without a browser: running with its work done, and what a page of it says in plain words."""
+"""The app for tests without a browser: running with its work done, what a page of it says, what a command prints."""
 
 from __future__ import annotations
 
+import contextlib
 import html
+import io
+import json
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from inspector.app.app import App, serving
+from inspector.cli.parser import main
 from inspector.session.session_file import Opening
 from tests.support.wire_client import WireClient
 
 IDLE_S = 90.0  # the longest that a page's work is waited for
+ADD = "Add to the model"  # the button
 
 
 @contextmanager
@@ -31,3 +37,12 @@ def plain(page: WireClient) -> str:
 def shows(page: WireClient, *parts: str) -> None:
     """Wait until the page says all of this."""
     page.wait(lambda p: all(part in plain(p) for part in parts), 60.0)
+
+
+def command(*arguments: object) -> dict[str, Any]:
+    """What `inspector` prints as JSON with these arguments."""
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        main([*map(str, arguments), "--json"])
+    document: dict[str, Any] = json.loads(out.getvalue())
+    return document

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.kinematics.robot import Joint, Robot, Tool
@@ -88,6 +89,14 @@ def random_arm(rng: np.random.Generator, joints: int, *, prismatic: int | None =
     ]
     tool = Tool(a_mm=float(rng.uniform(30, 80)), d_mm=float(rng.uniform(50, 150)))
     return Robot("random", tuple(rows), tool)
+
+
+def random_transform(rng: np.random.Generator) -> np.ndarray:
+    """(4, 4) any rotation, shifted by about half a metre."""
+    out = np.eye(4)
+    out[:3, :3] = Rotation.random(rng=rng).as_matrix()
+    out[:3, 3] = rng.normal(size=3) * 500.0
+    return out
 
 
 def perturbed(robot: Robot, rng: np.random.Generator, *, mm: float = 1.0, rad: float = 0.003) -> Robot:

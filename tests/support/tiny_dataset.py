@@ -1,4 +1,4 @@
-"""Small datasets for tests of the app: made in seconds; some 20 000 points are drawn."""
+"""Small datasets and files for tests of the app: made in seconds; some 20 000 scan points are drawn."""
 
 from __future__ import annotations
 
@@ -46,3 +46,13 @@ def write_tiny(folder: Path) -> Path:
     ids = (measured.poses.ids[0], HOSTILE, *measured.poses.ids[2:])
     write_dataset(replace(measured, name=HOSTILE, poses=replace(measured.poses, ids=ids)), folder / "points")
     return folder
+
+
+def box_stl(corner_mm: tuple[float, float, float]) -> str:
+    """A link's mesh as a text .stl: one triangle with a corner at the given point."""
+    x, y, z = corner_mm
+    return (
+        "solid link\nfacet normal 0 0 1\nouter loop\n"
+        f"vertex {x} {y} {z}\nvertex {x + 10} {y} {z}\nvertex {x} {y + 20} {z}\n"
+        "endloop\nendfacet\nendsolid link\n"
+    )

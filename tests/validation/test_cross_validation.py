@@ -22,8 +22,7 @@ from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import LearningCurve, LearningStep, learning_curve
 from calib.validation.splits import deal_folds, growing_order, split_dataset, training_places
 from inspector.cli.parser import main
-from tests.support.arms import dataset_of, elementary_points, jang_arm, perturbed
-from tests.test_frames import random_transform
+from tests.support.arms import dataset_of, elementary_points, jang_arm, perturbed, random_transform
 
 
 def simulated(seed: int = 0, **more: object) -> Dataset:

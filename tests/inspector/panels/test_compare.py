@@ -21,10 +21,9 @@ from inspector.panels.compare import SHOW_ARM
 from inspector.scene.arm_shape import arm_of
 from inspector.scene.scene_view import ROOT
 from inspector.session.view import BY_ERROR, BY_ROLE
-from tests.inspector.scene.test_link_mesh import box_stl
 from tests.support.app import IDLE_S, idle_app, plain
 from tests.support.hidden_dataset import write_hidden
-from tests.support.tiny_dataset import BROKEN, write_tiny
+from tests.support.tiny_dataset import BROKEN, box_stl, write_tiny
 from tests.support.wire_client import WireClient
 
 

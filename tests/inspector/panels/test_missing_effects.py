@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import json
 import shutil
 from collections.abc import Iterator
@@ -19,7 +17,6 @@ from calib.diagnosis.pose_recommendation import nearest_rival, poses_between
 from calib.diagnosis.screening import Untestable
 from calib.diagnosis.stepwise import diagnose
 from inspector.app.app import App
-from inspector.cli.parser import main
 from inspector.figures.residual_plots import SELECTED
 from inspector.markup import numbers as words
 from inspector.markup.effects import untestable_words, verdict_html
@@ -28,11 +25,9 @@ from inspector.panels.missing_effects import FIND, REDO, REMOVE, UNDO
 from inspector.panels.residuals import PLACES
 from inspector.scene.scene_view import ROOT
 from inspector.session.session import Session
-from tests.support.app import IDLE_S, idle_app, plain, shows
+from tests.support.app import ADD, IDLE_S, command, idle_app, plain, shows
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.wire_client import WireClient
-
-ADD = "Add to the model"
 
 
 @pytest.fixture(scope="module")
@@ -63,15 +58,6 @@ def history(page: WireClient) -> dict[str, list[float]]:
         if any(t.get("name") == "noise alone" for t in traces):
             return {t["name"]: t["y"] for t in traces}
     return {}
-
-
-def command(*arguments: object) -> dict[str, Any]:
-    """What the command prints as JSON."""
-    out = io.StringIO()
-    with contextlib.redirect_stdout(out):
-        main([*map(str, arguments), "--json"])
-    document: dict[str, Any] = json.loads(out.getvalue())
-    return document
 
 
 def test_add_undo_redo_and_remove(app: App, page: WireClient) -> None:

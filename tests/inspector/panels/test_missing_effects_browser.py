@@ -13,8 +13,7 @@ from inspector.markup import numbers as words
 from inspector.panels.missing_effects import FIND, REDO, REMOVE, UNDO
 from inspector.scene.scene_view import ROOT
 from inspector.server.viser_server import url_of
-from tests.inspector.panels.test_missing_effects import ADD, command
-from tests.support.app import IDLE_S, idle_app
+from tests.support.app import ADD, IDLE_S, command, idle_app
 from tests.support.browser import MS, node_drawn, open_page, says
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 

@@ -14,6 +14,7 @@ from calib.errors import DatasetError
 from calib.simulation.simulate import simulate_dataset
 from inspector.scene import link_mesh
 from inspector.scene.link_mesh import load_link_mesh
+from tests.support.tiny_dataset import box_stl
 
 
 def dataset_with(folder: Path, mesh: str | None) -> Dataset:
@@ -22,16 +23,6 @@ def dataset_with(folder: Path, mesh: str | None) -> Dataset:
     joints = list(dataset.robot.joints)
     joints[1] = replace(joints[1], mesh=mesh)
     return replace(dataset, folder=folder, robot=replace(dataset.robot, joints=tuple(joints)))
-
-
-def box_stl(corner_mm: tuple[float, float, float]) -> str:
-    """One triangle of a text .stl with a corner at the given point."""
-    x, y, z = corner_mm
-    return (
-        "solid link\nfacet normal 0 0 1\nouter loop\n"
-        f"vertex {x} {y} {z}\nvertex {x + 10} {y} {z}\nvertex {x} {y + 20} {z}\n"
-        "endloop\nendfacet\nendsolid link\n"
-    )
 
 
 def test_a_mesh_comes_with_its_corners_in_mm(tmp_path: Path) -> None:
