@@ -15,8 +15,7 @@ from calib.calibration.calibrate import Calibration, calibrate
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.screening import Candidate, Screening, screen
 from calib.effects.catalogue import effects_for, family_of
-from calib.effects.effect import Effect, full_name
-from calib.effects.family import Family
+from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError
 from calib.options import FitOptions
 

@@ -69,11 +69,10 @@ def nearest_rival(screening: Screening, name: str) -> Candidate | None:
 
 def _places(calibration: Calibration, candidate: Candidate, q: Array) -> Array:
     """Where a model with one more cause puts the tool (N, 3), in the first setup's scanner frame."""
-    already = calibration.model.effects[1:]
     fitted = calibrate(
         calibration.dataset,
         calibration.options,
-        effects=[*already, *candidate.members],
+        effects=[*calibration.model.added_effects, *candidate.members],
         sizes={**calibration.model.sizes, **candidate.sizes},
     )
     scanner_T_base = next(iter(fitted.after.scanner_T_base.values()))

@@ -18,8 +18,7 @@ from calib.blas_threads import one_blas_thread
 from calib.calibration.calibrate import Calibration
 from calib.diagnosis.evidence import Evidence, Problem, holm, weigh
 from calib.diagnosis.projected_residual import Leftover, leftover_of
-from calib.effects.effect import Effect, full_name
-from calib.effects.family import Family
+from calib.effects.effect import Effect, Family, full_name
 from calib.fitting.model import effect_columns
 
 Array = NDArray[np.float64]

@@ -33,7 +33,7 @@ from calib.diagnosis.projected_residual import leftover_of
 from calib.diagnosis.residual_tests import Remains, examine
 from calib.diagnosis.screening import Candidate, Screening, Untestable, screen
 from calib.effects.catalogue import effects_for, family_of
-from calib.effects.family import Family
+from calib.effects.effect import Family
 from calib.options import FitOptions
 
 FEW = 0.1  # share of poses that may stand out and still be called outliers

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 from calib.dataset.dataset import Dataset
 from calib.effects.compliance import BaseCompliance, GravityBacklash, JointCompliance, LinkBending, ToolSag
-from calib.effects.effect import Effect
-from calib.effects.family import CatalogueEffect, Description, Family, describe
+from calib.effects.effect import CatalogueEffect, Description, Effect, Family, describe
 from calib.effects.joints import (
     AxisWobble,
     Backlash,

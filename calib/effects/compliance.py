@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from calib.dataset.dataset import Dataset
 from calib.effects import gravity
-from calib.effects.effect import Effect, Parameter
-from calib.effects.family import CatalogueEffect, Family
+from calib.effects.effect import CatalogueEffect, Effect, Family, Parameter
 from calib.effects.state import RobotState
 from calib.kinematics.robot import Robot
 

@@ -23,13 +23,15 @@ A user's own effect needs no more than this::
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.dataset.dataset import Dataset
 from calib.effects.checked_apply import guarded, is_own
 from calib.effects.state import RobotState
 
@@ -63,6 +65,51 @@ class Effect(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Family:
+    """An effect as it is named: one cause, with a member for each joint (and harmonic) that may carry it or not."""
+
+    name: str
+    members: tuple[Effect, ...]
+    why_not: str = ""  # why this dataset cannot speak about it, "" where it can
+    would_help: str = ""  # the data that would change that
+    note: str = ""  # what was assumed, such as unknown masses
+
+    @property
+    def description(self) -> Description:
+        """What the members' class says; of a family without members the name alone."""
+        return describe(self.members[0]) if self.members else Description(self.name)
+
+
+class CatalogueEffect(ABC):
+    """What the class of an effect of the catalogue says, besides `parameters` and `apply`: all that is told about it.
+
+    An effect of a user's own needs none of this; it may carry `equation`, `symbols`, `needs` and `confirm` too.
+    """
+
+    name: ClassVar[str]  # as the command line and the files take it
+    equation: ClassVar[str]
+    symbols: ClassVar[tuple[tuple[str, str], ...]]  # the equation's unknowns: name, unit
+    needs: ClassVar[str]  # what a dataset must hold
+    confirm: ClassVar[str] = ""  # a controlled change that shows this cause and leaves the others as they are
+
+    @classmethod
+    @abstractmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """The members that this robot may have under these conditions; without the data for it, why not."""
+
+
+@dataclass(frozen=True)
+class Description:
+    """What an effect's class says of it, "" where it says nothing."""
+
+    name: str
+    equation: str = ""
+    symbols: tuple[tuple[str, str], ...] = ()  # name, unit
+    needs: str = ""
+    confirm: str = ""
+
+
 def family_name(effect: Effect) -> str:
     """The name that the command line takes: the effect's own, else its class's in lower case with underscores."""
     name = getattr(effect, "name", None)
@@ -70,10 +117,28 @@ def family_name(effect: Effect) -> str:
 
 
 def full_name(effect: Effect, parameter: Parameter) -> str:
-    """A parameter's name among all: `family.parameter`, with the joint, counted from 1, where the effect has one."""
+    """A parameter's name among all: `family.parameter`, with the joint, counted from 1, where the effect has one.
+
+    Entries of the robot's table keep their own names, a1 ... betaTCP.
+    """
+    if changes_table(effect):
+        return parameter.name
     joint = getattr(effect, "joint", None)
     middle = "" if joint is None else f".J{int(joint) + 1}"
     return f"{family_name(effect)}{middle}.{parameter.name}"
+
+
+def describe(effect: Effect | type[CatalogueEffect]) -> Description:
+    """The texts on an effect's class."""
+    name = effect.name if isinstance(effect, type) else family_name(effect)
+    texts = ("equation", "symbols", "needs", "confirm")
+    return Description(name, **{text: getattr(effect, text) for text in texts if hasattr(effect, text)})
+
+
+def families_from(effects: Sequence[Effect]) -> tuple[Family, ...]:
+    """Effects of a user's own, those of one name together."""
+    names = list(dict.fromkeys(family_name(effect) for effect in effects))
+    return tuple(Family(name, tuple(e for e in effects if family_name(e) == name)) for name in names)
 
 
 def apply_values(effect: Effect, state: RobotState, values: Array) -> RobotState:
@@ -83,6 +148,15 @@ def apply_values(effect: Effect, state: RobotState, values: Array) -> RobotState
     """
     named: dict[str, Any] = {p.name: float(v) for p, v in zip(effect.parameters, values, strict=True)}
     return guarded(effect, state, named) if is_own(effect) else effect.apply(state, **named)
+
+
+def changes_table(effect: Effect) -> bool:
+    """Whether the effect says, by `changes_table = True`, that its values are the errors of the robot's table.
+
+    There is one value for each entry, row by row, so that they can be built into robot.toml. For this package's own
+    effects only: whoever adds one value by `add_link_error` has another effect.
+    """
+    return not is_own(effect) and getattr(effect, "changes_table", False) is True
 
 
 def is_linear(effect: Effect) -> bool:

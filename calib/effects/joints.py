@@ -8,8 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.dataset.dataset import Dataset
-from calib.effects.effect import Parameter
-from calib.effects.family import CatalogueEffect, Family
+from calib.effects.effect import CatalogueEffect, Family, Parameter
 from calib.effects.state import RobotState
 from calib.kinematics.robot import Robot
 

@@ -30,6 +30,7 @@ class LinkErrors:
     tolerances: Mapping[str, float] = field(default_factory=dict)
     name = "link_errors"
     linear = True
+    changes_table = True
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

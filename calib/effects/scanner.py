@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.dataset.dataset import Dataset
-from calib.effects.effect import Parameter
-from calib.effects.family import CatalogueEffect, Family
+from calib.effects.effect import CatalogueEffect, Family, Parameter
 from calib.effects.state import RobotState
 
 Array = NDArray[np.float64]

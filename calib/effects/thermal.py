@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.dataset.dataset import Dataset
-from calib.effects.effect import Parameter
-from calib.effects.family import CatalogueEffect, Family
+from calib.effects.effect import CatalogueEffect, Family, Parameter
 from calib.effects.state import RobotState
 
 REFERENCE_C = 20.0

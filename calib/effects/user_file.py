@@ -22,8 +22,7 @@ import numpy as np
 from calib.dataset.dataset import Dataset
 from calib.effects.catalogue import catalogue_names
 from calib.effects.checked_apply import error_words
-from calib.effects.effect import Effect, Parameter, apply_values
-from calib.effects.family import Family, families_from
+from calib.effects.effect import Effect, Family, Parameter, apply_values, families_from
 from calib.effects.state import RobotState
 from calib.errors import CalibError
 from calib.fitting.model import geometric_model

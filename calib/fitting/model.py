@@ -20,6 +20,7 @@ from calib.effects.effect import (
     Effect,
     Parameter,
     apply_values,
+    changes_table,
     family_name,
     full_name,
     state_derivative,
@@ -47,9 +48,7 @@ class Model:
     @cached_property
     def _all_parameters(self) -> tuple[Parameter, ...]:
         return tuple(
-            p if isinstance(effect, LinkErrors) else self._named(full_name(effect, p), p)
-            for effect in self.effects
-            for p in effect.parameters
+            self._named(full_name(effect, p), p) for effect in self.effects for p in effect.parameters
         )
 
     def _named(self, name: str, parameter: Parameter) -> Parameter:
@@ -65,10 +64,14 @@ class Model:
         return tuple(p for p in self._all_parameters if p.name not in self.fixed)
 
     @property
+    def added_effects(self) -> tuple[Effect, ...]:
+        """The effects beyond the link errors, in the order they were added."""
+        return tuple(effect for effect in self.effects if not changes_table(effect))
+
+    @property
     def family_names(self) -> tuple[str, ...]:
-        """The effects beyond the link errors, in the order they were added; a family of several joints once."""
-        names = [family_name(effect) for effect in self.effects if not isinstance(effect, LinkErrors)]
-        return tuple(dict.fromkeys(names))
+        """Their families, in the order they were added; a family of several joints once."""
+        return tuple(dict.fromkeys(family_name(effect) for effect in self.added_effects))
 
     @property
     def scales(self) -> Array:
@@ -164,7 +167,7 @@ class Model:
         """The robot with its link errors built into the table; other effects have no place in robot.toml."""
         table = self.robot.table
         for effect, values in zip(self.effects, self._values_by_effect(x), strict=True):
-            if isinstance(effect, LinkErrors):
+            if changes_table(effect):
                 table = table + values.reshape(table.shape)
         return self.robot.with_table(table)
 
@@ -220,7 +223,7 @@ def effect_columns(by_state: Array, effect: Effect, state: RobotState, values: A
 
     by_state  # (N, 3, S), of `point_by_state`
     """
-    if isinstance(effect, LinkErrors):  # it adds to the table, which comes first in the state's vector
+    if changes_table(effect):  # the table comes first in the state's vector
         return by_state[..., : len(values)]
     out = np.empty((*by_state.shape[:2], len(values)))
     for k, derivative in enumerate(state_derivative(effect, state, values)):

@@ -18,7 +18,7 @@ from calib.diagnosis.effect_selection import Addition, add_in_turn
 from calib.diagnosis.explanation import explain, verdict_words
 from calib.diagnosis.stepwise import diagnose
 from calib.effects.catalogue import effects_named
-from calib.effects.family import Family
+from calib.effects.effect import Family
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError, DatasetError
 from calib.options import FitOptions

@@ -16,8 +16,7 @@ from calib.diagnosis.parameter_meaning import meaning
 from calib.diagnosis.pose_recommendation import NextPose
 from calib.diagnosis.screening import Candidate, Screening, Untestable, Value
 from calib.diagnosis.stepwise import Diagnosis
-from calib.effects.effect import family_name, full_name
-from calib.effects.family import Description, describe
+from calib.effects.effect import Description, describe, family_name, full_name
 from calib.kinematics.robot import Robot
 from inspector.markup import elements as tables
 from inspector.markup import numbers as words

@@ -21,7 +21,7 @@ from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.fingerprint import changed, content_hash, fingerprint
 from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.diagnosis.effect_selection import Added, recalled
-from calib.effects.family import Family
+from calib.effects.effect import Family
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError
 from calib.options import RESIDUAL_KINDS

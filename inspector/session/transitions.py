@@ -16,7 +16,7 @@ from calib.diagnosis.residual_tests import examine
 from calib.diagnosis.screening import screen
 from calib.diagnosis.stepwise import Diagnosis, Step, diagnose
 from calib.effects.catalogue import effects_for
-from calib.effects.family import Family
+from calib.effects.effect import Family
 from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import Observations
 from calib.fitting.pose_residuals import require_orientations

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from calib.dataset.dataset import Dataset
-from calib.effects.family import Family
+from calib.effects.effect import Family
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError
 
