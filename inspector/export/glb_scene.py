@@ -10,15 +10,13 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
 from calib import frames
+from calib.array_types import Array
 from calib.calibration.calibrate import Calibration
 from calib.fitting.observations import Observations
 from inspector.markup.palette import ARM, JOINT, MODEL_COLOURS, SLIDE, UNKNOWN, rgb, role_colour
 from inspector.scene.arm_shape import ArmShape, arm_shape
-
-Array = NDArray[np.float64]
 
 M_PER_MM = 1e-3
 BALL_SHARE = 0.006  # of the field that the points lie in

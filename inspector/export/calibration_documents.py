@@ -1,0 +1,124 @@
+"""What `calibrate --json`, `validate --json` and `correct --json` print. Nothing here computes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from calib.calibration.calibrate import Calibration
+from calib.calibration.evaluation import Evaluation, Figures
+from calib.calibration.uncertainty import correlated_pairs, known_sums
+from calib.compensation.target_correction import Correction
+from calib.diagnosis.effect_selection import Addition
+from calib.validation.cross_validation import CrossValidation
+from calib.validation.learning_curve import LearningCurve
+
+
+def calibration_document(calibration: Calibration) -> dict[str, Any]:
+    """What `calibrate --json` prints."""
+    frame = calibration.to_frame()
+    fit = calibration.fit
+    return {
+        "dataset": calibration.dataset.name,
+        "residual": calibration.residual,
+        "effects": calibration.model.family_names,
+        "iterations": [
+            {
+                "rmse_mm": step.train_rmse_mm,
+                "test_rmse_mm": step.test_rmse_mm,
+                "distance_rmse_mm": step.train_distance_rmse_mm,
+                "test_distance_rmse_mm": step.test_distance_rmse_mm,
+            }
+            for step in calibration.steps
+        ],
+        "converged": fit.converged,
+        "reason": fit.reason,
+        "rank": fit.rank,
+        **_roles(calibration.after),
+        "before": _roles(calibration.before),
+        "attitudes": calibration.attitudes
+        and dict(zip(("before", "after"), map(asdict, calibration.attitudes), strict=True)),
+        "faces_named": calibration.faces_named or None,
+        "sigma_mm": calibration.sigma_mm,
+        "degrees_of_freedom": fit.degrees_of_freedom,
+        "parameters": frame.to_dict(orient="records"),
+        "known_sums": [
+            {
+                "parameters": c.coefficients,
+                "value": c.value,
+                "sigma": c.sigma,
+                "worst_part_sigma": c.worst_part_sigma,
+            }
+            for c in known_sums(calibration)
+        ],
+        "correlated": [asdict(pair) for pair in correlated_pairs(calibration)],
+        "warnings": calibration.warnings,
+    }
+
+
+def additions(steps: Sequence[Addition]) -> list[dict[str, Any]]:
+    """The way to a calibration: the first fit, then one for each effect that was added, with its members' sizes."""
+    return [
+        {
+            "effect": step.name,
+            "sizes": step.added[-1].sizes if step.added else {},
+            "sigma_mm": step.calibration.sigma_mm,
+            **_roles(step.calibration.after),
+        }
+        for step in steps
+    ]
+
+
+def _roles(evaluation: Evaluation) -> dict[str, Any]:
+    def figures(of: Figures | None) -> dict[str, Any] | None:
+        return None if of is None else asdict(of)
+
+    return {"train": figures(evaluation.train), "test": figures(evaluation.test)}
+
+
+def validation_document(folds: CrossValidation, curve: LearningCurve) -> dict[str, Any]:
+    """What `validate --json` prints: held-out errors by fold and pose, the learning curve, and what they mean."""
+    return {
+        "dataset": folds.dataset.name,
+        "residual": folds.residual,
+        "held_out": asdict(folds.held_out),
+        "before": None if folds.before.test is None else asdict(folds.before.test),
+        "train": None if folds.whole.after.train is None else asdict(folds.whole.after.train),
+        "spread_mm": folds.spread_mm,
+        "ratio": folds.ratio,
+        "expected_ratio": folds.expected_ratio,
+        "folds": [asdict(fold) for fold in folds.folds],
+        "poses": folds.to_frame().to_dict(orient="records"),
+        "sigma": {**asdict(folds.sigma), "verdict": folds.sigma.verdict},
+        "learning_curve": {
+            "held_out": curve.held_out,
+            "steps": curve.to_frame().to_dict(orient="records"),
+            "flat_since": curve.flat_since,
+            "doubled_rmse_mm": curve.doubled_rmse_mm,
+            "gain": curve.gain,
+            "explanation": curve.meaning,
+        },
+        "explanation": folds.meaning,
+        "notes": [*folds.notes, *curve.notes],
+    }
+
+
+def correction_document(correction: Correction, ids: Sequence[str]) -> dict[str, Any]:
+    """What `correct --json` prints: each target with its errors, and those that cannot be reached with the reason."""
+    targets = [
+        {"pose": pose, **row, "q": q}
+        for pose, row, q in zip(
+            ids, correction.to_frame().to_dict(orient="records"), correction.q, strict=True
+        )
+    ]
+    return {
+        "what": correction.what,
+        "q_units": ["rad" if turns else "mm" for turns in correction.robot.is_revolute],
+        "targets": targets,
+        "unreached": [
+            {"pose": target["pose"], "reason": target["reason"]}
+            for target in targets
+            if not target["reached"]
+        ],
+    }

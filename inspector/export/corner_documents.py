@@ -1,0 +1,70 @@
+"""What `corners --json` and `redundancy --json` print. Nothing here computes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from calib.corners.search import CornerSearch
+from calib.identifiability.redundancy import Redundancy
+from calib.identifiability.structural import PlaceUnknown
+from calib.measurement.labels import FaceLabels
+from calib.measurement.measured_points import failed_searches
+
+
+def corners_document(searches: Mapping[str, CornerSearch], labels: FaceLabels) -> dict[str, Any]:
+    """What `corners --json` prints: the corners with their planes, the jig's orientations, and what failed and why."""
+
+    def scan(pose_id: str) -> dict[str, int | None]:
+        count = searches[pose_id].count
+        if count is None:
+            return {"points": None, "dropped_points": None}
+        return {"points": count.points, "dropped_points": count.dropped}
+
+    found = []
+    for pose_id, search in searches.items():
+        corner = search.corner
+        if corner is None:
+            continue
+        planes = [
+            {"normal": f.normal, "offset_mm": f.offset_mm, "points": f.points, "rms_mm": f.rms_mm}
+            for f in corner.faces
+        ]
+        found.append(
+            {
+                "pose": pose_id,
+                "xyz_mm": corner.xyz_mm,
+                "covariance_mm2": corner.covariance_mm2,
+                "planes": planes,
+                "seconds": search.seconds,
+                **scan(pose_id),
+                "sample_sets": search.filter_counts(),
+                "plane_groups": len(search.groups),
+                "quality": corner.quality.document(),
+            }
+        )
+    failed = [
+        {"pose": pose_id, "reason": reason, **scan(pose_id)}
+        for pose_id, reason in failed_searches(searches).items()
+    ]
+    return {"corners": found, "failed": failed, "orientations": labels.document()}
+
+
+def redundancy_document(redundancy: Redundancy, unknown: PlaceUnknown) -> dict[str, Any]:
+    """What `redundancy --json` prints; `unknown` is what is left where the scanner's place is unknown."""
+    return {
+        "residual": unknown.residual,
+        "seen_by": redundancy.seen,
+        "parameters": redundancy.parameters,
+        "pearson": redundancy.pearson,
+        "no_influence": redundancy.no_influence,
+        "groups": redundancy.groups,
+        "mixed_groups": redundancy.mixed_groups,
+        "combinations": [{"parameters": relation} for relation in redundancy.combinations],
+        "rank": redundancy.rank,
+        "rank_unknown_frame": unknown.best[unknown.residual],
+        "rank_unknown_frame_here": unknown.here,
+        "kept": redundancy.kept,
+        "independent": redundancy.independent,
+        "dropped": redundancy.dropped,
+    }

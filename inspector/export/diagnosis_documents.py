@@ -1,0 +1,92 @@
+"""What `diagnose --json` and `effects --json` print. Nothing here computes."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from calib.diagnosis.explanation import explain
+from calib.diagnosis.fault_models import LocalFault
+from calib.diagnosis.pose_recommendation import splitting_poses
+from calib.diagnosis.screening import Candidate
+from calib.diagnosis.stepwise import Diagnosis, Step
+from calib.effects.catalogue import descriptions
+
+
+def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What `diagnose --json` prints: the verdict, the steps, the ranking and what is left."""
+    remains = diagnosis.remains
+    return {
+        "dataset": diagnosis.calibration.dataset.name,
+        "verdict": diagnosis.verdict,
+        "missing": diagnosis.missing,
+        "ambiguous_set": diagnosis.ambiguous_set,
+        "refused": diagnosis.refused or None,
+        "steps": [_step(step) for step in diagnosis.steps],
+        "candidates": [_candidate(candidate) for candidate in diagnosis.candidates],
+        "untestable": [
+            {"effect": u.name, "why": u.why, "would_help": u.would_help} for u in diagnosis.untestable
+        ],
+        "leftover": {
+            "lack_of_fit_p": remains.lack_of_fit_p,
+            "noise_mm": remains.noise_mm,
+            "noise_from": remains.noise_from,
+            "residual_mm": remains.residual_mm,
+            "inputs": [asdict(test) for test in remains.inputs],
+            "outlier_poses": remains.outlier_poses,
+            "fault": _fault(remains.fault),
+        },
+        "simpler": _fault(diagnosis.simpler),
+        "measure_next": [
+            {"q": pose.q, "separation_mm": pose.separation_mm} for pose in splitting_poses(diagnosis)
+        ],
+        "explanation": explain(diagnosis),
+    }
+
+
+def _fault(fault: LocalFault | None) -> dict[str, Any] | None:
+    """A dent, a slip or an unknown motion of one joint, counted from 1 as in the words."""
+    if fault is None:
+        return None
+    return {**asdict(fault), "joint": fault.joint + 1, "words": fault.words}
+
+
+def _step(step: Step) -> dict[str, Any]:
+    after = step.calibration.after
+    return {
+        "effect": step.effect,
+        "train_rmse_mm": after.train.rmse_mm if after.train else None,
+        "test_rmse_mm": after.test.rmse_mm if after.test else None,
+        "sigma_mm": step.calibration.sigma_mm,
+        "p_value": step.p_value,
+        "log_evidence_margin": step.log_evidence_margin,
+    }
+
+
+def _candidate(candidate: Candidate) -> dict[str, Any]:
+    return {
+        "effect": candidate.name,
+        "p_value": candidate.p_value,
+        "p_holm": candidate.p_holm,
+        "log_evidence": candidate.log_evidence,
+        "explained_share": candidate.explained_share,
+        "cv_rmse_mm": candidate.cv_rmse_mm,
+        "overlaps": candidate.overlaps,
+        "parameters": [asdict(value) for value in candidate.values],
+        "note": candidate.family.note or None,
+    }
+
+
+def effects_document() -> dict[str, Any]:
+    """What `effects --json` prints: the catalogue."""
+    return {
+        "effects": [
+            {
+                "name": d.name,
+                "equation": d.equation,
+                "parameters": [{"name": name, "unit": unit} for name, unit in d.symbols],
+                "needs": d.needs,
+            }
+            for d in descriptions()
+        ]
+    }
