@@ -13,7 +13,7 @@ import pytest
 
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import load_robot
-from calib.simulation import simulate as simulation
+from calib.simulation import measured_dataset
 from inspector.cli import dataset_commands as commands
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
@@ -128,7 +128,7 @@ def test_a_disk_that_is_full_is_told_with_the_files_name(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patched:
-        patched.setattr("calib.dataset.files.toml_table.os.chmod", full)
+        patched.setattr("calib.dataset.files.atomic_write.os.chmod", full)
         line = refused(capsys, "calibrate", cell, "--out", out)
     assert f"{out}: cannot be written (No space left on device); name another place" in line
     assert out.read_text() == "as it was"
@@ -187,7 +187,7 @@ def test_a_simulation_that_is_stopped_leaves_nothing(
 ) -> None:
     """Else the next try with the same name is told that it exists and is not empty."""
     written: list[Path] = []
-    write_scan = simulation.write_scan
+    write_scan = measured_dataset.write_scan
 
     def fails_at_the_second(path: Path, scan: object) -> None:
         if written:
@@ -200,7 +200,7 @@ def test_a_simulation_that_is_stopped_leaves_nothing(
         folder.mkdir()
     arguments = ["simulate", str(folder), "--robot", "rb5", "--poses", "3", "--scans"]
     with monkeypatch.context() as patched:
-        patched.setattr(simulation, "write_scan", fails_at_the_second)
+        patched.setattr(measured_dataset, "write_scan", fails_at_the_second)
         assert main(arguments) in (2, 130)
     assert len(written) == 1
     assert folder.exists() == was_there
