@@ -8,5 +8,5 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
-IndexArray: TypeAlias = NDArray[np.int64]  # what np.flatnonzero and np.argsort give
+IndexArray: TypeAlias = NDArray[np.intp]  # what np.flatnonzero and np.argsort give
 BoolArray: TypeAlias = NDArray[np.bool_]

@@ -1,8 +1,9 @@
-"""Three fitted planes held to the angles of a certified jig: one rigid body instead of three free planes.
+"""Three fitted planes under the certified angles of a jig: one rigid body instead of three free planes.
 
 The three angles between the faces are three equations between the nine parameters of the planes. The best linear
 estimate under them moves the parameters by -C J' (J C J')^-1 g, where C is their covariance, g the angles' misfit and J
-its derivative, and leaves C - C J' (J C J')^-1 J C: nine unknowns become six, and the apex better known.
+its derivative; the covariance becomes C - C J' (J C J')^-1 J C. Nine unknowns become six, and the covariance of the
+apex becomes smaller.
 """
 
 from __future__ import annotations
@@ -17,18 +18,22 @@ from numpy.typing import NDArray
 from calib.jig import FACE_PAIRS, angles_between_deg
 from calib.planes.robust_fit import PlaneFit
 
-MOST_MISFIT = 21.1  # squared, three angles: beyond it once in 10 000 scans of a jig that is as certified
-_CLEARLY = 12.0  # how much better, in squared misfit, one way of naming the faces has to be than the others
+MOST_MISFIT = (
+    21.1  # squared, three angles: exceeded once in 10 000 scans of a jig that has the certified angles
+)
+_LEAST_MISFIT_MARGIN = (
+    12.0  # how much less the squared misfit of one labelling has to be than that of the others
+)
 
 
 @dataclass(frozen=True)
 class RigidFit:
-    """What the certified angles make of the planes; where they cannot be used, moves is None and why says so."""
+    """The planes under the certified angles; where those cannot be used, the free planes and a note that says why."""
 
-    moves: NDArray | None  # (9,) added to (h, s_1, s_2) of each plane
+    moves: NDArray  # (9,) added to (h, s_1, s_2) of each plane; zeros where they are left free
     covariance: NDArray  # (9, 9)
     misfit: float  # squared, of three angles: 3 on average
-    why: str = ""
+    note: str = ""
 
 
 def hold_to_angles(
@@ -36,20 +41,21 @@ def hold_to_angles(
 ) -> RigidFit:
     """The planes' moves and their covariance under the certified angles between the faces.
 
-    Which found face is which of the certified ones is not known: the six ways are tried, and the best has to be clearly
-    the best unless it comes to the same angles.
+    Which found face is which of the certified ones is not known: the six labellings are tried, and the squared misfit
+    of the best has to be less than that of the next by a margin, unless both give the same angles.
     """
-    ways = sorted({_angles(face_angles_deg, order) for order in permutations(range(3))})
-    fits = sorted((_hold(planes, covariance, np.radians(way)) for way in ways), key=lambda fit: fit.misfit)
+    labellings = sorted({_angles(face_angles_deg, order) for order in permutations(range(3))})
+    fits = [_hold(planes, covariance, np.radians(angles_deg)) for angles_deg in labellings]
+    fits.sort(key=lambda fit: fit.misfit)
     best = fits[0]
     if best.misfit > MOST_MISFIT:
         found = ", ".join(f"{angle:.3f}" for angle in found_angles_deg(planes))
-        return RigidFit(None, covariance, best.misfit, (
+        return RigidFit(np.zeros(9), covariance, best.misfit, (
             f"the faces meet at {found} deg, which the certified face_angles_deg do not explain "
             f"(squared misfit {best.misfit:.0f} of three angles); the planes were left free"
         ))  # fmt: skip
-    if len(fits) > 1 and fits[1].misfit - best.misfit < _CLEARLY:
-        return RigidFit(None, covariance, best.misfit, (
+    if len(fits) > 1 and fits[1].misfit - best.misfit < _LEAST_MISFIT_MARGIN:
+        return RigidFit(np.zeros(9), covariance, best.misfit, (
             "the certified face_angles_deg are too alike to tell which face is which in this scan; "
             "the planes were left free"
         ))  # fmt: skip

@@ -37,10 +37,10 @@ class PlaneUncertainty:
         NDArray  # (9, 9) of height (mm) and two slopes (rad) of each plane in turn, as in PlaneFit.design
     )
     white_covariance: NDArray  # (9, 9) as if all residuals were white noise
-    smooth_mm: (
-        float  # standard deviation of the smooth part of the error; near 0 where nothing speaks for one
+    correlated_sigma_mm: (
+        float  # standard deviation of the correlated part of the error; near 0 where there is none
     )
-    smooth_length_mm: float  # the length it is smooth over
+    correlation_length_mm: float  # l of its correlation exp(-r^2 / 2 l^2)
 
 
 @dataclass(frozen=True)

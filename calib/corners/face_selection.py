@@ -2,11 +2,12 @@
 
 Jang chooses three groups with perpendicular normals and near centres. Beside a box, or in a room, several triples are
 perpendicular; what tells the jig is its outline. Seen from the apex each face is a right triangle with legs of the
-jig's edge: a plane of the jig fills its triangle, ends there, and nobody sees through it. Others leave it empty, spill
-over, or show what stands behind. A candidate is worth what its weakest face is worth.
+jig's edge: a plane of the jig fills its triangle, ends there, and no point is seen through it. Other planes leave the
+triangle empty, go on beyond its edges, or are seen through. A face's score is the share of its triangle that has points
+less the share that is wrong in these ways.
 
-A face that got no group of its own (nearly edge-on, or mostly hidden) is voted for: the two other planes leave one
-direction for its normal, and its points agree on one offset along it.
+A face that got no group of its own (nearly edge-on, or mostly hidden) is found by a vote: the two other planes leave
+one direction for its normal, and the points vote for its offset along that.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array, IndexArray
 from calib.corners.face_outline import outline_shares
 from calib.corners.intersection import intersect
 from calib.jig import Jig
@@ -25,60 +26,60 @@ from calib.planes.normals import Neighbourhoods
 
 _MOST_GROUPS = 60
 _MOST_PEAKS = 4
-_SETS_TO_TELL_OF = 3  # a plane of fewer sets is mostly a splinter of another
+_SETS_TO_COUNT = 3  # a group of fewer sets is mostly a part of another plane
 _CLEAR = 0.015  # of the edge: voters keep this distance from the other two faces and the far edge
 _NEAR_END = 0.12  # of the edge: how far from where the two other faces end the third may be
 
 
 @dataclass(frozen=True)
-class ChoiceTolerances:
-    """When three planes are the jig."""
+class SelectionTolerances:
+    """What three planes have to satisfy to be the jig's faces."""
 
     perpendicular_rad: float
     member_normal_rad: float  # a point belongs to a plane if its own normal agrees to this
     height_mm: float  # ... and its height over the plane is below this
-    # What the best, the second and the weakest face have to be worth. A cube's square face, of whatever size, is worth
-    # 0.75 at most as a triangle, so no box passes the first. A jig in plain view reaches 1.0 and 0.92; the second face
-    # may be half hidden.
-    least_worth: tuple[float, float, float] = (0.85, 0.4, 0.04)
+    # Least scores of the best, the second and the weakest face. A cube's square face, of whatever size, scores 0.75 at
+    # most as a triangle, so no box passes the first. A jig in plain view reaches 1.0 and 0.92; the second face may be
+    # half hidden.
+    least_scores: tuple[float, float, float] = (0.85, 0.4, 0.04)
     most_wrong: float = (
-        0.2  # share of a face that may be seen through or spilt over; its edges are never quite sharp
+        0.2  # share of a face that may be wrong; the edges of a scanned face are never quite sharp
     )
     min_votes: int = 6
 
 
 @dataclass(frozen=True)
-class FaceChoice:
-    """The three planes that are taken for the jig's faces."""
+class FaceTriple:
+    """Three planes that may be the jig's faces."""
 
     groups: tuple[PlaneGroup, ...]  # all groups; where a face was voted for, it is the last and has no sets
     chosen: tuple[int, int, int]  # indices into groups
-    worth: NDArray  # (3,) share of the face that has points, less the share that is wrong
-    wrong: NDArray  # (3,) area of what is seen through the face or spills over it, as a share of the face
+    score: Array  # (3,) share of the face that has points, less the share that is wrong
+    wrong: Array  # (3,) area seen through the face, or of points of its plane beyond its edges, as a share of the face
 
 
-def face_choices(
-    points_mm: NDArray,
+def face_triples(
+    points_mm: Array,
     groups: Sequence[PlaneGroup],
     around: Neighbourhoods,
     jig: Jig,
-    tolerances: ChoiceTolerances,
-) -> Iterator[FaceChoice]:
-    """The triples of planes that look like the jig, the likeliest first; those with a voted face come last.
+    tolerances: SelectionTolerances,
+) -> Iterator[FaceTriple]:
+    """The triples of planes with the outline of the jig, the highest score first; those with a voted face come last.
 
     points_mm  # (N, 3) the whole scan; `around` its thinned points with normals.
     """
     planes = _Planes(groups, around, jig, tolerances)
-    yield from _acceptable(planes.triples(), tolerances)
-    yield from _acceptable(_vote_third_faces(points_mm, planes), tolerances)
+    yield from _like_the_jig(planes.triples(), tolerances)
+    yield from _like_the_jig(_vote_third_faces(points_mm, planes), tolerances)
 
 
-def why_none(
-    groups: Sequence[PlaneGroup], around: Neighbourhoods, jig: Jig, tolerances: ChoiceTolerances
+def why_no_triple(
+    groups: Sequence[PlaneGroup], around: Neighbourhoods, jig: Jig, tolerances: SelectionTolerances
 ) -> str:
-    """Why no three planes are the jig, with numbers and a way out."""
+    """Why no three planes are the jig's faces, with numbers and what would help."""
     mirrored = _Planes(groups, around, replace(jig, convex=not jig.convex), tolerances)
-    if _acceptable(mirrored.triples(), tolerances):
+    if _like_the_jig(mirrored.triples(), tolerances):
         seen, said = ("away from", "true") if jig.convex else ("toward", "false")
         return (
             f"found a corner of the jig's size whose apex points {seen} the scanner, but the jig is described with "
@@ -92,7 +93,7 @@ class _Planes:
     """The groups' planes with every thinned point's height over each, which is all that the scoring needs."""
 
     def __init__(
-        self, groups: Sequence[PlaneGroup], around: Neighbourhoods, jig: Jig, tolerances: ChoiceTolerances
+        self, groups: Sequence[PlaneGroup], around: Neighbourhoods, jig: Jig, tolerances: SelectionTolerances
     ) -> None:
         self.groups = tuple(groups)
         large = self.groups[:_MOST_GROUPS]
@@ -108,14 +109,14 @@ class _Planes:
         # Along an edge, away from the apex, the height over the plane that the edge leaves falls on a convex corner.
         self.sign = -1.0 if jig.convex else 1.0
 
-    def on_plane(self, normal: NDArray, offset_mm: float) -> NDArray:
+    def on_plane(self, normal: Array, offset_mm: float) -> IndexArray:
         """Indices of the thinned points at a plane whose own normals agree with it."""
         near = np.abs(self.around.points_mm @ normal - offset_mm) <= self.tolerances.height_mm
         agree = self.around.normals @ normal >= np.cos(self.tolerances.member_normal_rad)
         return np.flatnonzero(near & agree)
 
-    def triples(self) -> list[FaceChoice]:
-        """All triples of perpendicular planes with what each is worth."""
+    def triples(self) -> list[FaceTriple]:
+        """All triples of perpendicular planes with their scores."""
         found = []
         for i, j in np.argwhere(np.triu(self.perpendicular)).tolist():
             for k in np.flatnonzero(self.perpendicular[i] & self.perpendicular[j]).tolist():
@@ -123,19 +124,19 @@ class _Planes:
                     found.append(self.candidate(self.groups, (i, j, k)))
         return found
 
-    def strip(self, pair: tuple[int, int]) -> NDArray:
+    def strip(self, pair: tuple[int, int]) -> IndexArray:
         """Members of the first plane that could be a face which meets the second: from the edge to its length away."""
         members = self.members[pair[0]]
         along = self.sign * self.heights[members, pair[1]]
         return members[(along > -0.1 * self.edge_mm) & (along < self.edge_mm)]
 
-    def could_be_face(self, strip: NDArray) -> bool:
+    def could_be_face(self, strip: IndexArray) -> bool:
         """Whether the points `strip` are as many as cover the least share of a face that one of two good ones has."""
         a_face = 0.5 * self.edge_mm**2 / self.around.spacing_mm(strip) ** 2
-        return len(strip) > 0.5 * self.tolerances.least_worth[1] * a_face
+        return len(strip) > 0.5 * self.tolerances.least_scores[1] * a_face
 
-    def candidate(self, groups: tuple[PlaneGroup, ...], chosen: tuple[int, int, int]) -> FaceChoice:
-        """Three planes with what each is worth as the face between the edges that leave the two others."""
+    def candidate(self, groups: tuple[PlaneGroup, ...], chosen: tuple[int, int, int]) -> FaceTriple:
+        """Three planes with the score of each as the face between the edges in which it meets the two others."""
         normals = np.array([groups[g].normal for g in chosen])
         offsets = np.array([groups[g].offset_mm for g in chosen])
         apex = intersect(normals, offsets)
@@ -144,9 +145,8 @@ class _Planes:
         near = along_ray**2 > (self.squared_mm2 - (1.5 * self.edge_mm) ** 2) * (apex @ apex)
         points, point_normals = self.around.points_mm[near], self.around.normals[near]
         heights = points @ normals.T - offsets
-        solid = (
-            self.around.thickness_mm[near] < self.tolerances.height_mm
-        )  # part of a surface, no stray point
+        # Points of a surface, no stray ones.
+        solid = self.around.thickness_mm[near] < self.tolerances.height_mm
         spacing_mm = self.around.spacing_mm(near) if near.any() else 0.0
         shares = []
         for face in range(3):
@@ -168,32 +168,32 @@ class _Planes:
                 )
             )
         filled, spilt, seen_through = np.array(shares).T
-        # One face may be mostly broken or cut away, where one does see through it.
+        # One face may be mostly broken or cut away, and points be seen through it.
         seen_through[np.argmin(filled - spilt - seen_through)] = 0.0
         wrong = spilt + seen_through
-        return FaceChoice(groups, chosen, filled - wrong, wrong)
+        return FaceTriple(groups, chosen, filled - wrong, wrong)
 
 
-def _acceptable(candidates: Sequence[FaceChoice], tolerances: ChoiceTolerances) -> list[FaceChoice]:
-    """The candidates whose faces all reach what they have to, the one with the most worth in all first."""
+def _like_the_jig(candidates: Sequence[FaceTriple], tolerances: SelectionTolerances) -> list[FaceTriple]:
+    """The triples whose faces all reach the least scores, the highest sum of scores first."""
 
-    def is_jig(candidate: FaceChoice) -> bool:
-        enough = np.all(np.sort(candidate.worth)[::-1] >= tolerances.least_worth)
+    def is_jig(candidate: FaceTriple) -> bool:
+        enough = np.all(np.sort(candidate.score)[::-1] >= tolerances.least_scores)
         return bool(enough and candidate.wrong.max() <= tolerances.most_wrong)
 
-    return sorted(filter(is_jig, candidates), key=lambda c: -float(c.worth.sum()))
+    return sorted(filter(is_jig, candidates), key=lambda c: -float(c.score.sum()))
 
 
-def _vote_third_faces(points_mm: NDArray, planes: _Planes) -> list[FaceChoice]:
-    """Candidates of two perpendicular planes each, whose third face is voted for by the points of the whole scan."""
+def _vote_third_faces(points_mm: Array, planes: _Planes) -> list[FaceTriple]:
+    """Triples of two perpendicular planes each, whose third face all points of the scan vote for."""
     found = []
     for i, j in np.argwhere(np.triu(planes.perpendicular)).tolist():
         found += _vote(points_mm, planes, (i, j))
     return found
 
 
-def _vote(points_mm: NDArray, planes: _Planes, pair: tuple[int, int]) -> list[FaceChoice]:
-    """Candidates with the two planes `pair`.
+def _vote(points_mm: Array, planes: _Planes, pair: tuple[int, int]) -> list[FaceTriple]:
+    """Triples with the two planes `pair`.
 
     The third normal is n_1 x n_2 on the scanner's side. All points (N, 3) that lie over the third face's triangle
     vote with their height along it, and the fullest bands are tried as its offset.
@@ -212,7 +212,7 @@ def _vote(points_mm: NDArray, planes: _Planes, pair: tuple[int, int]) -> list[Fa
     along = planes.sign * (points_mm @ normals.T - offsets)
     over = np.all(along > _CLEAR * edge_mm, axis=1) & (along.sum(axis=1) < (1 - _CLEAR) * edge_mm)
     height = points_mm[over] @ third
-    # The two faces end at the third one, so they tell its offset to a cell or so; its few points tell the rest.
+    # The two faces end at the third one, which gives its offset to a cell or so; its few points give the rest.
     ends = [float(np.quantile(planes.sign * (strip @ third), 0.02)) * planes.sign for strip in strips]
     close = np.abs(height - 0.5 * sum(ends)) < _NEAR_END * edge_mm
     found = []
@@ -224,7 +224,7 @@ def _vote(points_mm: NDArray, planes: _Planes, pair: tuple[int, int]) -> list[Fa
     return found
 
 
-def _fullest_bands(height_mm: NDArray, width_mm: float, min_votes: int) -> list[float]:
+def _fullest_bands(height_mm: Array, width_mm: float, min_votes: int) -> list[float]:
     """Middles of the fullest bands of the given width, the fullest first; none overlaps a fuller one."""
     order = np.sort(height_mm)
     bands: list[float] = []
@@ -238,9 +238,9 @@ def _fullest_bands(height_mm: NDArray, width_mm: float, min_votes: int) -> list[
     return bands
 
 
-def _what_was_found(planes: _Planes, triples: Sequence[FaceChoice], jig: Jig) -> str:
-    """The planes and triples there were, and what to do."""
-    count = sum(len(g.sets) >= _SETS_TO_TELL_OF for g in planes.groups) or len(planes.groups)
+def _what_was_found(planes: _Planes, triples: Sequence[FaceTriple], jig: Jig) -> str:
+    """Which planes and triples there were, and what would help."""
+    count = sum(len(g.sets) >= _SETS_TO_COUNT for g in planes.groups) or len(planes.groups)
     sizes = [f"{len(m)}" for m in planes.members[: min(count, 3)]]
     if count < 3:
         found = f"found {count} plane{'s' * (count != 1)}" + (
@@ -252,8 +252,8 @@ def _what_was_found(planes: _Planes, triples: Sequence[FaceChoice], jig: Jig) ->
             f"found {count} planes (the largest of {', '.join(sizes)} points), no three of them perpendicular; "
             "turn the jig so that three faces are seen, or scan it finer"
         )
-    best = max(triples, key=lambda c: float(np.sort(c.worth)[1]))
-    filled = ", ".join(f"{max(w, 0):.0%}" for w in np.sort(best.worth))
+    best = max(triples, key=lambda c: float(np.sort(c.score)[1]))
+    filled = ", ".join(f"{max(w, 0):.0%}" for w in np.sort(best.score))
     return (
         f"found {len(triples)} triples of perpendicular planes, but none with the outline of a jig of edge "
         f"{jig.edge_mm:g} mm (the best fills {filled} of its faces); check edge_mm, and that the jig is in full view"

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array, IndexArray
 from calib.corners.certified_angles import angle_derivative, found_angles_deg, hold_to_angles, turned_normals
 from calib.corners.correlated_noise import PlaneUncertainty, plane_uncertainty
 from calib.corners.face_outline import (
@@ -24,6 +24,7 @@ from calib.corners.face_outline import (
 )
 from calib.corners.intersection import Corner, Face, intersect, intersection_covariance, packed
 from calib.corners.quality import CornerQuality, FaceQuality, angle_errors
+from calib.errors import CornerError
 from calib.jig import FACE_PAIRS, Jig
 from calib.planes.clustering import PlaneGroup
 from calib.planes.robust_fit import PlaneFit, fit_plane_robustly
@@ -53,18 +54,20 @@ class RefinementOptions:
 
 
 def refine(
-    points_mm: NDArray,
+    points_mm: Array,
     groups: Sequence[PlaneGroup],
     chosen: tuple[int, int, int],
     jig: Jig,
     sigma_mm: float,
     options: RefinementOptions,
     scan_sigma_mm: float | None = None,
-) -> tuple[Corner | None, str]:
-    """The corner of three plane groups refined on all inliers, or None and the reason.
+) -> Corner:
+    """The corner of three plane groups refined on all inliers.
 
     points_mm  # (N, 3) the whole scan; sigma_mm is the noise along the normals, which sets the first, wide bands;
-    scan_sigma_mm is what the scanner is said to have, for the quality figures only.
+    scan_sigma_mm is the scanner's declared noise, for the quality figures only.
+
+    Raises CornerError with the reason where the points do not define three planes that meet like the jig's faces.
     """
     normals = np.array([groups[g].normal for g in chosen])
     start_offsets = np.array([groups[g].offset_mm for g in chosen])
@@ -72,27 +75,21 @@ def refine(
     way = points_mm - origin
     near = np.flatnonzero(np.einsum("ni,ni->n", way, way) < (1.1 * jig.edge_mm) ** 2)
     local = way[near]  # small numbers: the planes are fitted around the first apex
-    planes, margin_mm, failure = _fit_faces(
+    planes, margin_mm = _fit_faces(
         local, near, normals, start_offsets - normals @ origin, jig, sigma_mm, options
     )
-    if failure:
-        return None, failure
     known = plane_uncertainty(planes, jig.edge_mm, origin / max(float(np.linalg.norm(origin)), 1e-9))
-    failure = _doubt(planes, known.covariance, origin, jig)
-    if failure:
-        return None, failure
+    _require_faces(planes, known.covariance, origin, jig)
     covariance, moves = known.covariance, np.zeros(9)
     notes: tuple[str, ...] = ()
     if jig.certified:
         rigid = hold_to_angles(planes, known.covariance, jig.face_angles_deg)
-        if rigid.moves is None:
-            notes = (rigid.why,)
-        else:
-            covariance, moves = rigid.covariance, rigid.moves
+        covariance, moves = rigid.covariance, rigid.moves
+        notes = (rigid.note,) if rigid.note else ()
     normals = turned_normals(planes, moves)
     offsets = np.array([normals[i] @ p.centre_mm + moves[3 * i] for i, p in enumerate(planes)])
     apex = intersect(normals, offsets)
-    corner = Corner(
+    return Corner(
         origin + apex,
         intersection_covariance(normals, height_covariance(planes, covariance, apex)),
         tuple(_face(p, normals[i], offsets[i], origin, group, covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3],
@@ -101,19 +98,21 @@ def refine(
         covariance,
         _quality(planes, known, covariance, origin, apex, jig, margin_mm, scan_sigma_mm, notes),
     )  # fmt: skip
-    return corner, ""
 
 
 def _fit_faces(
-    local: NDArray,
-    near: NDArray,
-    normals: NDArray,
-    offsets: NDArray,
+    local: Array,
+    near: IndexArray,
+    normals: Array,
+    offsets: Array,
     jig: Jig,
     sigma_mm: float,
     options: RefinementOptions,
-) -> tuple[list[PlaneFit], float, str]:
-    """Planes and outlines in turns: the three fits, the widest margin along the edges, and why they cannot be made."""
+) -> tuple[list[PlaneFit], float]:
+    """Planes and outlines in turns: the three fits, and the widest margin left out along the edges.
+
+    Raises CornerError where a face has too few points, or points along a line.
+    """
     bands = np.full(3, _BAND_SIGMA * max(sigma_mm, jig.edge_mm / 1800))
     margins_mm = np.full(3, options.edge_margin_mm or jig.edge_mm / 40)
     planes: list[PlaneFit] = []
@@ -121,8 +120,10 @@ def _fit_faces(
     members = [(local[::step], near[::step])] * 3
     for turn in range(_ROUNDS):
         if turn == _ROUNDS - _LAST_ROUNDS:  # from here on all points that may be a face's, and no others
-            heights = (local @ normals.T - offsets).T
-            at_plane = [np.flatnonzero(np.abs(h) <= 2 * band) for h, band in zip(heights, bands, strict=True)]
+            over_planes = (local @ normals.T - offsets).T
+            at_plane = [
+                np.flatnonzero(np.abs(h) <= 2 * band) for h, band in zip(over_planes, bands, strict=True)
+            ]
             members = [(local[on], near[on]) for on in at_plane]
         heights = [points @ normals.T - offsets for points, _ in members]
         if turn == _ROUNDS - 1 and options.edge_margin_mm is None:
@@ -131,24 +132,37 @@ def _fit_faces(
         margins_mm = np.maximum(margins_mm, _MARGIN_SIGMA * bands.max() / _BAND_SIGMA)
         planes = []
         for face, (points, indices) in enumerate(members):
-            for share in _LESS_MARGIN:  # a narrow strip of few points cannot spare its rim
-                on = np.flatnonzero(
-                    face_points(heights[face], face, bands[face], jig, share * margins_mm[face])
-                )
-                on = on[with_the_rest(np.column_stack(along_edges(heights[face][on], face, jig)))]
-                failure = _too_little(points[on], jig, options)
-                if not failure:
-                    break
-            if failure:
-                return [], 0.0, failure
+            on = _points_of_face(points, heights[face], face, bands[face], margins_mm[face], jig, options)
             planes.append(fit_plane_robustly(points[on], indices[on], normals[face], offsets[face]))
         normals = np.array([p.normal for p in planes])
         offsets = np.array([p.offset_mm for p in planes])
         bands = np.array([max(_BAND_SIGMA * p.sigma_mm, 1e-6) for p in planes])
-    return planes, float(margins_mm.max()), ""
+    return planes, float(margins_mm.max())
 
 
-def height_covariance(planes: Sequence[PlaneFit], covariance: NDArray, point_mm: NDArray) -> NDArray:
+def _points_of_face(
+    points: Array,
+    heights: Array,
+    face: int,
+    band_mm: float,
+    margin_mm: float,
+    jig: Jig,
+    options: RefinementOptions,
+) -> IndexArray:
+    """Rows of the points (K, 3) that lie on a face, inside its outline less a margin. heights  # (K, 3) over all faces
+
+    Where too few are left, as of a narrow strip, the margin is made smaller. Raises CornerError if that does not help.
+    """
+    for share in _LESS_MARGIN:
+        on = np.flatnonzero(face_points(heights, face, band_mm, jig, share * margin_mm))
+        on = on[with_the_rest(np.column_stack(along_edges(heights[on], face, jig)))]
+        lack = _lack_of_points(points[on], jig, options)
+        if not lack:
+            return on
+    raise CornerError(lack)
+
+
+def height_covariance(planes: Sequence[PlaneFit], covariance: Array, point_mm: Array) -> Array:
     """Covariance (3, 3) in mm^2 of the three planes' heights at one point (3,). covariance  # (9, 9)"""
     lever = np.zeros((3, 9))
     for i, plane in enumerate(planes):
@@ -156,7 +170,7 @@ def height_covariance(planes: Sequence[PlaneFit], covariance: NDArray, point_mm:
     return np.asarray(lever @ covariance @ lever.T)
 
 
-def _too_little(points: NDArray, jig: Jig, options: RefinementOptions) -> str:
+def _lack_of_points(points: Array, jig: Jig, options: RefinementOptions) -> str:
     """Why a face's points (K, 3) do not define a plane, or ""."""
     if len(points) < options.min_face_points:
         return (
@@ -175,12 +189,12 @@ def _too_little(points: NDArray, jig: Jig, options: RefinementOptions) -> str:
     return ""
 
 
-def _doubt(planes: Sequence[PlaneFit], covariance: NDArray, origin: NDArray, jig: Jig) -> str:
-    """Why the three refined planes are not to be trusted, or ""."""
+def _require_faces(planes: Sequence[PlaneFit], covariance: Array, origin: Array, jig: Jig) -> None:
+    """Raise CornerError where the three refined planes cannot be the jig's faces. covariance  # (9, 9) of the planes"""
     for plane in planes:
         seen_at_deg = incidence_deg(plane, origin)
         if seen_at_deg > MOST_INCIDENCE_DEG:
-            return (
+            raise CornerError(
                 f"the third face would be seen edge-on ({len(plane.indices)} points, {seen_at_deg:.1f} deg off its "
                 f"normal; beyond {MOST_INCIDENCE_DEG:g} deg stray points along an edge look the same); "
                 "turn the jig so that three faces are seen"
@@ -189,7 +203,7 @@ def _doubt(planes: Sequence[PlaneFit], covariance: NDArray, origin: NDArray, jig
         legs_mm = [np.abs(plane.points_mm @ p.normal - p.offset_mm) for p in planes if p is not plane]
         deep_mm = float(np.quantile(np.min(legs_mm, axis=0), 0.9))
         if deep_mm < _DEEP * jig.edge_mm:
-            return (
+            raise CornerError(
                 f"the {len(plane.indices)} points taken for one of the faces lie within {deep_mm:.2g} mm of its edges, "
                 "as those of a bevel do; turn the jig so that three faces are seen"
             )
@@ -197,7 +211,7 @@ def _doubt(planes: Sequence[PlaneFit], covariance: NDArray, origin: NDArray, jig
     usual_mm = max(float(np.median(scatter)), _ROUGH * jig.edge_mm)
     if scatter.max() > _ROUGHEST * usual_mm:
         rough = planes[int(np.argmax(scatter))]
-        return (
+        raise CornerError(
             f"the {len(rough.indices)} points taken for one of the faces scatter {rough.sigma_mm:.2g} mm, those of the "
             f"others {usual_mm:.2g} mm: they are no plane; turn the jig so that three faces are seen"
         )
@@ -208,20 +222,19 @@ def _doubt(planes: Sequence[PlaneFit], covariance: NDArray, origin: NDArray, jig
         off_deg = float(np.degrees(np.arcsin(np.clip(planes[i].normal @ planes[j].normal, -1, 1))))
         slack_deg = nominal_slack_deg + 3 * np.hypot(tilt_deg[i], tilt_deg[j])
         if abs(off_deg) > slack_deg:
-            return (
+            raise CornerError(
                 f"two of the faces meet {abs(off_deg):.2f} deg out of square, more than {slack_deg:.2f} deg; "
                 "look at the chosen planes, and check face_angles_deg in dataset.toml"
             )
-    return ""
 
 
 def _face(
     plane: PlaneFit,
-    normal: NDArray,
+    normal: Array,
     offset_mm: float,
-    origin: NDArray,
+    origin: Array,
     group: int,
-    covariance: NDArray,
+    covariance: Array,
     scan_points: int,
 ) -> Face:
     centre = plane.centre_mm + (offset_mm - normal @ plane.centre_mm) * normal
@@ -241,9 +254,9 @@ def _face(
 def _quality(
     planes: Sequence[PlaneFit],
     known: PlaneUncertainty,
-    covariance: NDArray,
-    origin: NDArray,
-    apex: NDArray,
+    covariance: Array,
+    origin: Array,
+    apex: Array,
     jig: Jig,
     margin_mm: float,
     scan_sigma_mm: float | None,
@@ -251,7 +264,7 @@ def _quality(
 ) -> CornerQuality:
     normals = np.array([p.normal for p in planes])
 
-    def apex_sigma_mm(plane_covariance: NDArray) -> float:
+    def apex_sigma_mm(plane_covariance: Array) -> float:
         heights = height_covariance(planes, plane_covariance, apex)
         return float(np.sqrt(np.trace(intersection_covariance(normals, heights))))
 
@@ -278,8 +291,8 @@ def _quality(
         angle_errors_deg=tuple(angle_errors(angles, jig.face_angles_deg).tolist()),
         condition=float(np.linalg.cond(normals)),
         amplification=apex_sigma_mm(covariance) / float(middles),
-        smooth_error_mm=known.smooth_mm,
-        smooth_length_mm=known.smooth_length_mm,
+        smooth_error_mm=known.correlated_sigma_mm,
+        smooth_length_mm=known.correlation_length_mm,
         smooth_factor=apex_sigma_mm(known.covariance) / apex_sigma_mm(known.white_covariance),
         rigid=jig.certified and not notes,
         margin_mm=margin_mm,
@@ -287,7 +300,7 @@ def _quality(
     )
 
 
-def incidence_deg(plane: PlaneFit, origin: NDArray) -> float:
+def incidence_deg(plane: PlaneFit, origin: Array) -> float:
     """Angle between the line of sight to the middle of the plane's points and its normal."""
     way = plane.centre_mm + origin
     return float(np.degrees(np.arccos(np.abs(plane.normal @ way) / np.linalg.norm(way))))

@@ -8,13 +8,14 @@ from hashlib import blake2b
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
-from calib.corners.face_selection import ChoiceTolerances, face_choices, why_none
+from calib.corners.face_selection import SelectionTolerances, face_triples, why_no_triple
 from calib.corners.intersection import Corner
 from calib.corners.refinement import RefinementOptions, refine
-from calib.corners.unit_check import MOST_EDGES, extent_of, with_unit
+from calib.corners.unit_check import MOST_EDGES, extent_of, failure_with_unit
+from calib.errors import CornerError
 from calib.jig import Jig
 from calib.planes.clustering import ClusterTolerances, PlaneGroup, cluster
 from calib.planes.filters import FilterTolerances, SampleSets, apply_filters, draw_sample_sets, walk_for
@@ -22,12 +23,12 @@ from calib.planes.normals import NEIGHBOURS, Neighbourhoods, estimate_normals, f
 from calib.scans.scan import PointCount, Scan
 
 MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
-MOST_CHOICES = 4  # triples of planes that are refined before the search gives up
+MOST_TRIPLES = 4  # of planes, that are refined in one search pass
 _EDGE_VOXELS = 28  # voxels along the jig's edge
 _POINTS_A_SET = 8  # thinned points: a wide scene takes more sets, or few would fall on the jig
-# Where the first look at a scan finds no jig, others follow: neighbours of a normal, how many times the sample sets.
-# Few neighbours fit into a narrow or sparsely seen face, many sets meet a jig that is a small part of the scan.
-_LOOKS = ((NEIGHBOURS, 1), (9, 4), (NEIGHBOURS, 12))
+# (neighbours of a normal, factor on the number of sample sets) of the search passes, until one finds the jig. Few
+# neighbours fit into a narrow or sparsely seen face, many sets meet a jig that is a small part of the scan.
+_SEARCH_PASSES = ((NEIGHBOURS, 1), (9, 4), (NEIGHBOURS, 12))
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,8 @@ class CornerSearch:
     """Every intermediate product of one search, success or not, so that it can be looked at."""
 
     scan: str
-    voxel_points_mm: NDArray  # (V, 3) the points that the sample sets were drawn from
-    voxel_normals: NDArray  # (V, 3) toward the scanner
+    voxel_points_mm: Array  # (V, 3) the points that the sample sets were drawn from
+    voxel_normals: Array  # (V, 3) toward the scanner
     sets: SampleSets
     groups: tuple[
         PlaneGroup, ...
@@ -56,7 +57,9 @@ class CornerSearch:
     seconds: float
     unreadable: bool = False  # the scan's file could not be read at all
     count: PointCount | None = None  # of the scan's file, where it was read from one
-    looks: int = 1  # how often the scan was looked at, each time with other neighbours and more sample sets
+    search_passes: int = (
+        1  # through the scan, each with other neighbours or more sample sets than the one before
+    )
 
     def filter_counts(self) -> dict[str, int]:
         """How many sets were drawn, rejected by each filter, and passed."""
@@ -97,13 +100,13 @@ def find_corner(
     options = options or CornerOptions()
     started = time.perf_counter()
 
-    def search_in(points_mm: NDArray) -> CornerSearch:
+    def search_in(points_mm: Array) -> CornerSearch:
         draws = rng or _generator(points_mm)
         return _search(Scan(scan.name, points_mm), jig, scan_sigma_mm, draws, options)
 
     search = search_in(scan.points_mm)
     if search.corner is None and len(scan.points_mm) >= MIN_POINTS:
-        failure = with_unit(
+        failure = failure_with_unit(
             search.failure, scan.points_mm, jig, lambda points_mm: search_in(points_mm).corner is not None
         )
         search = replace(search, failure=failure)
@@ -113,30 +116,24 @@ def find_corner(
 def _search(
     scan: Scan, jig: Jig, scan_sigma_mm: float | None, rng: np.random.Generator, options: CornerOptions
 ) -> CornerSearch:
-    """As many looks as it takes, at a scan taken to be in millimetres."""
-    failure = _unworkable(scan, jig)
-    if failure:
-        return failed_search(scan.name, failure)
-    thinned = thin_to_voxels(scan.points_mm, jig.edge_mm / _EDGE_VOXELS)
-    if len(thinned) < NEIGHBOURS:
-        failure = (
-            f"the scan's points lie in {len(thinned)} spots of {jig.edge_mm / _EDGE_VOXELS:.2g} mm, a corner needs "
-            f"{NEIGHBOURS} at the very least; scan the pose again"
-        )
-        return failed_search(scan.name, failure)
+    """Search passes through a scan in millimetres, until one finds the jig."""
+    try:
+        thinned = _thinned(scan.points_mm, jig)
+    except CornerError as error:
+        return failed_search(scan.name, str(error))
     searches: list[CornerSearch] = []
-    for neighbours, times in _LOOKS:
+    for neighbours, times in _SEARCH_PASSES:
         around = estimate_normals(scan.points_mm[thinned], neighbours)
         more = replace(options, sample_sets=times * options.sample_sets)
-        searches.append(_look(scan, around, jig, scan_sigma_mm, rng, more))
+        searches.append(_search_pass(scan, around, jig, scan_sigma_mm, rng, more))
         if searches[-1].corner is not None:
             break
-    # Of a failure the first look tells, unless a later one got as far as a choice.
-    told = max(searches, key=lambda search: (search.corner is not None, len(search.chosen)))
-    return replace(told, looks=len(searches))
+    # Of failed passes the first is reported, unless a later one came as far as three planes.
+    reported = max(searches, key=lambda search: (search.corner is not None, len(search.chosen)))
+    return replace(reported, search_passes=len(searches))
 
 
-def _look(
+def _search_pass(
     scan: Scan,
     around: Neighbourhoods,
     jig: Jig,
@@ -144,7 +141,10 @@ def _look(
     rng: np.random.Generator,
     options: CornerOptions,
 ) -> CornerSearch:
-    """One look at the scan's thinned points: sample sets, groups, choice and refinement."""
+    """One pass over the scan's thinned points: sample sets, plane groups, the three faces and their refinement.
+
+    Of triples that all fail in the refinement the likeliest is reported.
+    """
     tolerances = _Tolerances.of(around, jig, max(scan_sigma_mm or 0.0, around.noise_mm()))
     drawn = draw_sample_sets(
         around.neighbours,
@@ -155,22 +155,28 @@ def _look(
     )
     sets = apply_filters(around.points_mm[drawn], around.normals[drawn], tolerances.filters)
     groups = cluster(sets, tolerances.clusters)
-    chosen: tuple[int, ...] = ()
-    corner, all_groups, failure = None, groups, ""
-    for choice in islice(face_choices(scan.points_mm, groups, around, jig, tolerances.choice), MOST_CHOICES):
-        sigma_mm = tolerances.clusters.sigma_mm
-        corner, said = refine(
-            scan.points_mm, choice.groups, choice.chosen, jig, sigma_mm, options.refinement, scan_sigma_mm
-        )
-        if not chosen or corner is not None:  # what is told of a failure is that of the likeliest
-            all_groups, chosen, failure = choice.groups, choice.chosen, said
-        if corner is not None:
-            break
-    if not chosen:
-        failure = why_none(groups, around, jig, tolerances.choice)
-    return CornerSearch(
-        scan.name, around.points_mm, around.normals, sets, all_groups, chosen, corner, failure, 0.0
-    )
+    search = CornerSearch(scan.name, around.points_mm, around.normals, sets, groups, (), None, "", 0.0)
+    triples = face_triples(scan.points_mm, groups, around, jig, tolerances.selection)
+    failed: list[CornerSearch] = []
+    for triple in islice(triples, MOST_TRIPLES):
+        search = replace(search, groups=triple.groups, chosen=triple.chosen)
+        try:
+            corner = refine(
+                scan.points_mm,
+                triple.groups,
+                triple.chosen,
+                jig,
+                tolerances.clusters.sigma_mm,
+                options.refinement,
+                scan_sigma_mm,
+            )
+        except CornerError as error:
+            failed.append(replace(search, failure=str(error)))
+        else:
+            return replace(search, corner=corner)
+    if failed:
+        return failed[0]
+    return replace(search, failure=why_no_triple(groups, around, jig, tolerances.selection))
 
 
 @dataclass(frozen=True)
@@ -179,7 +185,7 @@ class _Tolerances:
 
     filters: FilterTolerances
     clusters: ClusterTolerances
-    choice: ChoiceTolerances
+    selection: SelectionTolerances
 
     @staticmethod
     def of(around: Neighbourhoods, jig: Jig, sigma_mm: float) -> _Tolerances:
@@ -196,7 +202,7 @@ class _Tolerances:
             ClusterTolerances(
                 parallel_rad=np.radians(4), in_plane_rad=np.radians(4), height_mm=height_mm, sigma_mm=sigma_mm
             ),
-            ChoiceTolerances(
+            SelectionTolerances(
                 perpendicular_rad=np.radians(1.5) + out_of_square_rad + 12 * sigma_mm / edge_mm,
                 member_normal_rad=max(normals_rad, np.radians(15)),
                 height_mm=height_mm,
@@ -204,20 +210,30 @@ class _Tolerances:
         )
 
 
-def _unworkable(scan: Scan, jig: Jig) -> str:
-    """Why this scan cannot hold the jig, or "": too few points, or a size that no scan of the jig has."""
-    finite = np.flatnonzero(finite_rows(scan.points_mm))
+def _thinned(points_mm: Array, jig: Jig) -> IndexArray:
+    """Indices of one point a voxel. Raises CornerError where the scan is too sparse, small or large for the jig."""
+    finite = np.flatnonzero(finite_rows(points_mm))
     if len(finite) < MIN_POINTS:
-        return f"the scan holds {len(finite)} points, a corner needs at least {MIN_POINTS}; scan the pose again, finer"
-    extent, edge = extent_of(scan.points_mm), jig.edge_mm
+        raise CornerError(
+            f"the scan holds {len(finite)} points, a corner needs at least {MIN_POINTS}; scan the pose again, finer"
+        )
+    extent, edge = extent_of(points_mm), jig.edge_mm
     if extent < edge / 10:
-        return f"the scan spans {extent:.3g} mm only, the jig's edge is {edge:g} mm; scan the pose again"
+        raise CornerError(
+            f"the scan spans {extent:.3g} mm only, the jig's edge is {edge:g} mm; scan the pose again"
+        )
     if extent > MOST_EDGES * edge:
-        return (
+        raise CornerError(
             f"the scan spans {extent:.4g} mm, {extent / edge:.0f} times the jig's edge of {edge:g} mm; "
             "check that the scan and edge_mm in dataset.toml are both in millimetres"
         )
-    return ""
+    thinned = thin_to_voxels(points_mm, edge / _EDGE_VOXELS)
+    if len(thinned) < NEIGHBOURS:
+        raise CornerError(
+            f"the scan's points lie in {len(thinned)} spots of {edge / _EDGE_VOXELS:.2g} mm, a corner needs "
+            f"{NEIGHBOURS} at the very least; scan the pose again"
+        )
+    return thinned
 
 
 def failed_search(name: str, failure: str, *, unreadable: bool = False) -> CornerSearch:
@@ -227,7 +243,7 @@ def failed_search(name: str, failure: str, *, unreadable: bool = False) -> Corne
     return CornerSearch(name, none, none, sets, (), (), None, failure, 0.0, unreadable)
 
 
-def _generator(points_mm: NDArray) -> np.random.Generator:
+def _generator(points_mm: Array) -> np.random.Generator:
     """A generator that these points have: that of some ten thousand of them, and their number."""
     some = points_mm[:: max(1, len(points_mm) // 10_000)]
     content = np.ascontiguousarray(some, dtype=np.float64).tobytes() + str(len(points_mm)).encode()

@@ -30,7 +30,7 @@ def extent_of(points_mm: NDArray) -> float:
     return float(np.max(high - low))
 
 
-def with_unit(failure: str, points_mm: NDArray, jig: Jig, is_found: Callable[[NDArray], bool]) -> str:
+def failure_with_unit(failure: str, points_mm: NDArray, jig: Jig, is_found: Callable[[NDArray], bool]) -> str:
     """Why a scan (N, 3) has no corner, with what its size says of its unit.
 
     Of a scan that is smaller than the jig or far larger, the other units are tried in which its size would do;

@@ -52,7 +52,7 @@ def corner_html(view: View) -> str:
         ),
     ]
     if search is not None and corner is not None:
-        took = f"{search.seconds:.2f} s, {words.count(search.looks, 'look')}"
+        took = f"{search.seconds:.2f} s, {words.count(search.search_passes, 'look')}"
         parts += [*quality_html(corner), tables.facts([*quality_facts(corner), ("search took", took)])]
     return "".join([*parts, tables.note("Click a corner in the scene to select its pose.")])
 

@@ -45,25 +45,25 @@ def filter_table(search: CornerSearch) -> str:
         ("passed", "passed"),
     )
     rows = [(label, f"{counts[key]:,}", f"{100 * counts[key] / drawn:.1f} %") for key, label in names]
-    return tables.heading("Sample sets") + tables.table(("", "sets", "share"), rows) + looks_note(search)
+    return tables.heading("Sample sets") + tables.table(("", "sets", "share"), rows) + passes_note(search)
 
 
 def _rejected(number: int, why: str) -> tables.Html:
     return tables.named_swatch(FILTER_COLOURS[number - 1], f"rejected by filter {number}: {why}")
 
 
-def looks_note(search: CornerSearch) -> str:
+def passes_note(search: CornerSearch) -> str:
     """That a scan was looked at more than once, where it was: it is at the edge of what can be searched."""
-    if search.looks < 2:
+    if search.search_passes < 2:
         return ""
     if search.corner is None:
         said = (
             "of which these are the one that got farthest, each with other neighbours and more sample sets."
         )
-        return tables.note(f"The scan was looked at {search.looks} times, {said}")
+        return tables.note(f"The scan was looked at {search.search_passes} times, {said}")
     return tables.note(
-        f"The jig was found at look {search.looks} only, with other neighbours and more sample sets than at first: it "
-        "is small, narrow or sparsely seen here. A finer or nearer scan would make it plain."
+        f"The jig was found at look {search.search_passes} only, with other neighbours and more sample sets than at "
+        "first: it is small, narrow or sparsely seen here. A finer or nearer scan would make it plain."
     )
 
 

@@ -47,7 +47,7 @@ def corner(
     along = smooth_mm * waves(xyz[:, :2], length_mm, rng)
     white = np.repeat(normals, points, axis=0) * white_mm * rng.standard_normal((3 * points, 1))
     start = tuple(PlaneGroup(NO_SETS, APEX, n, float(n @ APEX)) for n in normals)
-    found, failure = refine(
+    return refine(
         xyz + rays * along[:, None] + white,
         start,
         (0, 1, 2),
@@ -56,8 +56,6 @@ def corner(
         RefinementOptions(),
         white_mm,
     )
-    assert found is not None, failure
-    return found
 
 
 def squared(found: Corner) -> float:

@@ -18,7 +18,7 @@ from inspector.app.app import App
 from inspector.markup.corner import corner_html
 from inspector.markup.legend import EMPTY, legend_html
 from inspector.markup.palette import FILTER_COLOURS, rgb
-from inspector.markup.planes import NOT_SEARCHED, looks_note, planes_html
+from inspector.markup.planes import NOT_SEARCHED, passes_note, planes_html
 from inspector.panels.base import News
 from inspector.panels.corner import DISTANCES
 from inspector.panels.scans import corner_state, pose_table
@@ -109,10 +109,10 @@ def test_doubts_are_told_in_the_list_beside_the_pose_and_in_the_progress(app: Ap
 
 def test_more_than_one_look_is_told(app: App) -> None:
     found, failed = search(app, 0), search(app, BROKEN)
-    assert failed.looks == 3
+    assert failed.search_passes == 3
     assert "looked at 3 times" in planes_html(view(app, BROKEN))
-    assert looks_note(replace(found, looks=1)) == ""
-    assert "at look 2 only" in looks_note(replace(found, looks=2))
+    assert passes_note(replace(found, search_passes=1)) == ""
+    assert "at look 2 only" in passes_note(replace(found, search_passes=2))
 
 
 @pytest.mark.parametrize("look", LOOKS)
