@@ -19,31 +19,30 @@ from typing import Any
 
 import numpy as np
 
-from calib.dataset.dataset import Dataset
 from calib.effects.catalogue import catalogue_names
 from calib.effects.checked_apply import error_words
 from calib.effects.effect import Effect, Family, Parameter, apply_values, families_from
 from calib.effects.state import RobotState
 from calib.errors import CalibError
-from calib.fitting.model import geometric_model
-from calib.fitting.observations import Observations, place_scanner
 
 
-def load_effects(path: Path, dataset: Dataset) -> tuple[Family, ...]:
-    """The families of an effects file, made for a dataset's robot. Raises CalibError in one line."""
+def load_effects(path: Path, state: RobotState) -> tuple[Family, ...]:
+    """The families of an effects file, made for the robot of a state and tried on it. Raises CalibError in one line.
+
+    `calib.fitting.observations.nominal_state` makes the state of a dataset.
+    """
     module = _load(path)
-    effects = _effects(path, module, dataset.robot.n_joints)
+    effects = _effects(path, module, state.robot.n_joints)
     if not effects:
         raise CalibError(
             f"{path}: found no effect; define a class with `parameters` and `apply`, or a tuple EFFECTS"
         )
-    return check_effects(effects, dataset, str(path))
+    return check_effects(effects, state, str(path))
 
 
-def check_effects(effects: Iterable[Effect], dataset: Dataset, where: str = "effects") -> tuple[Family, ...]:
-    """The effects as families, after a trial on the dataset's poses. Raises CalibError in one line."""
+def check_effects(effects: Iterable[Effect], state: RobotState, where: str = "effects") -> tuple[Family, ...]:
+    """The effects as families, after a trial on a state. Raises CalibError in one line."""
     effects = tuple(effects)
-    state = _trial_state(dataset)
     for effect in effects:
         _check(effect, state, where)
     families = families_from(effects)
@@ -131,12 +130,6 @@ def _instances(path: Path, module: ModuleType, joints: int) -> Iterable[Effect]:
                 f"{path}: {value.__name__} cannot be made, {error_words(error)}; a dataclass with the field `joint` or "
                 "without fields is, others go into EFFECTS"
             ) from None
-
-
-def _trial_state(dataset: Dataset) -> RobotState:
-    nominal = geometric_model(dataset.robot)
-    observed = place_scanner(Observations.of(dataset), nominal, np.zeros(len(nominal.parameters)))
-    return RobotState.nominal(dataset.robot, observed.used_poses[0], observed.seen())
 
 
 def _check(effect: Any, state: RobotState, where: str) -> None:

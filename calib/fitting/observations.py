@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calib.dataset.dataset import Dataset, Points, Poses
-from calib.effects.state import Seen
+from calib.effects.state import RobotState, Seen
 from calib.errors import FitError
-from calib.fitting.model import Model
+from calib.fitting.model import Model, geometric_model
 from calib.fitting.scanner_frame import fit_scanner_frame
 
 Array = NDArray[np.float64]
@@ -105,6 +105,16 @@ def place_scanner(
             base_mm[fitted], observed.points.xyz_mm[fitted], observed.covariance_mm2[fitted]
         )
     return replace(observed, scanner_T_base=placed)
+
+
+def nominal_state(dataset: Dataset) -> RobotState:
+    """The nominal robot at the poses that were measured, seen from where it places the scanner; to try effects on.
+
+    Raises FitError where nothing was measured.
+    """
+    nominal = geometric_model(dataset.robot)
+    observed = place_scanner(Observations.of(dataset), nominal, np.zeros(len(nominal.parameters)))
+    return RobotState.nominal(dataset.robot, observed.used_poses[0], observed.seen())
 
 
 def predict_points(model: Model, x: Array, observed: Observations) -> Array:

@@ -21,6 +21,7 @@ from calib.effects.catalogue import effects_named
 from calib.effects.effect import Family
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError, DatasetError
+from calib.fitting.observations import nominal_state
 from calib.options import FitOptions
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import learning_curve
@@ -38,7 +39,9 @@ SCENE_ARROWS = 100.0  # how many times longer residuals are drawn in a scene's f
 
 def own_effects(options: Any, dataset: Dataset) -> tuple[Family, ...]:
     """The families of --effects-file."""
-    return load_effects(options.effects_file, dataset) if options.effects_file is not None else ()
+    if options.effects_file is None:
+        return ()
+    return load_effects(options.effects_file, nominal_state(dataset))
 
 
 def fit_options(options: Any) -> FitOptions:

@@ -24,6 +24,7 @@ from calib.diagnosis.effect_selection import Added, recalled
 from calib.effects.effect import Family
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError
+from calib.fitting.observations import nominal_state
 from calib.options import RESIDUAL_KINDS
 from inspector.session import transitions as sessions
 from inspector.session.json_reader import Reader, SessionFileError, read_object
@@ -192,7 +193,7 @@ def opening(saved: Saved, root: Path, effects_file: Path | None = None) -> tuple
     dataset = load_dataset(folder)
     files = _changed_files(saved, dataset)
     if dataset.points is not None or effects_file is None:
-        own = () if effects_file is None else load_effects(effects_file, dataset)
+        own = () if effects_file is None else load_effects(effects_file, nominal_state(dataset))
         try:
             _steps(saved, dataset, own)
         except CalibError as error:

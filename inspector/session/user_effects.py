@@ -10,6 +10,7 @@ from calib.dataset.dataset import Dataset
 from calib.effects.effect import Family
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError
+from calib.fitting.observations import nominal_state
 
 POLL_S = 0.5
 _Version = tuple[int, int] | None
@@ -39,7 +40,7 @@ class OwnEffects:
         if name in self._good and before == version:
             return families
         try:
-            families = load_effects(self.path, dataset)
+            families = load_effects(self.path, nominal_state(dataset))
             self.words = ""
         except CalibError as error:
             kept = f"; {', '.join(f.name for f in families)} as before" if families else ""

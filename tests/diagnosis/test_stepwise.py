@@ -26,6 +26,7 @@ from calib.effects.catalogue import catalogue_names, effects_named
 from calib.effects.state import RobotState
 from calib.effects.user_file import check_effects, load_effects
 from calib.errors import CalibError, FitError
+from calib.fitting.observations import nominal_state
 from calib.simulation.simulate import simulate_dataset
 
 
@@ -182,7 +183,7 @@ def test_a_users_own_effect_is_tested_named_and_fitted(tmp_path: Path) -> None:
     hidden = dataset.with_points(replace(dataset.points, xyz_mm=dataset.points.xyz_mm + moved))
     path = tmp_path / "mine.py"
     path.write_text(OWN_FILE)
-    own = load_effects(path, hidden)
+    own = load_effects(path, nominal_state(hidden))
     assert [family.name for family in own] == ["fifth_harmonic"]
     result = diagnose(hidden, own=own)
     assert result.missing == ("fifth_harmonic",), explain(result)
@@ -191,7 +192,7 @@ def test_a_users_own_effect_is_tested_named_and_fitted(tmp_path: Path) -> None:
     }
     assert fitted["fifth_harmonic.J3.sin_rad"] == pytest.approx(5e-4, rel=0.15)
     # From Python, in a tuple.
-    assert check_effects((EncoderEccentricity(1),), hidden)[0].name == "encoder_eccentricity"
+    assert check_effects((EncoderEccentricity(1),), nominal_state(hidden))[0].name == "encoder_eccentricity"
 
 
 @pytest.mark.parametrize(
@@ -214,7 +215,7 @@ def test_a_users_own_effect_is_tested_named_and_fitted(tmp_path: Path) -> None:
         ("    parameters =", "    def __post_init__(self):\n        raise ValueError('no')\n\n    parameters =",
          "FifthHarmonic cannot be made, ValueError: no"),
         ("def apply", "def use", "found no effect"),
-        ("state.q_rad[:, self.joint]", "state.poses.extra['humidity']", "line 19 with KeyError: 'humidity'"),
+        ("state.q_rad[:, self.joint]", "state.poses.extra['humidity']", "line 18 with KeyError: 'humidity'"),
         ("q_rad = state.q_rad[:, self.joint]", "q_rad = state.q_rad; q_rad += cos_rad; q_rad = q_rad[:, 0]",
          "changes what it was handed"),
         ("import numpy as np", "import sys; sys.exit(3)", "SystemExit: 3"),
@@ -227,7 +228,7 @@ def test_a_bad_effects_file_is_one_clear_line(tmp_path: Path, old: str, new: str
     assert old in OWN_FILE
     path.write_text(OWN_FILE.replace(old, new))
     with pytest.raises(CalibError) as caught:
-        load_effects(path, simulated(poses=20))
+        load_effects(path, nominal_state(simulated(poses=20)))
     assert says in str(caught.value)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -244,7 +245,7 @@ def test_an_effect_that_fails_only_later_is_still_one_line(tmp_path: Path) -> No
     ):
         assert old in OWN_FILE
         path.write_text(OWN_FILE.replace(old, new))
-        own = load_effects(path, dataset)  # tried at zero and at one step: all is well there
+        own = load_effects(path, nominal_state(dataset))  # tried at zero and at one step: all is well there
         with pytest.raises(CalibError, match=says) as caught:
             diagnose(dataset, own=own)
         assert "\n" not in str(caught.value)
@@ -258,7 +259,7 @@ def test_an_effects_file_may_import_its_neighbour_which_is_read_again(tmp_path: 
     moved = []
     for order in (5, 6):
         neighbour.write_text(f"N = {order}\n")
-        effect = load_effects(path, dataset)[0].members[2]
+        effect = load_effects(path, nominal_state(dataset))[0].members[2]
         state = effect.apply(RobotState.nominal(dataset.robot, dataset.poses), cos_rad=1e-3, sin_rad=0.0)
         moved.append(state.table[:, 2, 3] - dataset.robot.table[2, 3])
         assert moved[-1] == pytest.approx(1e-3 * np.cos(order * dataset.poses.q[:, 2]), abs=1e-12)
@@ -288,7 +289,7 @@ def test_a_constant_displacement_is_untestable_not_evidence() -> None:
         def apply(self, state: RobotState, *, x_mm: float) -> RobotState:
             return state.displace([x_mm, 0.0, 0.0])
 
-    result = screen(calibrate(dataset), check_effects((Constant(),), dataset))
+    result = screen(calibrate(dataset), check_effects((Constant(),), nominal_state(dataset)))
     assert result.candidates == ()
     assert result.untestable[0].name == "constant"
     assert "looks like" in result.untestable[0].why

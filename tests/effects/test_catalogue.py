@@ -9,7 +9,6 @@ import pytest
 
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import evaluate
-from calib.dataset.dataset import Dataset
 from calib.effects.catalogue import catalogue_names, effects_for, family_of
 from calib.effects.effect import (
     Effect,
@@ -24,18 +23,12 @@ from calib.effects.link_errors import LinkErrors
 from calib.effects.state import RobotState
 from calib.errors import CalibError
 from calib.fitting.model import Model, geometric_model
-from calib.fitting.observations import Observations, place_scanner
+from calib.fitting.observations import Observations, nominal_state, place_scanner
 from tests.support.arms import dataset_of
 from tests.support.fit_cases import label, rich_dataset
 
 DATASET = rich_dataset()
 MEMBERS = [member for family in effects_for(DATASET) for member in family.members]
-
-
-def state_of(dataset: Dataset) -> RobotState:
-    nominal = geometric_model(dataset.robot)
-    observed = place_scanner(Observations.of(dataset), nominal, np.zeros(len(nominal.parameters)))
-    return RobotState.nominal(dataset.robot, observed.used_poses[0], observed.seen())
 
 
 def test_the_catalogue_is_what_is_described_and_all_of_it_runs_here() -> None:
@@ -58,7 +51,7 @@ def test_parameter_names_are_unique_and_carry_units() -> None:
 
 @pytest.mark.parametrize("effect", [*MEMBERS, LinkErrors(DATASET.robot)], ids=label)
 def test_zero_means_absent_bit_for_bit(effect: Effect) -> None:
-    state = state_of(DATASET)
+    state = nominal_state(DATASET)
     after = apply_values(effect, state, np.zeros(len(effect.parameters)))
     np.testing.assert_array_equal(np.broadcast_to(state.vector, after.vector.shape), after.vector)
     np.testing.assert_array_equal(after.place(after.chain.target_mm), state.place(state.chain.target_mm))
@@ -111,7 +104,7 @@ def test_what_is_declared_linear_adds_a_multiple_of_each_value(effect: Effect) -
     rng = np.random.default_rng(2)
     links = LinkErrors(DATASET.robot)
     sizes = np.array([p.scale for p in links.parameters])
-    state = apply_values(links, state_of(DATASET), sizes * rng.normal(size=len(sizes)))
+    state = apply_values(links, nominal_state(DATASET), sizes * rng.normal(size=len(sizes)))
     values = np.array([p.scale for p in effect.parameters]) * rng.normal(size=len(effect.parameters)) * 10.0
     added = sum(v * d for v, d in zip(values, state_derivative(effect, state, 0.0 * values), strict=True))
     after = apply_values(effect, state, values).vector - state.vector
@@ -129,7 +122,7 @@ def test_an_effect_that_declares_nothing_is_differenced_where_it_stands() -> Non
         def apply(self, state: RobotState, *, k: float) -> RobotState:
             return state.add_joint_error(self.joint, k**2 * state.q_rad[:, self.joint])
 
-    state = state_of(DATASET)
+    state = nominal_state(DATASET)
     for k in (0.0, 0.03, -0.2):
         (derivative,) = state_derivative(Squared(), state, np.array([k]))
         expected = np.zeros_like(derivative)
@@ -139,7 +132,7 @@ def test_an_effect_that_declares_nothing_is_differenced_where_it_stands() -> Non
 
 @pytest.mark.parametrize("effect", MEMBERS, ids=label)
 def test_an_effect_of_its_usual_size_moves_the_tool_by_a_sane_amount(effect: Effect) -> None:
-    state = state_of(DATASET)
+    state = nominal_state(DATASET)
     sizes = np.array([p.scale for p in effect.parameters])
     after = apply_values(effect, state, sizes)
     moved = np.linalg.norm(after.place(after.chain.target_mm) - state.place(state.chain.target_mm), axis=1)
