@@ -52,7 +52,9 @@ def figure_15(dataset: Dataset) -> None:
                 f"  {label:16} {a:9.4f} {b:9.4f} {100 * (1 - b / a):7.2f}%   {float(row['before_mm']):13.4f} "
                 f"{float(row['after_mm']):9.4f} {float(row['reduction_percent']):7.2f}%"
             )
-    by_iteration = " ".join(f"{step.train_distance_rmse_mm:.4f}" for step in results["distance"].steps)
+    by_iteration = " ".join(
+        f"{step.train_distance_rmse_mm:.4f}" for step in results["distance"].iteration_errors
+    )
     print(
         f"training RMSE of the distances by iteration (paper: settles at 0.0989 by the 4th): {by_iteration}"
     )

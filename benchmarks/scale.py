@@ -36,7 +36,7 @@ def child(count: int, residual: str) -> None:
     from calib.dataset.files.robot_toml import builtin_robot
     from calib.fitting.model import geometric_model
     from calib.fitting.observations import Observations
-    from calib.fitting.position_residuals import make_residuals
+    from calib.fitting.residual_kinds import make_residuals
     from calib.fitting.trust_region import solve
     from calib.options import FitOptions
     from calib.simulation.truth.equilibrium import Truth

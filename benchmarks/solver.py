@@ -35,10 +35,12 @@ from simulated import (  # isort: skip  (sets the paths)
 from plain import Outcome, held_out_mm, plain, plain_distances, plain_positions
 
 from calib.dataset.dataset import Dataset
+from calib.fitting.fit import Fit
 from calib.fitting.model import Model, geometric_model
 from calib.fitting.observations import Observations
-from calib.fitting.position_residuals import PositionResiduals, make_residuals
-from calib.fitting.trust_region import Fit, solve
+from calib.fitting.position_residuals import PositionResiduals
+from calib.fitting.residual_kinds import make_residuals
+from calib.fitting.trust_region import solve
 from calib.identifiability.redundancy import analyse
 from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import Robot, Tool

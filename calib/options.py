@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 RESIDUAL_KINDS = ("position", "distance", "pairs", "pose")
-"""What a fit may make small: `calib.fitting.position_residuals`."""
+"""What a fit may make small: `calib.fitting.residual_kinds`."""
 CORRECTION_KINDS = ("position", "pose")
 """What a correction may bring right: `calib.compensation.target_correction`."""
 BUILTIN_ROBOTS = ("rb5", "panda")

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from calib.blas_threads import one_blas_thread
-from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
-from calib.calibration.orientation_errors import Attitudes, attitude_lines, evaluate_attitudes
+from calib.calibration.evaluation import evaluate_all
+from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.effects.effect import Effect
 from calib.effects.link_errors import LinkErrors
 from calib.errors import FitError
+from calib.fitting.fit import Fit, Iteration
 from calib.fitting.model import Model, geometric_model
 from calib.fitting.observations import Observations, place_scanner
 from calib.fitting.pose_residuals import require_orientations
-from calib.fitting.position_residuals import make_residuals
+from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.robust import solve_robustly
-from calib.fitting.trust_region import Fit, Iteration, solve
+from calib.fitting.trust_region import solve
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
@@ -30,150 +29,6 @@ from calib.options import FitOptions
 Array = NDArray[np.float64]
 
 MOST_TOLERANCE = 1e6  # mm or rad: whoever wants no prior switches it off
-
-
-@dataclass(frozen=True)
-class Step:
-    """One iteration as the user sees it: 3D error of training and test poses (nan without test poses)."""
-
-    train_rmse_mm: float
-    test_rmse_mm: float
-    train_distance_rmse_mm: float
-    test_distance_rmse_mm: float
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """A fitted model and how it stands to the measurements."""
-
-    dataset: Dataset
-    model: Model
-    options: FitOptions  # what was asked of the fit
-    fit: Fit
-    before: Evaluation
-    after: Evaluation
-    weights: Array | None = None  # of the training points, where the fit was robust
-
-    @property
-    def residual(self) -> str:
-        """What was made small, of `calib.options.RESIDUAL_KINDS`."""
-        return self.options.residual
-
-    @property
-    def robot(self) -> Robot:
-        """The robot with the fitted table."""
-        return self.model.calibrated_robot(self.fit.x)
-
-    @cached_property
-    def steps(self) -> tuple[Step, ...]:
-        """One an iteration, the first is the nominal robot; worked out when first asked for."""
-        at = evaluate_all(self.model, [step.x for step in self.fit.iterations], self.dataset)
-        return tuple(_step(evaluation) for evaluation in at)
-
-    @cached_property
-    def attitudes(self) -> tuple[Attitudes, Attitudes] | None:
-        """Errors of the orientations before and after, where they were fitted."""
-        if self.residual != "pose":
-            return None
-        before, after = (
-            evaluate_attitudes(self.model, x, self.dataset) for x in (0.0 * self.fit.x, self.fit.x)
-        )
-        return before, after
-
-    @property
-    def faces_named(self) -> str:
-        """What told the jig's faces apart, where full poses from scans were fitted; else nothing."""
-        points = self.dataset.points
-        orientations = None if points is None else points.orientations
-        return orientations.named if self.residual == "pose" and orientations is not None else ""
-
-    @property
-    def sigma_mm(self) -> float:
-        """Residual sigma of one coordinate of one point, by degrees of freedom; nan where none are left."""
-        return self.fit.noise * declared_sigma_mm(self.dataset)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        out = [*self.dataset.warnings, *self.after.notes]
-        if not self.fit.converged:
-            out.append(f"the fit did not converge: {self.fit.reason}")
-        if self.weights is not None:
-            rows = np.flatnonzero(self.weights < 0.5)
-            poses = Observations.of(self.dataset).points.pose[rows]
-            names = ", ".join(self.dataset.poses.ids[i] for i in np.unique(poses)[:8]) or "none"
-            out.append(
-                f"{len(rows)} points count less than half: {names}; outliers are often physics, look at them"
-            )
-        return tuple(out)
-
-    def require_improvement(self, *, force: bool = False) -> None:
-        """Raise FitError where the result should not be put on a robot: not converged, or worse on test poses."""
-        if force:
-            return
-        way_out = "find out why before you use it, or force it"
-        if not self.fit.converged:
-            raise FitError(
-                f"dataset {self.dataset.name}: the fit did not converge ({self.fit.reason}); {way_out}"
-            )
-        before, after = self.before.test, self.after.test
-        if before is not None and after is not None and after.rmse_mm >= before.rmse_mm:
-            raise FitError(
-                f"dataset {self.dataset.name}: the test poses got worse, RMSE {before.rmse_mm:.4g} -> "
-                f"{after.rmse_mm:.4g} mm; {way_out}"
-            )
-
-    def to_frame(self) -> pd.DataFrame:
-        """The parameters: name, nominal, value, change, sigma, tolerance, unit, and whether the data know them."""
-        parameters = self.fit.parameters
-        return pd.DataFrame(
-            {
-                "name": [p.name for p in parameters],
-                "nominal": [p.nominal for p in parameters],
-                "value": [p.nominal + v for p, v in zip(parameters, self.fit.x, strict=True)],
-                "change": self.fit.x,
-                "sigma": self.fit.sigma,
-                "tolerance": [p.scale for p in parameters],
-                "unit": [p.unit for p in parameters],
-                "known": self.fit.sigma < 0.5 * self.model.scales,
-            }
-        )
-
-    def summary(self) -> str:
-        lines = [f"{self.dataset.name}: {self.residual} residual, {self.fit.summary()}"]
-        for label, before, after in (
-            ("train", self.before.train, self.after.train),
-            ("test ", self.before.test, self.after.test),
-        ):
-            if before is not None and after is not None:
-                lines.append(f"{label} {figures_line(before, after)}")
-        if self.attitudes is not None:
-            lines += attitude_lines(*self.attitudes)
-        if self.faces_named:
-            lines.append(self.faces_named)
-        return "\n".join([*lines, *self.warnings])
-
-
-def figures_line(before: Figures, after: Figures) -> str:
-    """Before and after in one line, with the change in per cent."""
-
-    def fall(name: str, a: float, b: float) -> str:
-        share = f" ({100.0 * (b / a - 1.0):+.1f} %)" if a > 0.0 else ""
-        return f"{name} {a:.4g} -> {b:.4g} mm{share}"
-
-    return ", ".join(
-        [
-            fall("RMSE", before.rmse_mm, after.rmse_mm),
-            fall("max", before.max_mm, after.max_mm),
-            fall("distance max", before.distance_max_mm, after.distance_max_mm),
-            fall("distance mean", before.distance_mean_mm, after.distance_mean_mm),
-        ]
-    )
-
-
-def declared_sigma_mm(dataset: Dataset) -> float:
-    """RMS over the measured points of what their covariances declare for one coordinate."""
-    covariance = Observations.of(dataset).covariance_mm2
-    return float(np.sqrt(np.mean(np.trace(covariance, axis1=-2, axis2=-1)) / 3.0))
 
 
 @one_blas_thread()
@@ -291,17 +146,3 @@ def checked_tolerances(robot: Robot, tolerances: Mapping[str, float]) -> Mapping
                 "in mm or rad"
             )
     return tolerances
-
-
-def _step(evaluation: Evaluation) -> Step:
-    def rms(values: Array) -> float:
-        return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
-
-    train, test = evaluation.train, evaluation.test
-    of_test = evaluation.is_test[evaluation.distance_pose]
-    return Step(
-        train.rmse_mm if train else float("nan"),
-        test.rmse_mm if test else float("nan"),
-        rms(evaluation.distance_error_mm[~of_test]),
-        rms(evaluation.distance_error_mm[of_test]),
-    )

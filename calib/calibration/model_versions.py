@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.calibration.calibrate import Calibration, calibrate
+from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Evaluation
+from calib.calibration.result import Calibration
 from calib.fitting.model import Model, geometric_model
 from calib.options import FitOptions
 

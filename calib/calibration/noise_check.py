@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.calibration.calibrate import Calibration, declared_sigma_mm
+from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.dataset.dataset import Dataset
 from calib.distributions import chi2_ppf
 

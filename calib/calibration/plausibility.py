@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.calibration.calibrate import Calibration
+from calib.calibration.result import Calibration
 
 FAR = 100.0
 """No arm has a length or an angle this many tolerances (100 mm, 50 deg) from its nominal value."""

@@ -9,9 +9,9 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from calib import frames
-from calib.calibration.calibrate import Calibration
 from calib.calibration.input_variables import inputs_at
 from calib.calibration.joint_directions import directions_at
+from calib.calibration.result import Calibration
 from calib.distributions import chi2_ppf
 from calib.fitting.observations import Observations, place_scanner
 from calib.fitting.scanner_frame import whitener

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from calib.calibration.calibrate import Calibration
 from calib.calibration.pose_errors import Failure, failure_of
+from calib.calibration.result import Calibration
 from calib.dataset.dataset import Poses
 from calib.fitting.observations import Observations
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calib import frames
-from calib.calibration.calibrate import Calibration
+from calib.calibration.result import Calibration
 from calib.errors import FitError
 from calib.fitting.observations import Observations, conditions_at, linearise_points
 from calib.identifiability.structural import redundancy

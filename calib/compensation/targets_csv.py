@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.calibration.calibrate import Calibration
+from calib.calibration.result import Calibration
 from calib.compensation.target_correction import Correction, needed_columns
 from calib.dataset.dataset import Poses
 from calib.dataset.files.csv_table import TableFile

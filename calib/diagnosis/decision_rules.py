@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.calibration.calibrate import Calibration
+from calib.calibration.result import Calibration
 from calib.diagnosis.fault_models import LocalFault, best_fault
 from calib.diagnosis.residual_tests import Remains
 from calib.diagnosis.screening import Candidate, Screening

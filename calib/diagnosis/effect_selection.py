@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.calibration.calibrate import Calibration, calibrate
+from calib.calibration.calibrate import calibrate
+from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.screening import Candidate, Screening, screen
 from calib.effects.catalogue import effects_for, family_of

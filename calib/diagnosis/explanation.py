@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.calibration.calibrate import Calibration
 from calib.calibration.noise_check import is_declared
 from calib.calibration.plausibility import does_not_belong
+from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import MARGIN
 from calib.diagnosis.parameter_meaning import meaning
 from calib.diagnosis.pose_recommendation import in_words, splitting_poses

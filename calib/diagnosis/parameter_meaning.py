@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.calibration.calibrate import Calibration
+from calib.calibration.result import Calibration
 
 
 def meaning(name: str, size: float, unit: str, calibration: Calibration) -> str:

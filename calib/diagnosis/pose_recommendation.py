@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import frames
-from calib.calibration.calibrate import Calibration, calibrate
+from calib.calibration.calibrate import calibrate
+from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import RIVAL
 from calib.diagnosis.screening import Candidate, Screening
 from calib.diagnosis.stepwise import Diagnosis

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.calibration.calibrate import Calibration
 from calib.calibration.joint_directions import directions_at
+from calib.calibration.result import Calibration
 from calib.effects.state import RobotState
 from calib.errors import FitError
 from calib.fitting.model import point_by_state

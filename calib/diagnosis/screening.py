@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from calib.blas_threads import one_blas_thread
-from calib.calibration.calibrate import Calibration
+from calib.calibration.result import Calibration
 from calib.diagnosis.evidence import Evidence, Problem, holm, weigh
 from calib.diagnosis.projected_residual import Leftover, leftover_of
 from calib.effects.effect import Effect, Family, full_name

@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 
 from calib.blas_threads import one_blas_thread
-from calib.calibration.calibrate import Calibration
 from calib.calibration.plausibility import does_not_belong
+from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset, without_poses
 from calib.diagnosis.decision_rules import (
     FLOOR,

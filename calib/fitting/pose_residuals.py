@@ -26,9 +26,9 @@ from calib import frames
 from calib.dataset.dataset import Dataset
 from calib.effects.effect import Array, Parameter
 from calib.errors import FitError
-from calib.fitting.linearised import Linearised
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, linearise_poses, predict_poses
+from calib.fitting.residual import Linearisation
 from calib.fitting.scanner_frame import fit_scanner_frame, orthonormal
 
 _STEPS = 50
@@ -140,7 +140,7 @@ class PoseResiduals:
         _, error, _ = self._settled(*predict_poses(self.model, x, self.observed))
         return np.einsum("mij,mj->mi", self._whiten, error).ravel()[self._rows]
 
-    def linearise(self, x: Array) -> Linearised:
+    def linearise(self, x: Array) -> Linearisation:
         base_mm, attitude, by_x = linearise_poses(self.model, x, self.observed)
         placed, error, columns = self._settled(base_mm, attitude)
         turn = self._scanner_R_base(placed)
@@ -148,7 +148,7 @@ class PoseResiduals:
         jacobian = (self._whiten @ by_x).reshape(6 * len(error), -1)[self._rows]
         basis = self._basis(error, columns)
         residual = np.einsum("mij,mj->mi", self._whiten, error).ravel()[self._rows]
-        return Linearised(residual, jacobian - basis @ (basis.T @ jacobian))
+        return Linearisation(residual, jacobian - basis @ (basis.T @ jacobian))
 
     def errors(self, placed: Placement, base_mm: Array, attitude: Array) -> Array:
         """(M, 6) predicted less measured: mm, and the turn's vector in rad (without meaning where it is not known)."""

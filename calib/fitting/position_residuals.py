@@ -1,53 +1,23 @@
-"""Residuals: what the solver makes small. Four kinds with one interface; the solver knows none of them.
-
-* `PositionResiduals`: measured points against predicted ones, the scanner's frame of each setup unknown.
-* `DistanceResiduals`: distances from a reference pose, which need no frame at all (Jang 2025 eq 9-16).
-* `PairResiduals`: the distances between all points of a setup, with the covariance that they really have.
-* `PoseResiduals` (`calib.fitting.pose_residuals`): positions, and orientations of the jig where they were measured.
-
-All are whitened: with the declared sigmas right and the model complete, each row has variance 1.
-"""
+"""Position residuals: measured points against predicted ones, the scanner's frame of each setup unknown."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib import frames
 from calib.effects.effect import Array, Parameter
-from calib.errors import FitError
-from calib.fitting.linearised import Linearised
 from calib.fitting.model import Model
 from calib.fitting.observations import (
     Observations,
     linearise_points,
-    mean_jig_points,
     predict_points,
-    setup_references,
 )
-from calib.fitting.pose_residuals import PoseResiduals
+from calib.fitting.residual import Linearisation
 from calib.fitting.scanner_frame import fit_scanner_frame, frame_columns, orthonormal, whitener
-from calib.options import RESIDUAL_KINDS
-
-
-class Residuals(Protocol):
-    """What the solver needs to know of a problem."""
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]: ...
-
-    @property
-    def degrees_spent(self) -> int:
-        """Unknowns that the residual has solved for by itself (the scanner's frames)."""
-        ...
-
-    def residual(self, x: Array) -> Array: ...
-
-    def linearise(self, x: Array) -> Linearised: ...
 
 
 @dataclass(frozen=True)
@@ -107,7 +77,7 @@ class PositionResiduals:
             out[rows] = np.einsum("mij,mj->mi", self._whiten[rows], error_mm)
         return out.ravel()
 
-    def linearise(self, x: Array) -> Linearised:
+    def linearise(self, x: Array) -> Linearisation:
         base_mm, by_x = linearise_points(self.model, x, self.observed)
         residual = np.empty_like(base_mm)
         jacobian = np.empty_like(by_x)
@@ -119,7 +89,7 @@ class PositionResiduals:
             columns = (self._whiten[rows] @ scanner_T_base[:3, :3] @ by_x[rows]).reshape(-1, by_x.shape[-1])
             basis = self._frame_basis(at_mm, rows)
             jacobian[rows] = (columns - basis @ (basis.T @ columns)).reshape(len(rows), 3, -1)
-        return Linearised(residual.ravel(), jacobian.reshape(-1, by_x.shape[-1]))
+        return Linearisation(residual.ravel(), jacobian.reshape(-1, by_x.shape[-1]))
 
     def base_to_residual(self, x: Array) -> Array:
         """(M, 3, 3) from a change of each predicted point, mm in the base frame, to the residual's rows."""
@@ -143,93 +113,6 @@ class PositionResiduals:
 
 
 @dataclass(frozen=True)
-class DistanceResiduals:
-    """Distances between a reference pose and all others, predicted minus measured.
-
-    Jang's row (eq 14), L_M^2 - L_N^2 = 2 (P_k - P_1)^T (J_k - J_1) dX, divided by 2 L: to first order the same
-    equation in millimetres, so that long distances do not count more than short ones. All rows share the noise of the
-    reference point; their covariance 1 + U U^T (U: the unit vectors) is whitened away at linear cost.
-    """
-
-    model: Model
-    observed: Observations
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return self.model.parameters
-
-    @property
-    def degrees_spent(self) -> int:
-        return 0
-
-    @cached_property
-    def _setups(self) -> list[_DistanceRows]:
-        return _distance_rows(self.observed)
-
-    def residual(self, x: Array) -> Array:
-        base_mm = self._predict(x)
-        return np.concatenate(
-            [rows.whiten(rows.lengths(base_mm) - rows.measured_mm) for rows in self._setups]
-        )
-
-    def _predict(self, x: Array) -> Array:
-        return self.model.predict(x, self.observed.used_poses[0], seen=self.observed.seen())
-
-    def linearise(self, x: Array) -> Linearised:
-        base_mm, by_x = self.model.linearise(x, self.observed.used_poses[0], seen=self.observed.seen())
-        residual, jacobian = [], []
-        for rows in self._setups:
-            along = base_mm[rows.others] - base_mm[rows.reference]
-            length = np.linalg.norm(along, axis=1)
-            direction = along / np.maximum(length, 1e-12)[:, None]
-            difference = by_x[rows.others] - by_x[rows.reference]
-            residual.append(rows.whiten(length - rows.measured_mm))
-            jacobian.append(rows.whiten(np.einsum("ki,kip->kp", direction, difference)))
-        return Linearised(np.concatenate(residual), np.concatenate(jacobian))
-
-
-@dataclass(frozen=True)
-class _DistanceRows:
-    """The distances of one setup: rows of the used poses, measured lengths and how to whiten them."""
-
-    reference: int
-    others: NDArray[np.int64]  # (K,)
-    measured_mm: Array  # (K,)
-    sigma_mm: Array  # (K,) of the far point along the line
-    shared: Array  # (K, r) U S^-1 ... left singular vectors of the shared part
-    shrink: Array  # (r,) 1 - 1 / sqrt(1 + s^2)
-
-    def lengths(self, base_mm: Array) -> Array:
-        return np.linalg.norm(base_mm[self.others] - base_mm[self.reference], axis=1)
-
-    def whiten(self, rows: Array) -> Array:
-        """(1 + U U^T)^(-1/2) applied to rows (K,) or (K, P), after division by each row's own sigma."""
-        scaled = (rows.T / self.sigma_mm).T
-        return scaled - (self.shared * self.shrink) @ (self.shared.T @ scaled)
-
-
-def _distance_rows(observed: Observations) -> list[_DistanceRows]:
-    poses, _ = observed.used_poses
-    usable, mean_mm, covariance = mean_jig_points(observed)
-    out = []
-    for setup, reference in setup_references(poses, usable).items():
-        others = np.flatnonzero(usable & (poses.setup == setup) & (np.arange(len(poses)) != reference))
-        along = mean_mm[others] - mean_mm[reference]
-        measured = np.linalg.norm(along, axis=1)
-        others, along, measured = others[measured > 1e-9], along[measured > 1e-9], measured[measured > 1e-9]
-        if len(others) == 0:
-            continue
-        direction = along / measured[:, None]
-        sigma = np.sqrt(np.einsum("ki,kij,kj->k", direction, covariance[others], direction))
-        root = np.linalg.cholesky(covariance[reference])
-        u, s, _ = np.linalg.svd((direction / sigma[:, None]) @ root, full_matrices=False)
-        out.append(_DistanceRows(reference, others, measured, sigma, u, 1.0 - 1.0 / np.sqrt(1.0 + s**2)))
-    if not out:
-        raise FitError("found no two poses of one setup with measured points; a distance needs two")
-    return out
-
-
-@dataclass(frozen=True)
 class PairResiduals(PositionResiduals):
     """The distances between all points of a setup, weighted by the inverse of their joint covariance.
 
@@ -242,18 +125,3 @@ class PairResiduals(PositionResiduals):
     squares on the points with a free frame. So it is computed as such, at linear cost in time and memory. Taken as
     independent, all distances count each point's error N - 1 times and promise far too much.
     """
-
-
-def make_residuals(
-    kind: str, model: Model, observed: Observations
-) -> PositionResiduals | DistanceResiduals | PoseResiduals:
-    """Residuals by their name on the command line. Raises FitError on another name."""
-    if kind == "pairs":
-        return PairResiduals(model, observed)
-    if kind == "position":
-        return PositionResiduals(model, observed)
-    if kind == "distance":
-        return DistanceResiduals(model, observed)
-    if kind == "pose":
-        return PoseResiduals(model, observed)
-    raise FitError(f"no residual named {kind!r}; there are {' and '.join(RESIDUAL_KINDS)}")

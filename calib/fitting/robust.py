@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from scipy import special
 
 from calib.distributions import chi_median
+from calib.fitting.fit import Fit
 from calib.fitting.observations import Observations
 from calib.fitting.pose_residuals import PoseResiduals
-from calib.fitting.position_residuals import Residuals
-from calib.fitting.trust_region import Fit, solve
+from calib.fitting.residual import Residuals
+from calib.fitting.trust_region import solve
 
 Array = NDArray[np.float64]
 

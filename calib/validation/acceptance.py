@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.calibration.calibrate import Calibration, calibrate, declared_sigma_mm
+from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Figures
 from calib.calibration.noise_check import is_declared, noise_floor_mm
 from calib.calibration.plausibility import does_not_belong
+from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import Repeats, find_repeats, pooled_sigma_mm

@@ -15,13 +15,14 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from calib.blas_threads import one_blas_thread
-from calib.calibration.calibrate import Calibration, calibrate, figures_line
+from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Evaluation, Figures
 from calib.calibration.noise_check import SigmaCheck, check_sigma
+from calib.calibration.result import Calibration, figures_line
 from calib.dataset.dataset import Dataset
 from calib.effects.effect import Effect
 from calib.errors import FitError
-from calib.fitting.trust_region import Fit
+from calib.fitting.fit import Fit
 from calib.options import FitOptions
 from calib.validation.splits import deal_folds, split_dataset, training_places
 

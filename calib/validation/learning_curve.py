@@ -13,8 +13,9 @@ import numpy as np
 import pandas as pd
 
 from calib.blas_threads import one_blas_thread
-from calib.calibration.calibrate import Calibration, calibrate
+from calib.calibration.calibrate import calibrate
 from calib.calibration.noise_check import SigmaCheck, check_sigma
+from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.effects.effect import Effect
 from calib.errors import FitError

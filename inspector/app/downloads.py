@@ -10,7 +10,7 @@ from pathlib import Path
 
 import viser
 
-from calib.calibration.calibrate import Calibration
+from calib.calibration.result import Calibration
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.errors import CalibError, DatasetError
 from inspector.app.stage import Stage

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
 
-from calib.calibration.calibrate import Calibration
 from calib.calibration.plausibility import does_not_belong
+from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import known_sums
 from calib.compensation.target_correction import corrected_joints
 from calib.compensation.targets_csv import corrected_table, load_targets, require_conditions

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from calib.calibration.calibrate import Calibration
 from calib.calibration.evaluation import Evaluation, Figures
+from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import correlated_pairs, known_sums
 from calib.compensation.target_correction import Correction
 from calib.diagnosis.effect_selection import Addition
@@ -30,7 +30,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
                 "distance_rmse_mm": step.train_distance_rmse_mm,
                 "test_distance_rmse_mm": step.test_distance_rmse_mm,
             }
-            for step in calibration.steps
+            for step in calibration.iteration_errors
         ],
         "converged": fit.converged,
         "reason": fit.reason,

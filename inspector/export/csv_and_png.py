@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from calib.calibration.calibrate import Calibration
 from calib.calibration.residual_table import residual_table
+from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.points_csv import points_frame
 from calib.identifiability.redundancy import Redundancy

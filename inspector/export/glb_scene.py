@@ -13,7 +13,7 @@ import trimesh
 
 from calib import frames
 from calib.array_types import Array
-from calib.calibration.calibrate import Calibration
+from calib.calibration.result import Calibration
 from calib.fitting.observations import Observations
 from inspector.markup.palette import ARM, JOINT, MODEL_COLOURS, SLIDE, UNKNOWN, rgb, role_colour
 from inspector.scene.arm_shape import ArmShape, arm_shape

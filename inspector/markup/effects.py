@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.calibration.calibrate import Calibration
 from calib.calibration.noise_check import noise_floor_mm
+from calib.calibration.result import Calibration
 from calib.diagnosis.advice import Advice
 from calib.diagnosis.decision_rules import is_convincing
 from calib.diagnosis.explanation import explain, left_in_short, verdict_words

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from calib.calibration.calibrate import Calibration
+from calib.calibration.result import Calibration
 from inspector.markup import elements as tables
 from inspector.markup import numbers as words
 from inspector.markup.numbers import parameter_label
@@ -49,7 +49,7 @@ def state_html(result: Calibration) -> str:
     rows: list[tuple[str, object]] = [
         ("residual", f"{result.residual}, {words.count(fit.rows, 'equation')}"),
         ("parameters", f"{len(fit.parameters)}, of which {fit.rank} can be told apart"),
-        ("iterations", len(result.steps) - 1),
+        ("iterations", len(result.iteration_errors) - 1),
         ("ended", fit.reason),
     ]
     if np.isfinite(result.sigma_mm):

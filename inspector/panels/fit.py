@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import viser
 
-from calib.calibration.calibrate import Calibration
+from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from inspector.figures.plots import convergence, outline, pose_residuals
 from inspector.markup import elements as tables
@@ -72,8 +72,8 @@ class FitPanel:
         self._fitted = result
         self._state.content = state_html(result)
         distances = result.residual == "distance"
-        train = [s.train_distance_rmse_mm if distances else s.train_rmse_mm for s in result.steps]
-        test = [s.test_distance_rmse_mm if distances else s.test_rmse_mm for s in result.steps]
+        train = [s.train_distance_rmse_mm if distances else s.train_rmse_mm for s in result.iteration_errors]
+        test = [s.test_distance_rmse_mm if distances else s.test_rmse_mm for s in result.iteration_errors]
         self._convergence.figure = convergence(train, test, what=what_is_fitted(result), dark=view.dark)
         self._figures.content = figures_html(result)
         self._parameters.content = parameters_html(result)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calib.calibration.calibrate import Calibration
 from calib.calibration.pose_errors import Failure, failure_of
+from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.residual_tests import Remains, examine
 from calib.diagnosis.screening import Screening

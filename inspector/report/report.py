@@ -12,8 +12,8 @@ from pathlib import Path
 
 import plotly.graph_objects as go
 
-from calib.calibration.calibrate import Calibration
 from calib.calibration.noise_check import check_sigma, noise_floor_mm
+from calib.calibration.result import Calibration
 from calib.diagnosis.explanation import explain
 from inspector.figures.plots import error_history
 from inspector.markup import numbers as words

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 import plotly.graph_objects as go
 
-from calib.calibration.calibrate import Calibration
 from calib.calibration.noise_check import check_sigma
 from calib.calibration.pose_errors import running_median
+from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import Combination, known_sums
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from calib.calibration.calibrate import Calibration
 from calib.calibration.pose_errors import Failure
+from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.effect_selection import Added

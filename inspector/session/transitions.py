@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from calib.calibration.calibrate import Calibration
 from calib.calibration.pose_errors import failure_of
+from calib.calibration.result import Calibration
 from calib.corners.batch import search_file
 from calib.dataset.dataset import Dataset, without_poses
 from calib.dataset.files.folder import load_dataset

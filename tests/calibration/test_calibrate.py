@@ -54,8 +54,8 @@ def test_the_held_out_error_falls_to_the_noise(residual: str) -> None:
     # 0.02 mm an axis is 0.035 mm in 3D; the fit's own uncertainty comes on top.
     assert result.after.test.rmse_mm < {"position": 0.06, "distance": 0.12}[residual]
     assert result.sigma_mm == pytest.approx(0.02, rel=0.35)
-    assert result.steps[0].train_rmse_mm == pytest.approx(result.before.train.rmse_mm)  # type: ignore[union-attr]
-    assert result.steps[-1].test_rmse_mm == pytest.approx(result.after.test.rmse_mm)
+    assert result.iteration_errors[0].train_rmse_mm == pytest.approx(result.before.train.rmse_mm)  # type: ignore[union-attr]
+    assert result.iteration_errors[-1].test_rmse_mm == pytest.approx(result.after.test.rmse_mm)
 
 
 def test_the_calibrated_table_reaches_places_it_never_saw() -> None:
@@ -308,7 +308,9 @@ def test_a_fit_that_goes_on_from_another_ends_where_it_would_have_ended(robot_na
     plain = calibrate(dataset)
     alone, on = calibrate(dataset, effects=members), calibrate(dataset, effects=members, start=plain)
     np.testing.assert_allclose(on.fit.x, alone.fit.x, atol=0.0, rtol=1e-9)
-    np.testing.assert_array_equal([s.train_rmse_mm for s in on.steps], [s.train_rmse_mm for s in alone.steps])
+    np.testing.assert_array_equal(
+        [s.train_rmse_mm for s in on.iteration_errors], [s.train_rmse_mm for s in alone.iteration_errors]
+    )
     assert on.fit.rank == alone.fit.rank
     assert on.before.train is not None
     assert plain.before.train is not None

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from calib import frames
-from calib.calibration.calibrate import Calibration, calibrate
+from calib.calibration.calibrate import calibrate
 from calib.calibration.model_versions import fits_same_points, versions
+from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.pose_recommendation import poses_between

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from calib import frames
-from calib.calibration.calibrate import Calibration, calibrate
+from calib.calibration.calibrate import calibrate
 from calib.calibration.model_versions import EFFECTS, LINKS, NOMINAL, fits_same_points, versions
+from calib.calibration.result import Calibration
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import effects_for
 from calib.simulation.simulate import simulate_dataset

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.calibration.calibrate import Calibration, calibrate
+from calib.calibration.calibrate import calibrate
+from calib.calibration.result import Calibration
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.advice import advise
 from calib.diagnosis.explanation import input_in_words, left_in_short

@@ -19,7 +19,7 @@ from calib.errors import FitError
 from calib.fitting.model import Model, geometric_model
 from calib.fitting.observations import Observations, place_scanner, predict_poses
 from calib.fitting.pose_residuals import PoseResiduals
-from calib.fitting.position_residuals import make_residuals
+from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.trust_region import solve
 from calib.identifiability.structural import redundancy, structural_rank
 from calib.options import FitOptions

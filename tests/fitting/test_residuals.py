@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from calib.dataset.dataset import Points
 from calib.fitting.model import geometric_model
 from calib.fitting.observations import Observations
-from calib.fitting.position_residuals import make_residuals
+from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.robust import solve_robustly, tukey_weights
 from calib.fitting.trust_region import solve
 from calib.options import RESIDUAL_KINDS

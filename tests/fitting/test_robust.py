@@ -15,11 +15,12 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.distributions import chi2_ppf
+from calib.fitting.fit import Fit
 from calib.fitting.model import Model, geometric_model
 from calib.fitting.observations import Observations
-from calib.fitting.position_residuals import make_residuals
+from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.robust import point_norms, rows_of_points, solve_robustly, tukey_weights, weighted
-from calib.fitting.trust_region import Fit, solve
+from calib.fitting.trust_region import solve
 from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main

@@ -14,10 +14,14 @@ from numpy.typing import NDArray
 from calib.dataset.dataset import Dataset
 from calib.effects.effect import Parameter
 from calib.errors import FitError
+from calib.fitting.distance_residuals import DistanceResiduals
+from calib.fitting.fit import Fit
 from calib.fitting.model import geometric_model
 from calib.fitting.observations import Observations
-from calib.fitting.position_residuals import DistanceResiduals, Linearised, PositionResiduals, make_residuals
-from calib.fitting.trust_region import Fit, solve
+from calib.fitting.position_residuals import PositionResiduals
+from calib.fitting.residual import Linearisation
+from calib.fitting.residual_kinds import make_residuals
+from calib.fitting.trust_region import solve
 from calib.kinematics.robot import Robot
 from tests.support.arms import (
     PANDA_CASES,
@@ -194,8 +198,8 @@ class Curved:
     def residual(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.concatenate([x - 0.01, self.k - self.c * x**2 / 2.0])
 
-    def linearise(self, x: NDArray[np.float64]) -> Linearised:
-        return Linearised(self.residual(x), np.vstack([np.eye(len(x)), np.diag(-self.c * x)]))
+    def linearise(self, x: NDArray[np.float64]) -> Linearisation:
+        return Linearisation(self.residual(x), np.vstack([np.eye(len(x)), np.diag(-self.c * x)]))
 
 
 def test_steps_that_shrink_slowly_are_followed_to_their_limit() -> None:

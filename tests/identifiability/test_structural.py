@@ -15,7 +15,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import FitError
 from calib.fitting.model import geometric_model
 from calib.fitting.observations import Observations
-from calib.fitting.position_residuals import make_residuals
+from calib.fitting.residual_kinds import make_residuals
 from calib.identifiability.structural import redundancy, structural_rank, with_place_unknown
 from calib.kinematics.robot import Joint, Robot, Tool
 from calib.simulation.truth.equilibrium import Truth, base_T_target

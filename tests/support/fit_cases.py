@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from calib.dataset.dataset import Dataset, Orientations, Points
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.effect import Effect, full_name
-from calib.fitting.position_residuals import Residuals
+from calib.fitting.residual import Residuals
 from calib.simulation.simulate import simulate_dataset
 from tests.support.arms import dataset_of, perturbed
 

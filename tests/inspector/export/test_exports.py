@@ -16,8 +16,8 @@ import pytest
 import trimesh
 from PIL import Image
 
-from calib.calibration.calibrate import Calibration
 from calib.calibration.residual_table import residual_table
+from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.points_csv import load_points

@@ -1,0 +1,105 @@
+"""The distance solver's residual (Jang 2025 eq 9-16): distances from a reference pose, which need no scanner's frame.
+
+`calib.fitting.trust_region` solves it; its full Gauss-Newton step is the pseudo-inverse of Jang eq 16.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calib.array_types import Array, IndexArray
+from calib.effects.effect import Parameter
+from calib.errors import FitError
+from calib.fitting.model import Model
+from calib.fitting.observations import Observations, mean_jig_points, setup_references
+from calib.fitting.residual import Linearisation
+
+
+@dataclass(frozen=True)
+class DistanceResiduals:
+    """Distances between a reference pose and all others, predicted minus measured.
+
+    Jang's row (eq 14), L_M^2 - L_N^2 = 2 (P_k - P_1)^T (J_k - J_1) dX, divided by 2 L: to first order the same
+    equation in millimetres, so that long distances do not count more than short ones. All rows share the noise of the
+    reference point; their covariance 1 + U U^T (U: the unit vectors) is whitened away at linear cost.
+    """
+
+    model: Model
+    observed: Observations
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.model.parameters
+
+    @property
+    def degrees_spent(self) -> int:
+        return 0
+
+    @cached_property
+    def _setups(self) -> list[_DistanceRows]:
+        return _distance_rows(self.observed)
+
+    def residual(self, x: Array) -> Array:
+        base_mm = self._predict(x)
+        return np.concatenate(
+            [rows.whiten(rows.lengths(base_mm) - rows.measured_mm) for rows in self._setups]
+        )
+
+    def _predict(self, x: Array) -> Array:
+        return self.model.predict(x, self.observed.used_poses[0], seen=self.observed.seen())
+
+    def linearise(self, x: Array) -> Linearisation:
+        base_mm, by_x = self.model.linearise(x, self.observed.used_poses[0], seen=self.observed.seen())
+        residual, jacobian = [], []
+        for rows in self._setups:
+            along = base_mm[rows.others] - base_mm[rows.reference]
+            length = np.linalg.norm(along, axis=1)
+            direction = along / np.maximum(length, 1e-12)[:, None]
+            difference = by_x[rows.others] - by_x[rows.reference]
+            residual.append(rows.whiten(length - rows.measured_mm))
+            jacobian.append(rows.whiten(np.einsum("ki,kip->kp", direction, difference)))
+        return Linearisation(np.concatenate(residual), np.concatenate(jacobian))
+
+
+@dataclass(frozen=True)
+class _DistanceRows:
+    """The distances of one setup: rows of the used poses, measured lengths and how to whiten them."""
+
+    reference: int
+    others: IndexArray  # (K,)
+    measured_mm: Array  # (K,)
+    sigma_mm: Array  # (K,) of the far point along the line
+    shared: Array  # (K, r) U S^-1 ... left singular vectors of the shared part
+    shrink: Array  # (r,) 1 - 1 / sqrt(1 + s^2)
+
+    def lengths(self, base_mm: Array) -> Array:
+        return np.linalg.norm(base_mm[self.others] - base_mm[self.reference], axis=1)
+
+    def whiten(self, rows: Array) -> Array:
+        """(1 + U U^T)^(-1/2) applied to rows (K,) or (K, P), after division by each row's own sigma."""
+        scaled = (rows.T / self.sigma_mm).T
+        return scaled - (self.shared * self.shrink) @ (self.shared.T @ scaled)
+
+
+def _distance_rows(observed: Observations) -> list[_DistanceRows]:
+    poses, _ = observed.used_poses
+    usable, mean_mm, covariance = mean_jig_points(observed)
+    out = []
+    for setup, reference in setup_references(poses, usable).items():
+        others = np.flatnonzero(usable & (poses.setup == setup) & (np.arange(len(poses)) != reference))
+        along = mean_mm[others] - mean_mm[reference]
+        measured = np.linalg.norm(along, axis=1)
+        others, along, measured = others[measured > 1e-9], along[measured > 1e-9], measured[measured > 1e-9]
+        if len(others) == 0:
+            continue
+        direction = along / measured[:, None]
+        sigma = np.sqrt(np.einsum("ki,kij,kj->k", direction, covariance[others], direction))
+        root = np.linalg.cholesky(covariance[reference])
+        u, s, _ = np.linalg.svd((direction / sigma[:, None]) @ root, full_matrices=False)
+        out.append(_DistanceRows(reference, others, measured, sigma, u, 1.0 - 1.0 / np.sqrt(1.0 + s**2)))
+    if not out:
+        raise FitError("found no two poses of one setup with measured points; a distance needs two")
+    return out

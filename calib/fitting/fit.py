@@ -1,0 +1,49 @@
+"""What a fit comes to: the parameters, how well they are known, and the way the solver took."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.array_types import Array, BoolArray
+from calib.effects.effect import Parameter
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One accepted point of the solver's way; the first is the start."""
+
+    x: Array  # (P,)
+    cost: float  # sum of squared whitened residuals, without the prior
+    step: float  # length of the step that led here, in tolerances
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What came out. `x` holds corrections in the parameters' own units."""
+
+    parameters: tuple[Parameter, ...]
+    x: Array  # (P,)
+    covariance: Array  # (P, P) by the noise that the residual shows, and the prior where one was used
+    undetermined: BoolArray  # (P,) neither data nor prior bound them; their covariance is meaningless
+    iterations: tuple[Iteration, ...]
+    converged: bool
+    reason: str
+    rank: int  # of the Jacobian at the nominal robot, where redundant parameters are exactly redundant
+    known: int  # directions that the data know better than their tolerance does
+    rows: int
+    degrees_of_freedom: float
+    noise: float  # residual sigma over declared sigma; nan without degrees of freedom
+
+    @property
+    def sigma(self) -> Array:
+        """(P,) standard deviation of each parameter; inf where nothing bounds it."""
+        return np.where(self.undetermined, np.inf, np.sqrt(np.diag(self.covariance)))
+
+    def summary(self) -> str:
+        state = "converged" if self.converged else "not converged"
+        return (
+            f"{state} after {len(self.iterations) - 1} iterations ({self.reason}); {self.rows} rows, "
+            f"{len(self.x)} parameters, rank {self.rank}, residual {self.noise:.3g} times the points' sigma"
+        )

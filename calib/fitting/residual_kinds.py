@@ -1,0 +1,34 @@
+"""The residuals that a user may choose, by name.
+
+* "position" (`PositionResiduals`): measured points against predicted ones, the scanner's frame of each setup unknown.
+* "distance" (`DistanceResiduals`): distances from a reference pose, which need no frame at all (Jang 2025 eq 9-16).
+* "pairs" (`PairResiduals`): the distances between all points of a setup, with the covariance that they really have.
+* "pose" (`PoseResiduals`): positions, and orientations of the jig where they were measured.
+
+All have the interface `calib.fitting.residual.Residuals`; the solver knows none of them.
+"""
+
+from __future__ import annotations
+
+from calib.errors import FitError
+from calib.fitting.distance_residuals import DistanceResiduals
+from calib.fitting.model import Model
+from calib.fitting.observations import Observations
+from calib.fitting.pose_residuals import PoseResiduals
+from calib.fitting.position_residuals import PairResiduals, PositionResiduals
+from calib.options import RESIDUAL_KINDS
+
+
+def make_residuals(
+    kind: str, model: Model, observed: Observations
+) -> PositionResiduals | DistanceResiduals | PoseResiduals:
+    """Residuals by their name, of `RESIDUAL_KINDS`. Raises FitError on another name."""
+    if kind == "pairs":
+        return PairResiduals(model, observed)
+    if kind == "position":
+        return PositionResiduals(model, observed)
+    if kind == "distance":
+        return DistanceResiduals(model, observed)
+    if kind == "pose":
+        return PoseResiduals(model, observed)
+    raise FitError(f"no residual named {kind!r}; there are {' and '.join(RESIDUAL_KINDS)}")
