@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -116,14 +117,52 @@ def test_sample_data_stays_under_25_mb():
     assert sum(sizes.values()) < 25e6, sorted(sizes.items(), key=lambda item: -item[1])[:5]
 
 
+def packaged_files() -> set[Path]:
+    """What setuptools takes into a wheel besides .py files; each folder is a package, a pattern is of one or of all."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    assert settings["packages"]["find"] == {"include": ["calib*", "inspector*"]}
+    folders = [
+        folder
+        for top in ("calib", "inspector")
+        for folder in (ROOT / top, *(ROOT / top).rglob("*"))
+        if folder.is_dir()
+    ]
+    return {
+        file
+        for folder in folders
+        for package, patterns in settings["package-data"].items()
+        if package in ("*", ".".join(folder.relative_to(ROOT).parts))
+        for pattern in patterns
+        for file in folder.glob(pattern)
+    }
+
+
+def test_a_wheel_has_every_file_that_the_packages_read():
+    packages = [ROOT / "calib", ROOT / "inspector"]
+    needed = {
+        path
+        for path in tracked_files()
+        if any(path.is_relative_to(package) for package in packages)
+        and path.suffix != ".py"
+        and not path.is_relative_to(ROOT / "inspector" / "pictures")  # README's
+    }
+    names = {path.name for path in needed}
+    assert {"py.typed", "rb5.toml", "page.html"} <= names
+    assert sorted(str(path.relative_to(ROOT)) for path in needed - packaged_files()) == []
+
+
 # ---- what README promises -------------------------------------------------------------------------------------------
+
+
+def readme_blocks(language: str = r"[^\n]*") -> list[str]:
+    """README's code blocks, those of one language or all."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
 
 
 def readme_commands() -> list[list[str]]:
     """Every `./run ...` line of README's code blocks, split into words."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```[^\n]*\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
-    lines = (line.strip().removeprefix("$ ") for block in blocks for line in block.splitlines())
+    lines = (line.strip().removeprefix("$ ") for block in readme_blocks() for line in block.splitlines())
     return [shlex.split(line, comments=True) for line in lines if line.startswith("./run")]
 
 
@@ -139,3 +178,27 @@ def test_readme_names_only_commands_that_exist():
         for word in words:
             if word.startswith("sample_data"):
                 assert (ROOT / word).exists(), f"{shlex.join(words)}: no {word}"
+
+
+def test_readmes_python_is_python():
+    blocks = readme_blocks("python")
+    assert len(blocks) >= 2, "the library's example and an effect of one's own"
+    for block in blocks:
+        compile(block, "README.md", "exec")
+
+
+def test_readmes_library_example_runs(tmp_path: Path):
+    """As it stands, in a folder that has the dataset it names."""
+    (example,) = [block for block in readme_blocks("python") if "diagnose(" in block]
+    (tmp_path / "my_cell").symlink_to(ROOT / "sample_data" / "hidden_effect_a")
+    done = subprocess.run(
+        [sys.executable, "-c", example],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    (hidden,) = json.loads((ROOT / "tests" / "truth" / "hidden_effect_a.json").read_text())["effects"]
+    assert hidden in done.stdout, "it prints the verdict"
