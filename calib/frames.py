@@ -7,10 +7,10 @@ as they multiply: `base_T_target = base_T_flange @ flange_T_target`. Lengths are
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from calib.array_types import Array
 
 
 def make_transform(rotation: ArrayLike, translation_mm: ArrayLike) -> Array:

@@ -6,19 +6,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.dataset.dataset import Dataset
-from calib.effects import gravity
 from calib.effects.effect import CatalogueEffect, Effect, Family, Parameter
+from calib.effects.gravity import has_masses
 from calib.effects.state import RobotState
 from calib.kinematics.robot import Robot
 
-Array = NDArray[np.float64]
-
 
 def _where_masses_are_known(name: str, robot: Robot, members: tuple[Effect, ...]) -> Family:
-    if gravity.has_masses(robot):
+    if has_masses(robot):
         return Family(name, members)
     return Family(
         name,
@@ -46,14 +43,14 @@ class JointCompliance(CatalogueEffect):
     def apply(self, state: RobotState, *, c_rad_per_nm: float) -> RobotState:
         """The joint's error added, for the torque at the state that comes in."""
         return state.add_joint_error(
-            self.joint, c_rad_per_nm * state.loaded.gravity_torques_nm[:, self.joint]
+            self.joint, c_rad_per_nm * state.loaded.gravity.joint_torques[:, self.joint]
         )
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
         """One for each joint; where masses are not known, with the masses among its unknowns."""
         robot, poses = dataset.robot, dataset.poses
-        if gravity.has_masses(robot):
+        if has_masses(robot):
             return Family(cls.name, tuple(cls(j) for j in range(robot.n_joints)))
         varies = poses.payload_kg is not None and bool(np.ptp(poses.payload_kg[~poses.is_test]) > 0.0)
         members = tuple(
@@ -95,9 +92,9 @@ class JointComplianceUnknownMasses:
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
         """The joint's error added."""
-        torques = gravity.unit_torques(state.loaded, self.joint)  # (N, K)
+        torques = state.loaded.gravity.unit_torques(self.joint)  # (N, K)
         if self.payload:
-            torques = np.column_stack([torques, gravity.payload_torque(state.loaded, self.joint)])
+            torques = np.column_stack([torques, state.loaded.gravity.payload_torque(self.joint)])
         return state.add_joint_error(self.joint, torques @ np.array(list(values.values())))
 
 
@@ -117,7 +114,7 @@ class GravityBacklash(CatalogueEffect):
     def apply(self, state: RobotState, *, b_rad: float) -> RobotState:
         """The joint's error added."""
         return state.add_joint_error(
-            self.joint, 0.5 * b_rad * np.sign(state.loaded.gravity_torques_nm[:, self.joint])
+            self.joint, 0.5 * b_rad * np.sign(state.loaded.gravity.joint_torques[:, self.joint])
         )
 
     @classmethod
@@ -129,7 +126,7 @@ class GravityBacklash(CatalogueEffect):
 
 @dataclass(frozen=True)
 class LinkBending(CatalogueEffect):
-    """A link that bends under what hangs beyond it and its own weight: a cantilever with c = L / EI, `gravity.bending`.
+    """A link that bends under its weight and what hangs beyond it: a cantilever, c = L / EI (`GravityLoads.bending`).
 
     The part that turns about the next joint's axis is close to what compliance of that joint does; only the shift tells
     them apart.
@@ -153,7 +150,7 @@ class LinkBending(CatalogueEffect):
     def apply(self, state: RobotState, *, c_rad_per_nm: float) -> RobotState:
         """Turn about x, y and z of the link's end (alpha and beta of its row, theta of the next), and its shift."""
         link = self.joint
-        turn, shift_mm = state.loaded.bendings[link]
+        turn, shift_mm = state.loaded.gravity.bendings[link]
         in_link = c_rad_per_nm * turn
         return (
             state.add_link_error(link, "alpha", in_link[:, 0])
@@ -186,7 +183,7 @@ class BaseCompliance(CatalogueEffect):
 
     def apply(self, state: RobotState, *, cx_rad_per_nm: float, cy_rad_per_nm: float) -> RobotState:
         """The base turned."""
-        moment = gravity.moment_about(state.loaded, np.zeros((len(state.poses), 3)), 0)
+        moment = state.loaded.gravity.moment_about(np.zeros((len(state.poses), 3)), 0)
         return state.turn_base(moment * np.array([cx_rad_per_nm, cy_rad_per_nm, 0.0]))
 
     @classmethod

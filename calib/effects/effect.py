@@ -29,13 +29,11 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.effects.checked_apply import guarded, is_own
 from calib.effects.state import RobotState
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.dataset.dataset import Dataset
 from calib.effects.effect import CatalogueEffect, Family, Parameter
 from calib.effects.state import RobotState
 
-Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 

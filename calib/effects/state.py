@@ -7,15 +7,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from calib import frames
+import calib.frames as frames
+from calib.array_types import Array
 from calib.dataset.dataset import Poses
-from calib.effects import gravity
+from calib.effects.gravity import GravityLoads
 from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -130,19 +129,14 @@ class RobotState:
         return self._loaded[0]
 
     @cached_property
-    def carried(self) -> tuple[Array, Array]:
-        """What hangs on the arm, see `gravity.carried`."""
-        return gravity.carried(self)
+    def gravity(self) -> GravityLoads:
+        """What gravity does to the arm at this state, by the masses of robot.toml and the poses' payload."""
+        return GravityLoads(self.robot, self.chain, self.poses.payload_kg)
 
-    @cached_property
+    @property
     def gravity_torques_nm(self) -> Array:
-        """(N, n) gravity's torque about each joint (N for a prismatic one), by the masses of robot.toml."""
-        return gravity.joint_torques(self)
-
-    @cached_property
-    def bendings(self) -> list[tuple[Array, Array]]:
-        """Of each link, see `gravity.bending`."""
-        return [gravity.bending(self, link) for link in range(self.robot.n_joints)]
+        """(N, n) gravity's torque about each joint (N for a prismatic one)."""
+        return self.gravity.joint_torques
 
     def place(self, points_mm: Array) -> Array:
         """From where the chain puts points (N, 3) to where they are: the base's turn, then the displacement."""

@@ -17,11 +17,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calib.array_types import Array
 from calib.kinematics.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from calib.array_types import Array, BoolArray
 
 PARAMETER_KINDS = ("a", "alpha", "d", "theta", "beta")
 """Columns of a robot's table, in order. a and d are lengths in mm, the others angles in rad."""
@@ -114,7 +114,7 @@ class Robot:
         )
 
     @property
-    def is_revolute(self) -> NDArray[np.bool_]:
+    def is_revolute(self) -> BoolArray:
         """(n,) which joints turn."""
         return np.array([joint.is_revolute for joint in self.joints], dtype=bool)
 
