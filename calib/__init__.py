@@ -10,21 +10,9 @@ This is the public face: what a script needs, each loaded when it is first asked
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from calib.calibration.calibrate import calibrate
-    from calib.compensation.target_correction import corrected_joints
-    from calib.corners.batch import find_corners
-    from calib.corners.search import find_corner
-    from calib.dataset.files.folder import load_dataset, write_dataset
-    from calib.diagnosis.stepwise import diagnose
-    from calib.effects.effect import Effect, Parameter
-    from calib.errors import CalibError
-    from calib.options import FitOptions
-    from calib.scans.scan import load_scan
-    from calib.simulation.simulate import simulate_dataset
-
+# Type checkers read the same list in __init__.pyi: nothing is imported here, not even for them, so that no module that
+# imports a part of calib stands in a circle with it.
 _HOME = {
     "CalibError": "calib.errors",
     "Effect": "calib.effects.effect",

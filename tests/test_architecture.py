@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import subprocess
 import sys
@@ -101,3 +102,10 @@ print(json.dumps([quick, offered, dict(os.environ) == before]))
     assert all(module.startswith("calib.") for module in offered.values())
     with pytest.raises(AttributeError, match="no attribute 'calibrat'"):
         calib.calibrat  # noqa: B018
+
+
+def test_type_checkers_see_the_public_face_that_is_there() -> None:
+    stub = ast.parse((ROOT / "calib" / "__init__.pyi").read_text("utf-8"))
+    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
+    assert {alias.name: node.module for node in imports for alias in node.names} == calib._HOME
+    assert ast.literal_eval(stub.body[-1].value) == calib.__all__  # type: ignore[attr-defined]
