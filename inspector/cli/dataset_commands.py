@@ -1,4 +1,4 @@
-"""What each subcommand does: a few lines over `calib`, words or one JSON object to stdout, an exit code back.
+"""What each subcommand does: a few lines over `calib`, text or one JSON object to stdout, an exit code back.
 
 Those that fit a model are in `inspector.cli.fit_commands`.
 """
@@ -26,6 +26,14 @@ from calib.identifiability.structural import redundancy, with_place_unknown
 from calib.measurement.measured_points import failed_searches, label_faces, require_corners, with_corners
 from calib.options import BUILTIN_ROBOTS, FitOptions
 from calib.validation.acceptance import check
+from inspector.cli.options import (
+    CheckOptions,
+    CornersOptions,
+    Output,
+    RedundancyOptions,
+    ServeOptions,
+    SimulateOptions,
+)
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import processes, progress, stages
 from inspector.export import json_documents as documents
@@ -33,7 +41,7 @@ from inspector.export.csv_and_png import corners_csv, redundancy_csv
 from inspector.session.json_text import to_json
 
 
-def run_serve(options: Any) -> int:
+def run_serve(options: ServeOptions) -> int:
     """The web app until Ctrl-C."""
     from inspector.app.app import serve  # viser takes a second to load, and only this command needs it
     from inspector.session.session_file import load_session, opening
@@ -47,7 +55,7 @@ def run_serve(options: Any) -> int:
     return 0
 
 
-def run_corners(options: Any) -> int:
+def run_corners(options: CornersOptions) -> int:
     """Scans to corners."""
     dataset = load(options.path)
     check_outputs(dataset, [options.out])
@@ -58,10 +66,10 @@ def run_corners(options: Any) -> int:
         found = with_corners(dataset, searches, orientation=labels if options.orientation else False)
         write_text_atomically(options.out, corners_csv(found))
     failed = failed_searches(searches)
-    words = [f"{search.summary()}{_left_out(search)}" for search in searches.values()]
-    words.append(f"{len(searches) - len(failed)} of {len(searches)} corners found")
-    words.append(labels.summary())
-    show(options, documents.corners_document(searches, labels), "\n".join(words))
+    lines = [f"{search.summary()}{_left_out(search)}" for search in searches.values()]
+    lines.append(f"{len(searches) - len(failed)} of {len(searches)} corners found")
+    lines.append(labels.summary())
+    show(options, documents.corners_document(searches, labels), "\n".join(lines))
     return 0
 
 
@@ -73,7 +81,7 @@ def _left_out(search: CornerSearch) -> str:
     return f"; {count.dropped} of its {count.points + count.dropped} points have no value and are left out"
 
 
-def run_redundancy(options: Any) -> int:
+def run_redundancy(options: RedundancyOptions) -> int:
     """Which parameters say the same thing."""
     dataset = load(options.path)
     check_outputs(dataset, [options.out])
@@ -86,7 +94,7 @@ def run_redundancy(options: Any) -> int:
     return 0
 
 
-def run_effects(options: Any) -> int:
+def run_effects(options: Output) -> int:
     """The catalogue."""
     lines = [
         f"{d.name}: {d.equation}  [{', '.join(f'{n} {u}' for n, u in d.symbols)}]; needs {d.needs}"
@@ -96,7 +104,7 @@ def run_effects(options: Any) -> int:
     return 0
 
 
-def run_simulate(options: Any) -> int:
+def run_simulate(options: SimulateOptions) -> int:
     """A dataset with known truth."""
     import numpy as np
 
@@ -155,7 +163,7 @@ def _whole_or_nothing(folder: Path) -> Iterator[None]:
         raise
 
 
-def run_check(options: Any) -> int:
+def run_check(options: CheckOptions) -> int:
     """The whole chain: exit code 1 where it is not good enough."""
     results = []
     for folder in find_datasets(options.path):
@@ -214,6 +222,6 @@ def _search(dataset: Dataset, wanted: int | None = None) -> dict[str, CornerSear
         return find_corners(dataset, on_progress=on_progress, executor=executor, intermediate=False)
 
 
-def show(options: Any, document: dict[str, Any], words: str) -> None:
-    """Words, or with --json the one object."""
-    print(to_json(document) if options.json else words, file=options.stdout)
+def show(options: Output, document: dict[str, Any], text: str) -> None:
+    """Print text, or with --json the one object."""
+    print(to_json(document) if options.json else text, file=options.stdout)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
-from typing import Any
+from pathlib import Path
 
 from calib.calibration.plausibility import does_not_belong
 from calib.calibration.result import Calibration
@@ -22,10 +22,16 @@ from calib.effects.effect import Family
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import nominal_state
-from calib.options import FitOptions
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import learning_curve
 from inspector.cli.dataset_commands import load, measured, searched, show
+from inspector.cli.options import (
+    CalibrateOptions,
+    CorrectOptions,
+    DiagnoseOptions,
+    ReportOptions,
+    ValidateOptions,
+)
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import progress, stages
 from inspector.export import json_documents as documents
@@ -37,32 +43,21 @@ from inspector.session.transitions import GEOMETRY, replayed, with_found
 SCENE_ARROWS = 100.0  # how many times longer residuals are drawn in a scene's file
 
 
-def own_effects(options: Any, dataset: Dataset) -> tuple[Family, ...]:
+def own_effects(effects_file: Path | None, dataset: Dataset) -> tuple[Family, ...]:
     """The families of --effects-file."""
-    if options.effects_file is None:
+    if effects_file is None:
         return ()
-    return load_effects(options.effects_file, nominal_state(dataset))
+    return load_effects(effects_file, nominal_state(dataset))
 
 
-def fit_options(options: Any) -> FitOptions:
-    """What --residual, --hold, --no-prior, --tolerance and --robust ask of a fit."""
-    return FitOptions(
-        residual=options.residual,
-        prior=not options.no_prior,
-        held=tuple(options.hold),
-        tolerances=dict(options.tolerance),
-        robust=options.robust,
-    )
-
-
-def _fitted(options: Any, dataset: Dataset) -> tuple[Addition, ...]:
+def _fitted(options: CalibrateOptions | CorrectOptions, dataset: Dataset) -> tuple[Addition, ...]:
     """The fits that were asked for: one, then one more for each --add."""
-    own = own_effects(options, dataset)
+    own = own_effects(options.effects_file, dataset)
     effects = effects_named(dataset, options.effect, own)
-    return add_in_turn(dataset, options.add, fit_options(options), effects=effects, own=own)
+    return add_in_turn(dataset, options.add, options.fit_options(), effects=effects, own=own)
 
 
-def run_calibrate(options: Any) -> int:
+def run_calibrate(options: CalibrateOptions) -> int:
     """Fit, and write the calibrated table."""
     dataset = load(options.path)
     outputs = [options.out, options.residuals, options.scene, options.session]
@@ -81,23 +76,24 @@ def run_calibrate(options: Any) -> int:
         from inspector.export.glb_scene import scene_glb  # with trimesh, which takes a while to load
 
         write_bytes_atomically(options.scene, scene_glb(result, dataset.poses.reference, SCENE_ARROWS))
-    if session is not None:
+    if session is not None and options.session is not None:
         save_session(options.session, session)
-    table = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.6g}")
-    sums = "\n".join(
-        f"known: {c.words} = {c.value:.6g} +- {c.sigma:.2g} {c.unit}".rstrip() for c in known_sums(result)
-    )
-    way = [f"+ {step.name}: {_errors(step.calibration)}" for step in steps[1:]]
-    words = "\n".join(
-        [
-            table,
-            *([sums] if sums else []),
-            *([f"link errors: {_errors(steps[0].calibration)}", *way] if way else []),
-        ]
-    )
     document = documents.calibration_document(result) | {"steps": documents.additions(steps)}
-    show(options, document, f"{words}\n{result.summary()}")
+    show(options, document, _calibration_text(steps))
     return 0
+
+
+def _calibration_text(steps: Sequence[Addition]) -> str:
+    """The parameters, the sums known better than their parts, the errors after each addition, the summary."""
+    result = steps[-1].calibration
+    lines = [result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.6g}")]
+    lines += [
+        f"known: {c.words} = {c.value:.6g} +- {c.sigma:.2g} {c.unit}".rstrip() for c in known_sums(result)
+    ]
+    if len(steps) > 1:
+        lines.append(f"link errors: {_errors(steps[0].calibration)}")
+        lines += [f"+ {step.name}: {_errors(step.calibration)}" for step in steps[1:]]
+    return "\n".join([*lines, result.summary()])
 
 
 def _require_sense(result: Calibration, force: bool) -> None:
@@ -110,7 +106,7 @@ def _require_sense(result: Calibration, force: bool) -> None:
         )
 
 
-def _as_session(options: Any, dataset: Dataset, steps: Sequence[Addition]) -> Session:
+def _as_session(options: CalibrateOptions, dataset: Dataset, steps: Sequence[Addition]) -> Session:
     """The fits as the page would have made them. Raises CalibError for options that a session cannot hold."""
     given = {
         "--effect": options.effect,
@@ -127,31 +123,29 @@ def _as_session(options: Any, dataset: Dataset, steps: Sequence[Addition]) -> Se
     for step in steps:
         label = GEOMETRY if step.name is None else f"+ {step.name}"
         history.append(HistoryStep(label, nan, nan, nan, step.added, options.residual))
-    return replayed(Session(dataset, own=own_effects(options, dataset)), history)
+    return replayed(Session(dataset, own=own_effects(options.effects_file, dataset)), history)
 
 
 def _errors(calibration: Calibration) -> str:
     train, test = calibration.after.train, calibration.after.test
-    words = [f"{name} RMSE {of.rmse_mm:.4g} mm" for name, of in (("train", train), ("test", test)) if of]
-    return ", ".join(words)
+    return ", ".join(
+        f"{name} RMSE {of.rmse_mm:.4g} mm" for name, of in (("train", train), ("test", test)) if of
+    )
 
 
-def run_validate(options: Any) -> int:
+def run_validate(options: ValidateOptions) -> int:
     """Folds over poses, and a learning curve."""
     dataset = measured(load(options.path), orientation=options.residual == "pose")
-    asked, effects = (
-        fit_options(options),
-        effects_named(dataset, options.effect, own_effects(options, dataset)),
-    )
+    asked = options.fit_options()
+    effects = effects_named(dataset, options.effect, own_effects(options.effects_file, dataset))
     with progress("fits", "fit") as on_progress:
         folds = cross_validate(dataset, asked, folds=options.folds, effects=effects, on_progress=on_progress)
         curve = learning_curve(dataset, asked, effects=effects, on_progress=on_progress)
-    words = f"{folds.summary()}\n\n{curve.summary()}"
-    show(options, documents.validation_document(folds, curve), words)
+    show(options, documents.validation_document(folds, curve), f"{folds.summary()}\n\n{curve.summary()}")
     return 0
 
 
-def run_correct(options: Any) -> int:
+def run_correct(options: CorrectOptions) -> int:
     """Joint targets that bring the real arm where the nominal one was meant to be."""
     dataset = load(options.path)
     check_outputs(dataset, [options.out], [options.joints, options.effects_file])
@@ -174,7 +168,7 @@ def run_correct(options: Any) -> int:
     return 0 if correction.reached.all() else 1
 
 
-def run_report(options: Any) -> int:
+def run_report(options: ReportOptions) -> int:
     """One page to send to someone."""
     from inspector.report.content import report_of
     from inspector.report.report import is_report, report_html  # with plotly, which takes a while to load
@@ -186,7 +180,7 @@ def run_report(options: Any) -> int:
     dataset = load(options.path)
     check_outputs(dataset, [options.out], [options.effects_file])
     session = Session(dataset, searched(dataset) if dataset.points is None else {})
-    own = own_effects(options, session.measured)
+    own = own_effects(options.effects_file, session.measured)
     effects_named(session.measured, options.effect, own)  # refuses unknown names before the work starts
     with stages() as on_step:
         found = diagnose(session.measured, effects=options.effect, own=own, on_step=on_step)
@@ -198,12 +192,12 @@ def run_report(options: Any) -> int:
     return 0
 
 
-def run_diagnose(options: Any) -> int:
+def run_diagnose(options: DiagnoseOptions) -> int:
     """Which physical effect is missing."""
     if options.max_steps < 0:
         raise DatasetError(f"--max-steps {options.max_steps}: a number of steps is 0 or more")
     dataset = measured(load(options.path))
-    own = own_effects(options, dataset)
+    own = own_effects(options.effects_file, dataset)
     effects_named(dataset, options.effect, own)  # refuses unknown names before the work starts
     with stages() as on_step:
         result = diagnose(
@@ -215,6 +209,6 @@ def run_diagnose(options: Any) -> int:
         ranking = ranked.head(6).to_string(index=False, float_format=lambda v: f"{v:.3g}")
     steps = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.4g}", na_rep="-")
     silent = "\n".join(f"not testable: {u.name}: {u.why}; {u.would_help}" for u in result.untestable)
-    words = f"{ranking}\n\n{steps}\n\n{silent}\n\n{explain(result)}"
-    show(options, documents.diagnosis_document(result), words)
+    text = f"{ranking}\n\n{steps}\n\n{silent}\n\n{explain(result)}"
+    show(options, documents.diagnosis_document(result), text)
     return 0

@@ -21,8 +21,8 @@ def stages() -> Iterator[Callable[[str], None] | None]:
         yield None
         return
 
-    def tell(words: str) -> None:
-        print(f"\r\033[K{words} ...", end="", file=sys.stderr, flush=True)
+    def tell(step: str) -> None:
+        print(f"\r\033[K{step} ...", end="", file=sys.stderr, flush=True)
 
     try:
         yield tell

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import os
 import shutil
@@ -18,6 +19,7 @@ import pytest
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import load_robot
 from inspector.cli.parser import _parser, main
+from inspector.cli.subcommands import SUBCOMMANDS, Subcommand
 from tests.support.arms import dataset_of, jang_arm, perturbed
 
 
@@ -538,8 +540,15 @@ def test_help_loads_nothing_that_it_does_not_show() -> None:
 
 
 def test_every_subcommand_has_the_function_that_it_names() -> None:
-    (subcommands,) = (a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
-    assert len(subcommands.choices) > 10
-    for sub in subcommands.choices.values():
-        module, name = sub.get_default("run").__qualname__.split(".")
+    assert len(SUBCOMMANDS) > 10
+    for subcommand in SUBCOMMANDS:
+        module, name = subcommand.run.split(".")
         assert callable(getattr(import_module(f"inspector.cli.{module}"), name))
+
+
+@pytest.mark.parametrize("subcommand", SUBCOMMANDS, ids=lambda subcommand: subcommand.name)
+def test_the_options_of_a_subcommand_are_its_arguments(subcommand: Subcommand) -> None:
+    (subparsers,) = (a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
+    given = {action.dest for action in subparsers.choices[subcommand.name]._actions} - {"help"}
+    fields = {field.name for field in dataclasses.fields(subcommand.options)}
+    assert fields == given | ({"stdout"} if "json" in given else set())

@@ -1,0 +1,145 @@
+"""What each subcommand is asked for: the parser fills one of these, the command reads it. Nothing slow is imported."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TextIO
+
+from calib.options import FitOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class Output:
+    """How a command answers; `effects` is asked for nothing else."""
+
+    json: bool  # one JSON object in place of text
+    stdout: TextIO  # with --json, `sys.stdout` leads to stderr while a command runs
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServeOptions:
+    """Of `serve`."""
+
+    path: Path
+    host: str
+    port: int
+    session: Path | None
+    effects_file: Path | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CornersOptions(Output):
+    """Of `corners`."""
+
+    path: Path
+    out: Path | None
+    orientation: bool
+    processes: int | None  # None: one for each core
+
+
+@dataclass(frozen=True, kw_only=True)
+class RedundancyOptions(Output):
+    """Of `redundancy`."""
+
+    path: Path
+    out: Path | None
+    residual: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class _FittingOptions(Output):
+    """What a fit is to be like."""
+
+    path: Path
+    residual: str
+    effect: Sequence[str]
+    effects_file: Path | None
+    no_prior: bool
+    tolerance: Sequence[tuple[str, float]]  # parameter, mm or rad
+    hold: Sequence[str]
+    robust: bool
+
+    def fit_options(self) -> FitOptions:
+        """What --residual, --hold, --no-prior, --tolerance and --robust ask of a fit."""
+        return FitOptions(
+            residual=self.residual,
+            prior=not self.no_prior,
+            held=tuple(self.hold),
+            tolerances=dict(self.tolerance),
+            robust=self.robust,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateOptions(_FittingOptions):
+    """Of `calibrate`."""
+
+    add: Sequence[str]
+    out: Path | None
+    force: bool
+    residuals: Path | None
+    scene: Path | None
+    session: Path | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValidateOptions(_FittingOptions):
+    """Of `validate`."""
+
+    folds: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class CorrectOptions(_FittingOptions):
+    """Of `correct`."""
+
+    add: Sequence[str]
+    joints: Path
+    out: Path
+    what: str | None
+    force: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseOptions(Output):
+    """Of `diagnose`."""
+
+    path: Path
+    max_steps: int
+    effect: Sequence[str]
+    effects_file: Path | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportOptions(Output):
+    """Of `report`."""
+
+    path: Path
+    out: Path
+    force: bool
+    effect: Sequence[str]
+    effects_file: Path | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateOptions(Output):
+    """Of `simulate`."""
+
+    path: Path
+    robot: str
+    poses: int
+    effect: Sequence[str]
+    scans: bool
+    seed: int
+    noise_mm: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckOptions(Output):
+    """Of `check`."""
+
+    path: Path
+    max_test_rmse_mm: float | None
+    residual: str

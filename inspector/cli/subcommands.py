@@ -1,0 +1,253 @@
+"""The subcommands with their arguments. Nothing slow is imported: `--help` and a wrong word are answered at once."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib.options import BUILTIN_ROBOTS, CORRECTION_KINDS, RESIDUAL_KINDS
+from inspector.cli import options, values
+
+A_DATASET = "dataset folder"
+DATASETS = "dataset folder, or a folder of them"
+
+
+@dataclass(frozen=True)
+class Subcommand:
+    """A subcommand: its name, what it is asked for, and which function answers."""
+
+    name: str
+    run: str  # "module.function" in `inspector.cli`; loaded when it runs
+    options: type  # a dataclass of `inspector.cli.options`: what the function takes, a field an argument
+    add_arguments: Callable[[ArgumentParser], None]
+    help: str
+    path: str | None = A_DATASET  # help of the argument PATH; None: the command takes none
+
+
+def _serve(sub: ArgumentParser) -> None:
+    sub.add_argument("--host", default="127.0.0.1", help="address to bind (default: this machine only)")
+    sub.add_argument("--port", type=values.port, default=8080, help="default 8080; 0 takes a free one")
+    sub.add_argument("--session", type=Path, metavar="FILE.json", help="open a saved session again")
+    sub.add_argument(
+        "--effects-file", type=Path, metavar="FILE.py", help="effects of your own, read again when it changes"
+    )
+
+
+def _corners(sub: ArgumentParser) -> None:
+    sub.add_argument("--out", type=Path, metavar="FILE", help="write the corners as points.csv")
+    sub.add_argument("--orientation", action="store_true", help="with the jig's orientation in --out")
+    sub.add_argument("--processes", type=values.process_count, metavar="N", help="default: one for each core")
+    _add_json(sub)
+
+
+def _redundancy(sub: ArgumentParser) -> None:
+    sub.add_argument("--out", type=Path, metavar="FILE.csv", help="write Pearson's r of all pairs")
+    _add_residual(sub)
+    _add_json(sub)
+
+
+def _calibrate(sub: ArgumentParser) -> None:
+    sub.add_argument("--out", type=Path, metavar="FILE", help="write the calibrated robot.toml")
+    sub.add_argument("--force", action="store_true", help="write --out although the fit is no improvement")
+    sub.add_argument(
+        "--residuals",
+        type=Path,
+        metavar="FILE.csv",
+        help="write what is left over, a row a pose with all inputs",
+    )
+    sub.add_argument(
+        "--scene", type=Path, metavar="FILE.glb", help="write arm, points and residuals (x 100) in 3D"
+    )
+    sub.add_argument(
+        "--session", type=Path, metavar="FILE.json", help="write a session that serve --session opens"
+    )
+    _add_adding(sub)
+    _add_fit(sub)
+    _add_json(sub)
+
+
+def _validate(sub: ArgumentParser) -> None:
+    sub.add_argument("--folds", type=int, default=5, help="default 5")
+    _add_fit(sub)
+    _add_json(sub)
+
+
+def _correct(sub: ArgumentParser) -> None:
+    sub.add_argument(
+        "--joints", type=Path, required=True, metavar="FILE", help="targets, columns as poses.csv"
+    )
+    sub.add_argument("--out", type=Path, required=True, metavar="FILE", help="write the corrected targets")
+    sub.add_argument(
+        "--what", choices=CORRECTION_KINDS, help="default: pose for six joints and more, else position"
+    )
+    sub.add_argument("--force", action="store_true", help="go on although the fit is no improvement")
+    _add_adding(sub)
+    _add_fit(sub)
+    _add_json(sub)
+
+
+def _diagnose(sub: ArgumentParser) -> None:
+    sub.add_argument(
+        "--max-steps", type=int, default=3, metavar="N", help="effects to add at the most (default 3)"
+    )
+    _add_effects(sub)
+    _add_json(sub)
+
+
+def _report(sub: ArgumentParser) -> None:
+    sub.add_argument("--out", type=Path, required=True, metavar="FILE.html", help="write the page")
+    sub.add_argument("--force", action="store_true", help="replace a file that is no report")
+    _add_effects(sub)
+    _add_json(sub)
+
+
+def _simulate(sub: ArgumentParser) -> None:
+    sub.add_argument("--robot", required=True, help=f"{', '.join(BUILTIN_ROBOTS)}, or a robot.toml")
+    sub.add_argument("--poses", type=int, default=64, help="default 64")
+    sub.add_argument(
+        "--effect", action="append", default=[], metavar="NAME", help="may be given several times"
+    )
+    sub.add_argument("--scans", action="store_true", help="cast scans of the jig instead of points")
+    sub.add_argument("--seed", type=int, default=0, help="default 0")
+    sub.add_argument(
+        "--noise-mm", type=float, default=0.05, help="of a measured point, each axis (default 0.05)"
+    )
+    _add_json(sub)
+
+
+def _check(sub: ArgumentParser) -> None:
+    sub.add_argument(
+        "--max-test-rmse-mm", type=values.rmse_mm, metavar="X", help="what the test poses' error may be"
+    )
+    _add_residual(sub)
+    _add_json(sub)
+
+
+def _add_json(sub: ArgumentParser) -> None:
+    sub.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
+
+
+def _add_fit(sub: ArgumentParser) -> None:
+    """What a fit is to be like: see `calib.options.FitOptions`."""
+    _add_residual(sub)
+    _add_effects(sub)
+    sub.add_argument("--no-prior", action="store_true", help="do not hold parameters within their tolerance")
+    sub.add_argument(
+        "--tolerance",
+        action="append",
+        default=[],
+        type=values.named_number,
+        metavar="NAME=VALUE",
+        help="tolerance of one parameter, mm or rad (default 1 mm, 0.0087 rad); may be given several times",
+    )
+    sub.add_argument(
+        "--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal"
+    )
+    sub.add_argument("--robust", action="store_true", help="let points far from the model count less")
+
+
+def _add_adding(sub: ArgumentParser) -> None:
+    sub.add_argument(
+        "--add",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="add an effect as the ranking proposes it: only the joints that show it, as the page's button does",
+    )
+
+
+def _add_effects(sub: ArgumentParser) -> None:
+    sub.add_argument(
+        "--effect",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="put a whole effect into the model, all joints",
+    )
+    sub.add_argument("--effects-file", type=Path, metavar="FILE.py", help="effects of your own")
+
+
+def _add_residual(sub: ArgumentParser) -> None:
+    sub.add_argument("--residual", choices=RESIDUAL_KINDS, default="position", help="default position")
+
+
+SUBCOMMANDS = (
+    Subcommand(
+        "serve", "dataset_commands.run_serve", options.ServeOptions, _serve, "the web app", path=DATASETS
+    ),
+    Subcommand(
+        "corners",
+        "dataset_commands.run_corners",
+        options.CornersOptions,
+        _corners,
+        "find the jig's corner in every scan",
+    ),
+    Subcommand(
+        "redundancy",
+        "dataset_commands.run_redundancy",
+        options.RedundancyOptions,
+        _redundancy,
+        "which parameters say the same thing (Pearson), and the true rank",
+    ),
+    Subcommand(
+        "calibrate",
+        "fit_commands.run_calibrate",
+        options.CalibrateOptions,
+        _calibrate,
+        "fit the five-parameter model",
+    ),
+    Subcommand(
+        "validate",
+        "fit_commands.run_validate",
+        options.ValidateOptions,
+        _validate,
+        "how good the fit is away from its poses, and whether more would help",
+    ),
+    Subcommand(
+        "correct",
+        "fit_commands.run_correct",
+        options.CorrectOptions,
+        _correct,
+        "joint targets that bring the real arm where the nominal one should be",
+    ),
+    Subcommand(
+        "diagnose",
+        "fit_commands.run_diagnose",
+        options.DiagnoseOptions,
+        _diagnose,
+        "which physical effect is missing, step by step",
+    ),
+    Subcommand(
+        "report",
+        "fit_commands.run_report",
+        options.ReportOptions,
+        _report,
+        "one self-contained HTML page to send to someone",
+    ),
+    Subcommand(
+        "effects",
+        "dataset_commands.run_effects",
+        options.Output,
+        _add_json,
+        "the catalogue of effects",
+        path=None,
+    ),
+    Subcommand(
+        "simulate",
+        "dataset_commands.run_simulate",
+        options.SimulateOptions,
+        _simulate,
+        "make a dataset with known truth",
+        path="folder to make",
+    ),
+    Subcommand(
+        "check",
+        "dataset_commands.run_check",
+        options.CheckOptions,
+        _check,
+        "the whole chain: pass or fail, and why",
+        path=DATASETS,
+    ),
+)

@@ -1,0 +1,42 @@
+"""Values of options, read from the words of a command line; what is wrong is said in one line."""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+
+def named_number(text: str) -> tuple[str, float]:
+    """ "a1=0.5" as name and number."""
+    name, _, value = text.partition("=")
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE, such as a1=0.5") from None
+
+
+def process_count(text: str) -> int:
+    """A number of processes."""
+    return _whole(text, 1, 1024, "number of processes")
+
+
+def port(text: str) -> int:
+    """A TCP port; 0 takes a free one."""
+    return _whole(text, 0, 65535, "port")
+
+
+def rmse_mm(text: str) -> float:
+    """A root mean square error in mm, above 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} is not an error to ask for; a number of mm above 0")
+    return value
+
+
+def _whole(text: str, low: int, high: int, what: str) -> int:
+    if not text.isdecimal() or not low <= int(text) <= high:
+        raise argparse.ArgumentTypeError(f"{text} is not a {what}; {low} to {high}")
+    return int(text)
