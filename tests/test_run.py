@@ -199,8 +199,33 @@ def test_tests_run_in_order_and_stop_at_the_first_failure(sandbox: Sandbox):
     assert done.returncode == 3
 
     done, calls = sandbox.run("test", "-k", "two words", RUFF_EXIT="1")
-    assert calls == ["-m pytest -k two words"]
+    assert calls == ["-m pytest -n auto --dist loadfile -k two words"]
     assert done.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("args", "on_all_cores"),
+    [
+        (("-m", "not slow"), True),
+        (("tests/corners",), True),
+        (("tests/corners", "tests/dataset", "-x", "--durations=9"), True),
+        (("tests/test_frames.py",), False),
+        (("tests/corners", "tests/test_frames.py::test_skew_is_the_cross_product"), False),
+        (("tests/corners", "-n4"), False),
+        (("tests/corners", "-n", "0"), False),
+        (("tests/corners", "--dist=load"), False),
+        (("tests/corners", "-p", "no:xdist"), False),
+        (("tests/corners", "--pdb"), False),
+        (("tests/corners", "-s"), False),
+        (("--collect-only",), False),
+    ],
+)
+def test_chosen_tests_run_on_all_cores_where_nothing_else_is_said(
+    sandbox: Sandbox, args: tuple[str, ...], on_all_cores: bool
+):
+    _, calls = sandbox.run("test", *args)
+    spread = "-n auto --dist loadfile " if on_all_cores else ""
+    assert calls[-1] == f"-m pytest {spread}{' '.join(args)}"
 
 
 def test_installs_again_when_pyproject_changes_or_the_folder_moves(sandbox: Sandbox):
