@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
+from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.screening import screen
-from calib.diagnosis.stepwise import diagnose
 from calib.effects.catalogue import effects_for, effects_named
 from calib.simulation.simulate import simulate_dataset
 
@@ -71,9 +71,9 @@ def seconds_of(dataset: Dataset) -> dict[str, float]:
     done()
     best = screen(fitted, effects_for(dataset)).candidates[0]
     done()
-    calibrate(dataset, effects=best.members, sizes=best.sizes, start=fitted)
+    calibrate(dataset, effects=best.members, sizes=best.prior_sigmas, start=fitted)
     done()
-    calibrate(dataset, effects=best.members, sizes=best.sizes)
+    calibrate(dataset, effects=best.members, sizes=best.prior_sigmas)
     done()
     calibrate(dataset, effects=effects_named(dataset, ["joint_compliance"]), start=fitted)
     done()

@@ -20,7 +20,7 @@ _HOME = {
     "Parameter": "calib.effects.effect",
     "calibrate": "calib.calibration.calibrate",
     "corrected_joints": "calib.compensation.target_correction",
-    "diagnose": "calib.diagnosis.stepwise",
+    "diagnose": "calib.diagnosis.diagnose",
     "find_corner": "calib.corners.search",
     "find_corners": "calib.corners.batch",
     "load_dataset": "calib.dataset.files.folder",

@@ -6,7 +6,7 @@ from calib.corners.batch import find_corners as find_corners
 from calib.corners.search import find_corner as find_corner
 from calib.dataset.files.folder import load_dataset as load_dataset
 from calib.dataset.files.folder import write_dataset as write_dataset
-from calib.diagnosis.stepwise import diagnose as diagnose
+from calib.diagnosis.diagnose import diagnose as diagnose
 from calib.effects.effect import Effect as Effect
 from calib.effects.effect import Parameter as Parameter
 from calib.errors import CalibError as CalibError

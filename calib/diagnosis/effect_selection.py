@@ -1,7 +1,7 @@
-"""Effects that are added to the model one by one, each as the screening proposes it: some members, with sizes.
+"""Effects that are selected one by one: some members of a family, with the prior sigmas that the evidence gives them.
 
-`calibrate(effects=...)` takes whole families with their usual scales. What the diagnosis and the page add is less: the
-members that carry an effect here, held by the sizes that the evidence chose for them.
+`calibrate(effects=...)` takes whole families with their usual scales. The diagnosis and the page select less: the
+members that carry an effect in these data, each parameter with a prior sigma chosen by the evidence.
 """
 
 from __future__ import annotations
@@ -15,28 +15,52 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.screening import Candidate, Screening, screen
-from calib.effects.catalogue import effects_for, family_of
+from calib.effects.catalogue import available_family, effects_for
 from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError
 from calib.options import FitOptions
 
+GEOMETRY = "link errors"
+
 
 @dataclass(frozen=True)
-class Added:
-    """An effect in the model: the members that carry it, and their sizes."""
+class SelectedEffect:
+    """An effect in the model: the members that carry it, and the prior sigmas of their parameters."""
 
     name: str
     members: tuple[Effect, ...]
-    sizes: Mapping[str, float]  # by full parameter name: the prior's sigma of each
+    prior_sigmas: Mapping[str, float]  # by full parameter name, in the parameter's unit
 
     @classmethod
-    def of(cls, candidate: Candidate) -> Added:
+    def of(cls, candidate: Candidate) -> SelectedEffect:
         """A candidate as the screening proposes it."""
-        return cls(candidate.name, candidate.members, candidate.sizes)
+        return cls(candidate.name, candidate.members, candidate.prior_sigmas)
 
 
-def proposed(screening: Screening | None, name: str) -> Added:
+@dataclass(frozen=True)
+class FitStep:
+    """One fit on the way from the link errors to a model with the effects that are missing from it."""
+
+    label: str  # what was changed: "link errors", "+ backlash", "− backlash"
+    selected: tuple[SelectedEffect, ...]  # in the model, beyond the link errors and whole families
+    calibration: Calibration
+    effect: str | None = None  # that this step added
+    candidate: Candidate | None = None  # the case for that effect, as it stood before it was added
+    log_evidence_margin: float | None = None  # its lead over the next candidate, where there was one
+    left_out: tuple[str, ...] = ()  # ids of measured poses that this fit did without
+
+
+def first_step(calibration: Calibration) -> FitStep:
+    """The fit that a search begins with: link errors, and the families that were taken as present."""
+    return FitStep(" + ".join([GEOMETRY, *calibration.model.family_names]), (), calibration)
+
+
+def proposed(screening: Screening | None, name: str) -> SelectedEffect:
     """The effect as the screening proposes it. Raises CalibError where it is no candidate, or nothing of it shows."""
+    return SelectedEffect.of(_candidate(screening, name))
+
+
+def _candidate(screening: Screening | None, name: str) -> Candidate:
     ranked = {} if screening is None else {c.name: c for c in screening.candidates}
     if name not in ranked:
         raise CalibError(
@@ -46,32 +70,23 @@ def proposed(screening: Screening | None, name: str) -> Added:
         raise CalibError(
             f"effect {name}: no part of it shows in what is left over, so there is nothing to add"
         )
-    return Added.of(ranked[name])
+    return ranked[name]
 
 
 def calibrate_with(
     dataset: Dataset,
-    added: Sequence[Added],
+    selected: Sequence[SelectedEffect],
     options: FitOptions = FitOptions(),
     *,
     effects: Sequence[Effect] = (),
     start: Calibration | None = None,
 ) -> Calibration:
     """`calibrate` with these effects in the model, after any whole `effects`; `options` and `start` as there."""
-    sizes: dict[str, float] = {}
-    for one in added:
-        sizes |= one.sizes
-    members = [member for one in added for member in one.members]
-    return calibrate(dataset, options, effects=[*effects, *members], sizes=sizes, start=start)
-
-
-@dataclass(frozen=True)
-class Addition:
-    """A fit of a row of them: what was added last (None: nothing yet), all that is in it, and the fit."""
-
-    name: str | None
-    added: tuple[Added, ...]
-    calibration: Calibration
+    prior_sigmas: dict[str, float] = {}
+    for effect in selected:
+        prior_sigmas |= effect.prior_sigmas
+    members = [member for effect in selected for member in effect.members]
+    return calibrate(dataset, options, effects=[*effects, *members], sizes=prior_sigmas, start=start)
 
 
 def add_in_turn(
@@ -81,7 +96,7 @@ def add_in_turn(
     *,
     effects: Sequence[Effect] = (),
     own: Sequence[Family] = (),
-) -> tuple[Addition, ...]:
+) -> tuple[FitStep, ...]:
     """The fit without them, then one more for each name: screened after the last fit, added, fitted together.
 
     Args:
@@ -91,40 +106,40 @@ def add_in_turn(
         own: families beyond the catalogue.
 
     Raises:
-        CalibError: an unknown name, one that these data cannot speak about, or one of which nothing shows.
+        CalibError: an unknown name, one that these data cannot test, or one of which nothing shows.
     """
     families = (*effects_for(dataset), *own)
     for name in names:
-        family = family_of(dataset, name, own)
-        if family.why_not:
-            raise CalibError(f"effect {name} cannot be fitted here: {family.why_not}; {family.would_help}")
-    steps = [Addition(None, (), calibrate_with(dataset, (), options, effects=effects))]
+        available_family(dataset, name, own)
+    steps = [first_step(calibrate_with(dataset, (), options, effects=effects))]
     for name in dict.fromkeys(names):
         last = steps[-1]
-        added = (*last.added, proposed(screen(last.calibration, families), name))
-        fit = calibrate_with(dataset, added, options, effects=effects, start=last.calibration)
-        steps.append(Addition(name, added, fit))
+        candidate = _candidate(screen(last.calibration, families), name)
+        selected = (*last.selected, SelectedEffect.of(candidate))
+        fit = calibrate_with(dataset, selected, options, effects=effects, start=last.calibration)
+        steps.append(FitStep(f"+ {name}", selected, fit, name, candidate))
     return tuple(steps)
 
 
-def recalled(dataset: Dataset, name: str, sizes: Mapping[str, float], own: Sequence[Family] = ()) -> Added:
-    """An effect as it was added before, by its name and the sizes of its members' parameters.
+def recalled(
+    dataset: Dataset, name: str, prior_sigmas: Mapping[str, float], own: Sequence[Family] = ()
+) -> SelectedEffect:
+    """An effect as it was selected before, by its name and the prior sigmas of its members' parameters.
 
     Raises CalibError where the dataset has no such effect, no such parameter, or a member is named in part.
     """
-    family = family_of(dataset, name, own)
-    if family.why_not:
-        raise CalibError(f"effect {name} cannot be fitted here: {family.why_not}; {family.would_help}")
+    family = available_family(dataset, name, own)
     named = [(member, {full_name(member, p) for p in member.parameters}) for member in family.members]
-    unknown = sorted(set(sizes).difference(*(names for _, names in named)))
+    unknown = sorted(set(prior_sigmas).difference(*(names for _, names in named)))
     if unknown:
         raise CalibError(f"effect {name} has no parameter {unknown[0]!r} for this arm")
-    wrong = [key for key, size in sizes.items() if not (np.isfinite(size) and size > 0.0)]
+    wrong = [key for key, sigma in prior_sigmas.items() if not (np.isfinite(sigma) and sigma > 0.0)]
     if wrong:
-        raise CalibError(f"effect {name}: the size of {wrong[0]} is {sizes[wrong[0]]}; a size is above 0")
-    inside = [(member, names) for member, names in named if names & set(sizes)]
-    missing = sorted(set().union(*(names for _, names in inside)) - set(sizes))
+        raise CalibError(
+            f"effect {name}: the size of {wrong[0]} is {prior_sigmas[wrong[0]]}; a size is above 0"
+        )
+    inside = [(member, names) for member, names in named if names & set(prior_sigmas)]
+    missing = sorted(set().union(*(names for _, names in inside)) - set(prior_sigmas))
     if missing or not inside:
         raise CalibError(f"effect {name}: no size for {missing[0] if missing else 'any of its parameters'}")
-    members = tuple(member for member, _ in inside)
-    return Added(name, members, dict(sizes))
+    return SelectedEffect(name, tuple(member for member, _ in inside), dict(prior_sigmas))

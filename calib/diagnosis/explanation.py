@@ -8,11 +8,12 @@ from calib.calibration.noise_check import is_declared
 from calib.calibration.plausibility import does_not_belong
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import MARGIN
+from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.parameter_meaning import meaning
 from calib.diagnosis.pose_recommendation import in_words, splitting_poses
 from calib.diagnosis.residual_tests import Remains
-from calib.diagnosis.screening import Candidate
-from calib.diagnosis.stepwise import Diagnosis, Step
+from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.screening import Candidate, Screening
 
 HARDLY = 0.03  # a change of the held-out error below this share is none to speak of
 
@@ -20,9 +21,8 @@ HARDLY = 0.03  # a change of the held-out error below this share is none to spea
 def explain(diagnosis: Diagnosis) -> str:
     """Several short paragraphs."""
     parts = [_compared(diagnosis.steps[0].calibration)]
-    parts += [
-        _step(before, after) for before, after in zip(diagnosis.steps, diagnosis.steps[1:], strict=False)
-    ]
+    steps = zip(diagnosis.steps, diagnosis.steps[1:], diagnosis.screenings, strict=False)
+    parts += [_step(before, after, screening) for before, after, screening in steps]
     if diagnosis.ambiguous_set:
         parts.append(_ambiguous(diagnosis))
     if diagnosis.refused:
@@ -57,10 +57,10 @@ def _compared(calibration: Calibration) -> str:
     return f"{words}."
 
 
-def _step(before: Step, after: Step) -> str:
+def _step(before: FitStep, after: FitStep, screening: Screening) -> str:
     candidate = after.candidate
     assert candidate is not None  # only the first step has none
-    second = next((c for c in before.screening.candidates if c.name != candidate.name), None)
+    second = next((c for c in screening.candidates if c.name != candidate.name), None)
     words = f"Missing: {candidate.name}. It explains {100 * candidate.explained_share:.0f} % of what was left (p = {candidate.p_holm:.1g})"
     if second is not None and after.log_evidence_margin is not None:
         words += (
@@ -109,7 +109,7 @@ def _say(name: str, size: float, sigma: float, unit: str, calibration: Calibrati
 
 def _ambiguous(diagnosis: Diagnosis) -> str:
     names = diagnosis.ambiguous_set
-    ranking = diagnosis.steps[-1].screening.candidates
+    ranking = diagnosis.screenings[-1].candidates
     first = ranking[0]
     overlap = ", ".join(f"{n}: {100 * s:.0f} %" for n, s in first.overlaps.items() if n in names)
     words = (

@@ -13,8 +13,8 @@ from calib import frames
 from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import RIVAL
+from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import Candidate, Screening
-from calib.diagnosis.stepwise import Diagnosis
 from calib.fitting.observations import conditions_at
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ def splitting_poses(diagnosis: Diagnosis, *, count: int = 5) -> tuple[NextPose, 
     Each cause is fitted by itself; at random joint vectors within the range of the measured ones, the fitted models
     are asked where the tool is, seen from the scanner. Payload, temperature and the like are as at the first pose.
     """
-    ranking = diagnosis.steps[-1].screening.candidates
+    ranking = diagnosis.screenings[-1].candidates
     doubted = [c for c in ranking if c.name in diagnosis.ambiguous_set]
     return poses_between(diagnosis.calibration, doubted, count=count)
 
@@ -74,7 +74,7 @@ def _places(calibration: Calibration, candidate: Candidate, q: Array) -> Array:
         calibration.dataset,
         calibration.options,
         effects=[*calibration.model.added_effects, *candidate.members],
-        sizes={**calibration.model.sizes, **candidate.sizes},
+        sizes={**calibration.model.sizes, **candidate.prior_sigmas},
     )
     scanner_T_base = next(iter(fitted.after.scanner_T_base.values()))
     poses = conditions_at(calibration.dataset.poses, q)

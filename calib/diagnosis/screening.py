@@ -48,9 +48,9 @@ class Candidate:
     cv_rmse_mm: float  # error a coordinate of each pose predicted from the others, linearised
     members: tuple[Effect, ...]  # those that carry it
     values: tuple[Value, ...]
-    sizes: dict[
+    prior_sigmas: dict[
         str, float
-    ]  # of the parameters of those members, by full name: the prior that the evidence chose
+    ]  # of the parameters of those members, by full name; the evidence chose them
     explained: Array  # (R,) what it makes of the residual, whitened
     overlaps: dict[str, float]  # share of what it explains that another family could make too
 
@@ -173,7 +173,7 @@ def _candidate(
     information = columns.T @ columns / leftover.sigma**2 + np.diag(1.0 / np.maximum(spread, 1e-9) ** 2)
     sigma = np.sqrt(np.maximum(np.diag(np.linalg.inv(information)), 0.0)) if active else np.zeros(0)
     values: list[Value] = []
-    sizes: dict[str, float] = {}
+    prior_sigmas: dict[str, float] = {}
     for i in active:
         for parameter, coefficient in zip(
             family.members[i].parameters, evidence.coefficients[i], strict=True
@@ -181,9 +181,11 @@ def _candidate(
             name = full_name(family.members[i], parameter)
             scale = parameter.scale
             values.append(
-                Value(name, float(coefficient) * scale, float(sigma[len(sizes)]) * scale, parameter.unit)
+                Value(
+                    name, float(coefficient) * scale, float(sigma[len(prior_sigmas)]) * scale, parameter.unit
+                )
             )
-            sizes[name] = float(evidence.sizes[i]) * scale
+            prior_sigmas[name] = float(evidence.sizes[i]) * scale
     total = float(leftover.residual @ leftover.residual)
     left = leftover.residual + evidence.explained  # the residual is predicted minus measured
     return Candidate(
@@ -195,7 +197,7 @@ def _candidate(
         cv_rmse_mm=_cross_validated(leftover, columns, spread),
         members=tuple(family.members[i] for i in active),
         values=tuple(values),
-        sizes=sizes,
+        prior_sigmas=prior_sigmas,
         explained=-evidence.explained,
         overlaps={
             name: share

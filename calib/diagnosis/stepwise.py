@@ -1,9 +1,8 @@
-"""Which physical effect is missing: step by step, each with its evidence, its doubt and its held-out gain.
+"""Stepwise selection of missing effects: fit, screen, add the best, fit again, until no candidate is convincing.
 
-A name is claimed only if its family beats noise (F test with Holm's correction, and the evidence floor), leads the
-second by more than `MARGIN` in log evidence, says no less than a dent or a slip of one joint would, and does not make
-the test poses worse. Otherwise the set within it is given. At the end the remains are judged, always: a cause outside
-the catalogue shows there.
+A candidate is added only if its family beats noise (F test with Holm's correction, and the evidence floor), leads the
+second by more than `MARGIN` in log evidence, has no less evidence than a dent or a slip of one joint, and does not make
+the test poses worse.
 """
 
 from __future__ import annotations
@@ -12,12 +11,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pandas as pd
 
-from calib.blas_threads import one_blas_thread
 from calib.calibration.plausibility import does_not_belong
 from calib.calibration.result import Calibration
-from calib.dataset.dataset import Dataset, without_poses
+from calib.dataset.dataset import Dataset
 from calib.diagnosis.decision_rules import (
     FLOOR,
     MARGIN,
@@ -25,216 +22,103 @@ from calib.diagnosis.decision_rules import (
     leader,
     predicts_worse,
     simpler_story,
-    verdict_of,
 )
-from calib.diagnosis.effect_selection import Added, calibrate_with
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect, calibrate_with, first_step
 from calib.diagnosis.fault_models import LocalFault
-from calib.diagnosis.projected_residual import leftover_of
-from calib.diagnosis.residual_tests import Remains, examine
-from calib.diagnosis.screening import Candidate, Screening, Untestable, screen
-from calib.effects.catalogue import effects_for, family_of
-from calib.effects.effect import Family
+from calib.diagnosis.screening import Candidate, Screening, screen
+from calib.effects.effect import Effect, Family
 from calib.options import FitOptions
 
-FEW = 0.1  # share of poses that may stand out and still be called outliers
 AHEAD = 4  # members of a tied set that are tried with a successor
 
-
-@dataclass(frozen=True)
-class Step:
-    """One fit of the way: the geometric one (effect None), then one for each effect that was added."""
-
-    effect: str | None
-    calibration: Calibration
-    p_value: float | None
-    log_evidence_margin: float | None
-    screening: Screening  # of everything not in this step's model
-    candidate: Candidate | None = None  # the effect's case, as it stood before it was added
-    inside: tuple[
-        Candidate, ...
-    ] = ()  # all that was added so far, with the members that show beside each other
+Tell = Callable[[str], None]  # is told what is being done, a line before each stage
 
 
 @dataclass(frozen=True)
-class Diagnosis:
-    """The verdict on a dataset and all that led to it."""
+class SearchSpace:
+    """What every fit and every screening of a search has in common."""
 
-    verdict: str
-    missing: tuple[str, ...]  # in the order added
-    ambiguous_set: tuple[str, ...]
-    steps: tuple[Step, ...]
-    untestable: tuple[Untestable, ...]
-    remains: Remains
-    refused: str = ""  # an effect that would have been named, but made the test poses worse
-    simpler: LocalFault | None = (
-        None  # a story outside the catalogue that says more than the next effect would
-    )
+    dataset: Dataset
+    options: FitOptions  # asked of every fit
+    given: tuple[Effect, ...]  # taken as present from the start
+    families: tuple[Family, ...]  # that may be missing
+
+    def fit(self, chosen: Sequence[Candidate], start: Calibration | None) -> Calibration:
+        """The given and the chosen effects fitted together, going on from an earlier fit."""
+        selected = [SelectedEffect.of(candidate) for candidate in chosen]
+        return calibrate_with(self.dataset, selected, self.options, effects=self.given, start=start)
+
+    def screen(self, calibration: Calibration) -> Screening:
+        """Every family that is not in a fit's model, tested against what that fit leaves over."""
+        return screen(calibration, self.families)
+
+
+@dataclass(frozen=True)
+class Search:
+    """How far a search has come, and, once it has ended, why it went no further."""
+
+    steps: tuple[FitStep, ...]
+    screenings: tuple[Screening, ...]  # one a step
+    chosen: tuple[Candidate, ...] = ()  # in the last step's model
+    ended: bool = False
+    implausible: bool = False  # points and poses do not belong together: no effect is their cause
+    ambiguous: tuple[str, ...] = ()  # effects that these data cannot tell apart
+    refused: str = ""  # an effect that makes the test poses worse
+    simpler: LocalFault | None = None  # a fault outside the catalogue with more evidence than any effect
 
     @property
     def calibration(self) -> Calibration:
-        """The last fit, all named effects in it."""
+        """The last fit."""
         return self.steps[-1].calibration
 
-    @property
-    def candidates(self) -> tuple[Candidate, ...]:
-        """The ranking that the first decision was taken by."""
-        return self.steps[0].screening.candidates
-
-    def to_frame(self) -> pd.DataFrame:
-        """The steps: effect, errors on training and test poses, residual sigma."""
-        rows = []
-        for step in self.steps:
-            after = step.calibration.after
-            rows.append(
-                {
-                    "effect": step.effect or "link errors",
-                    "train_rmse_mm": after.train.rmse_mm if after.train else float("nan"),
-                    "test_rmse_mm": after.test.rmse_mm if after.test else float("nan"),
-                    "sigma_mm": step.calibration.sigma_mm,
-                    "p_value": step.p_value,
-                    "margin": step.log_evidence_margin,
-                }
-            )
-        return pd.DataFrame(rows).astype({"p_value": float, "margin": float})  # None is NaN
+    def extended(
+        self, added: Candidate, margin: float | None, chosen: tuple[Candidate, ...],
+        calibration: Calibration, screening: Screening,
+    ) -> Search:  # fmt: skip
+        """One step more, that added a candidate; the members of those before may have changed with it."""
+        selected = tuple(SelectedEffect.of(candidate) for candidate in chosen)
+        step = FitStep(f"+ {added.name}", selected, calibration, added.name, added, margin)
+        steps, screenings = (*self.steps, step), (*self.screenings, screening)
+        return replace(self, steps=steps, screenings=screenings, chosen=chosen)
 
 
-@dataclass(frozen=True)
-class _Added:
-    """An effect in the model: the case for it, and its lead."""
-
-    candidate: Candidate
-    margin: float | None
-
-    @property
-    def name(self) -> str:
-        return self.candidate.name
-
-    def step(self, calibration: Calibration, screening: Screening, added: Sequence[_Added]) -> Step:
-        case, inside = self.candidate, tuple(one.candidate for one in added)
-        return Step(self.name, calibration, case.p_value, self.margin, screening, case, inside)
-
-
-@one_blas_thread()
-def diagnose(
-    dataset: Dataset,
-    options: FitOptions = FitOptions(),
-    *,
-    effects: Sequence[str] = (),
-    own: Sequence[Family] = (),
-    max_steps: int = 3,
-    on_step: Callable[[str], None] | None = None,
-    _without: Sequence[str] = (),
-) -> Diagnosis:
-    """Find what is missing from the five-parameter model.
-
-    Args:
-        dataset: with measured points; test poses are used to confirm only.
-        options: what is asked of every fit.
-        effects: families that are taken as present from the start, all joints.
-        own: families beyond the catalogue.
-        max_steps: effects to add at the most.
-        on_step: called with a line of words before each stage.
-
-    Raises:
-        FitError, CalibError: too few poses, an unknown name.
-    """
-    tell = on_step or (lambda words: None)
-    families = (*effects_for(dataset), *own)
-    given = [member for name in effects for member in family_of(dataset, name, own).members]
-
-    def fit(added: Sequence[_Added]) -> Calibration:
-        inside = [Added.of(one.candidate) for one in added]
-        return calibrate_with(dataset, inside, options, effects=given, start=calibration)
-
+def search_stepwise(space: SearchSpace, *, max_steps: int, tell: Tell) -> Search:
+    """Add one effect after the other while one is convincing; drop in the end what a later one made superfluous."""
     tell("fitting the geometry")
-    calibration: Calibration | None = None  # each fit goes on from the last model that was taken
-    calibration = fit(())
-    added: list[_Added] = []
-    screening = screen(calibration, families)
-    steps = [Step(None, calibration, None, None, screening)]
-    ambiguous: tuple[str, ...] = ()
-    refused = ""
-    simpler: LocalFault | None = None
-    foreign = bool(does_not_belong(calibration))  # then any pattern is there, and no effect is its cause
-    while len(added) < max_steps and not foreign:
-        convincing = [c for c in screening.candidates if is_convincing(c)]
-        if not convincing:
-            break
-        best, margin, tied = leader(screening)
-        simpler = simpler_story(screening)
-        if simpler is not None:
-            break
-        if tied:
-            tell(f"looking one step ahead of {', '.join(c.name for c in tied)}")
-            ahead = _look_ahead(tied, fit, added, families)
-            if ahead is None:
-                ambiguous = tuple(c.name for c in tied)
-                break
-            best, margin = ahead
-        tell(f"adding {best.name}")
-        one = _Added(best, margin)
-        trial = fit([*added, one])
-        if predicts_worse(calibration, trial):
-            refused = best.name
-            break
-        added, calibration = _revised([*added, one], trial, fit)
-        screening = screen(calibration, families)
-        steps.append(one.step(calibration, screening, added))
-    kept = _still_needed(added, fit, families)
-    if len(kept) < len(added):
-        tell("dropping what a later effect made superfluous")
-        steps = [steps[0]]
-        for k, one in enumerate(kept):
-            calibration = fit(kept[: k + 1])
-            steps.append(one.step(calibration, screen(calibration, families), kept[: k + 1]))
-        added = kept
-    tell("judging what is left")
-    remains = examine(dataset, leftover_of(calibration))
-    if ambiguous:  # then the residual holds the cause that was left open, and tells no story of its own
-        remains = replace(remains, fault=None)
-    found = Diagnosis(
-        verdict=verdict_of(
-            [one.name for one in added], ambiguous, bool(refused or simpler or foreign), remains
-        ),
-        missing=tuple(one.name for one in added),
-        ambiguous_set=ambiguous,
-        steps=tuple(steps),
-        untestable=steps[0].screening.untestable,
-        remains=remains,
-        refused=refused,
-        simpler=simpler,
-    )
-    few = 0 < len(remains.outlier_poses) <= max(2, FEW * len(np.unique(calibration.after.pose)))
-    if not few or _without:
-        return found
-    # Only now, with the effects in: a few wrong points bend the fit and hide or feign a pattern in all others.
-    tell("once more without the poses that stand out")
-    rest = diagnose(
-        without_poses(dataset, remains.outlier_poses),
-        options,
-        effects=effects,
-        own=own,
-        max_steps=max_steps,
-        on_step=on_step,
-        _without=remains.outlier_poses,
-    )
-    return _with_outliers(found, rest, remains.outlier_poses)
+    geometry = space.fit((), None)
+    search = Search((first_step(geometry),), (space.screen(geometry),))
+    if does_not_belong(geometry):
+        return replace(search, ended=True, implausible=True)
+    while len(search.chosen) < max_steps and not search.ended:
+        search = _next_step(space, search, tell)
+    return _without_superfluous(space, search, tell)
 
 
-def _with_outliers(found: Diagnosis, rest: Diagnosis, outliers: tuple[str, ...]) -> Diagnosis:
-    """The diagnosis of the other poses, where that is clean and loses no effect; else the first one."""
-    clean = rest.verdict in ("adequate", "named", "outliers") and set(found.missing) <= set(rest.missing)
-    if not clean:
-        return found
-    all_outliers = tuple(dict.fromkeys([*outliers, *rest.remains.outlier_poses]))
-    return replace(rest, verdict="outliers", remains=replace(rest.remains, outlier_poses=all_outliers))
+def _next_step(space: SearchSpace, search: Search, tell: Tell) -> Search:
+    """The search with one effect more, or ended with the reason."""
+    screening, before = search.screenings[-1], search.calibration
+    if not any(is_convincing(candidate) for candidate in screening.candidates):
+        return replace(search, ended=True)
+    best, margin, tied = leader(screening)
+    simpler = simpler_story(screening)
+    if simpler is not None:
+        return replace(search, ended=True, simpler=simpler)
+    if tied:
+        tell(f"looking one step ahead of {', '.join(c.name for c in tied)}")
+        ahead = _look_ahead(space, search, tied)
+        if ahead is None:
+            return replace(search, ended=True, ambiguous=tuple(c.name for c in tied))
+        best, margin = ahead
+    tell(f"adding {best.name}")
+    trial = space.fit((*search.chosen, best), before)
+    if predicts_worse(before, trial):
+        return replace(search, ended=True, refused=best.name)
+    chosen, calibration = _revised(space, (*search.chosen, best), trial, before)
+    return search.extended(best, margin, chosen, calibration, space.screen(calibration))
 
 
 def _look_ahead(
-    tied: Sequence[Candidate],
-    fit: Callable[[Sequence[_Added]], Calibration],
-    added: Sequence[_Added],
-    families: Sequence[Family],
+    space: SearchSpace, search: Search, tied: Sequence[Candidate]
 ) -> tuple[Candidate, float] | None:
     """Whether one of a tied set leads clearly once the next effect is in too, as when two causes are hidden.
 
@@ -244,7 +128,7 @@ def _look_ahead(
     totals = []
     followed = False
     for candidate in tied[:AHEAD]:
-        after = screen(fit([*added, _Added(candidate, None)]), families).candidates
+        after = space.screen(space.fit((*search.chosen, candidate), search.calibration)).candidates
         following = [c for c in after if is_convincing(c)]
         followed |= bool(following)
         totals.append(candidate.log_evidence + (following[0].log_evidence if following else 0.0))
@@ -254,32 +138,51 @@ def _look_ahead(
 
 
 def _revised(
-    added: list[_Added], calibration: Calibration, fit: Callable[[Sequence[_Added]], Calibration]
-) -> tuple[list[_Added], Calibration]:
-    """Earlier effects with the members that show now: beside a cause not yet named, some of them had not shown."""
-    out = list(added)
+    space: SearchSpace, chosen: tuple[Candidate, ...], fitted: Calibration, start: Calibration
+) -> tuple[tuple[Candidate, ...], Calibration]:
+    """Earlier effects with the members that show now, and the fit: some had not shown beside a cause not yet in.
+
+    Args:
+        fitted: the fit of `chosen`.
+        start: that the fits go on from.
+    """
+    out = list(chosen)
     for k in range(len(out) - 1):
-        found = screen(fit([*out[:k], *out[k + 1 :]]), [out[k].candidate.family]).candidates
-        if found and found[0].members and found[0].members != out[k].candidate.members:
-            out[k] = replace(out[k], candidate=found[0])
-    if all(one is before for one, before in zip(out, added, strict=True)):
-        return added, calibration
-    return out, fit(out)
+        found = screen(space.fit((*out[:k], *out[k + 1 :]), start), [out[k].family]).candidates
+        if found and found[0].members and found[0].members != out[k].members:
+            out[k] = found[0]
+    if all(now is before for now, before in zip(out, chosen, strict=True)):
+        return chosen, fitted
+    return tuple(out), space.fit(out, start)
 
 
-def _still_needed(
-    added: list[_Added], fit: Callable[[Sequence[_Added]], Calibration], families: Sequence[Family]
-) -> list[_Added]:
+def _without_superfluous(space: SearchSpace, search: Search, tell: Tell) -> Search:
+    """The search without the effects that a later one made superfluous, the fits of the others done again."""
+    kept = _still_needed(space, search)
+    if len(kept) == len(search.chosen):
+        return search
+    tell("dropping what a later effect made superfluous")
+    margins = {step.effect: step.log_evidence_margin for step in search.steps}
+    calibration = search.calibration
+    search = replace(search, steps=search.steps[:1], screenings=search.screenings[:1], chosen=())
+    for k, candidate in enumerate(kept):
+        calibration = space.fit(kept[: k + 1], calibration)
+        screening = space.screen(calibration)
+        search = search.extended(candidate, margins[candidate.name], kept[: k + 1], calibration, screening)
+    return search
+
+
+def _still_needed(space: SearchSpace, search: Search) -> tuple[Candidate, ...]:
     """Each effect judged beside all others: what a later one explains too is dropped, the weakest first."""
-    kept = list(added)
+    kept = list(search.chosen)
     while len(kept) > 1:
         evidence = []
         for one in kept:
             others = [other for other in kept if other is not one]
-            found = screen(fit(others), [one.candidate.family]).candidates
+            found = screen(space.fit(others, search.calibration), [one.family]).candidates
             evidence.append(found[0].log_evidence if found else -np.inf)
         weakest = int(np.argmin(evidence))
         if evidence[weakest] > FLOOR:
             break
         del kept[weakest]
-    return kept
+    return tuple(kept)

@@ -52,7 +52,7 @@ def descriptions() -> tuple[Description, ...]:
 def effects_for(dataset: Dataset) -> tuple[Family, ...]:
     """Every family of the catalogue, made for this robot and these conditions; those without data say why.
 
-    Whether poses are rich enough to tell a family from geometry is found by `calib.diagnosis.stepwise`, not here.
+    Whether poses are rich enough to tell a family from geometry is found by `calib.diagnosis.screening`, not here.
     """
     return tuple(kind.family(dataset) for kind in CATALOGUE)
 
@@ -66,12 +66,15 @@ def family_of(dataset: Dataset, name: str, more: Sequence[Family] = ()) -> Famil
     raise CalibError(f"no effect named {name!r}; there are {', '.join(f.name for f in families)}")
 
 
+def available_family(dataset: Dataset, name: str, more: Sequence[Family] = ()) -> Family:
+    """As `family_of`. Raises CalibError for a family that this dataset cannot test, too, and says what would help."""
+    family = family_of(dataset, name, more)
+    if family.why_not:
+        raise CalibError(f"effect {name} cannot be fitted here: {family.why_not}; {family.would_help}")
+    return family
+
+
 def effects_named(dataset: Dataset, names: Sequence[str], own: Sequence[Family] = ()) -> tuple[Effect, ...]:
     """The members of families by name, for `calibrate`. Raises CalibError for unknown and for untestable ones."""
-    out: list[Effect] = []
-    for name in dict.fromkeys(names):
-        family = family_of(dataset, name, own)
-        if family.why_not:
-            raise CalibError(f"effect {name} cannot be fitted here: {family.why_not}; {family.would_help}")
-        out += family.members
-    return tuple(out)
+    families = [available_family(dataset, name, own) for name in dict.fromkeys(names)]
+    return tuple(member for family in families for member in family.members)

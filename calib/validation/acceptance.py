@@ -15,8 +15,9 @@ from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import Repeats, find_repeats, pooled_sigma_mm
+from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.explanation import verdict_words
-from calib.diagnosis.stepwise import Diagnosis, diagnose
+from calib.diagnosis.result import Diagnosis
 from calib.errors import FitError
 from calib.identifiability.structural import fewest_poses
 from calib.measurement.measured_points import failed_searches, with_corners

@@ -14,9 +14,9 @@ from calib.compensation.targets_csv import corrected_table, load_targets, requir
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
 from calib.dataset.files.robot_toml import robot_to_toml
-from calib.diagnosis.effect_selection import Addition, add_in_turn
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.effect_selection import FitStep, add_in_turn
 from calib.diagnosis.explanation import explain, verdict_words
-from calib.diagnosis.stepwise import diagnose
 from calib.effects.catalogue import effects_named
 from calib.effects.effect import Family
 from calib.effects.user_file import load_effects
@@ -36,9 +36,9 @@ from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import progress, stages
 from inspector.export import json_documents as documents
 from inspector.export.csv_and_png import residuals_csv
-from inspector.session.session import HistoryStep, Session
+from inspector.session.session import Session
 from inspector.session.session_file import save_session
-from inspector.session.transitions import GEOMETRY, replayed, with_found
+from inspector.session.transitions import with_found, with_steps
 
 SCENE_ARROWS = 100.0  # how many times longer residuals are drawn in a scene's file
 
@@ -50,7 +50,7 @@ def own_effects(effects_file: Path | None, dataset: Dataset) -> tuple[Family, ..
     return load_effects(effects_file, nominal_state(dataset))
 
 
-def _fitted(options: CalibrateOptions | CorrectOptions, dataset: Dataset) -> tuple[Addition, ...]:
+def _fitted(options: CalibrateOptions | CorrectOptions, dataset: Dataset) -> tuple[FitStep, ...]:
     """The fits that were asked for: one, then one more for each --add."""
     own = own_effects(options.effects_file, dataset)
     effects = effects_named(dataset, options.effect, own)
@@ -83,7 +83,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
     return 0
 
 
-def _calibration_text(steps: Sequence[Addition]) -> str:
+def _calibration_text(steps: Sequence[FitStep]) -> str:
     """The parameters, the sums known better than their parts, the errors after each addition, the summary."""
     result = steps[-1].calibration
     lines = [result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.6g}")]
@@ -92,7 +92,7 @@ def _calibration_text(steps: Sequence[Addition]) -> str:
     ]
     if len(steps) > 1:
         lines.append(f"link errors: {_errors(steps[0].calibration)}")
-        lines += [f"+ {step.name}: {_errors(step.calibration)}" for step in steps[1:]]
+        lines += [f"{step.label}: {_errors(step.calibration)}" for step in steps[1:]]
     return "\n".join([*lines, result.summary()])
 
 
@@ -106,7 +106,7 @@ def _require_sense(result: Calibration, force: bool) -> None:
         )
 
 
-def _as_session(options: CalibrateOptions, dataset: Dataset, steps: Sequence[Addition]) -> Session:
+def _as_session(options: CalibrateOptions, dataset: Dataset, steps: Sequence[FitStep]) -> Session:
     """The fits as the page would have made them. Raises CalibError for options that a session cannot hold."""
     given = {
         "--effect": options.effect,
@@ -118,12 +118,7 @@ def _as_session(options: CalibrateOptions, dataset: Dataset, steps: Sequence[Add
     used = [name for name, value in given.items() if value]
     if used:
         raise CalibError(f"--session: a session holds fits by --residual and --add only; leave out {used[0]}")
-    nan = float("nan")
-    history = [HistoryStep("nominal", nan, nan, nan)]
-    for step in steps:
-        label = GEOMETRY if step.name is None else f"+ {step.name}"
-        history.append(HistoryStep(label, nan, nan, nan, step.added, options.residual))
-    return replayed(Session(dataset, own=own_effects(options.effects_file, dataset)), history)
+    return with_steps(Session(dataset, own=own_effects(options.effects_file, dataset)), steps)
 
 
 def _errors(calibration: Calibration) -> str:
@@ -203,7 +198,7 @@ def run_diagnose(options: DiagnoseOptions) -> int:
         result = diagnose(
             dataset, effects=options.effect, own=own, max_steps=options.max_steps, on_step=on_step
         )
-    ranked = result.steps[0].screening.to_frame()
+    ranked = result.screenings[0].to_frame()
     ranking = "No effect can be ranked: none is testable with these data."
     if len(ranked):
         ranking = ranked.head(6).to_string(index=False, float_format=lambda v: f"{v:.3g}")

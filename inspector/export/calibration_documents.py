@@ -10,7 +10,7 @@ from calib.calibration.evaluation import Evaluation, Figures
 from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import correlated_pairs, known_sums
 from calib.compensation.target_correction import Correction
-from calib.diagnosis.effect_selection import Addition
+from calib.diagnosis.effect_selection import FitStep
 from calib.validation.cross_validation import CrossValidation
 from calib.validation.learning_curve import LearningCurve
 
@@ -57,12 +57,12 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def additions(steps: Sequence[Addition]) -> list[dict[str, Any]]:
+def additions(steps: Sequence[FitStep]) -> list[dict[str, Any]]:
     """The way to a calibration: the first fit, then one for each effect that was added, with its members' sizes."""
     return [
         {
-            "effect": step.name,
-            "sizes": step.added[-1].sizes if step.added else {},
+            "effect": step.effect,
+            "sizes": step.selected[-1].prior_sigmas if step.selected else {},
             "sigma_mm": step.calibration.sigma_mm,
             **_roles(step.calibration.after),
         }

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.explanation import explain
 from calib.diagnosis.fault_models import LocalFault
 from calib.diagnosis.pose_recommendation import splitting_poses
+from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import Candidate
-from calib.diagnosis.stepwise import Diagnosis, Step
 from calib.effects.catalogue import descriptions
 
 
@@ -51,14 +52,14 @@ def _fault(fault: LocalFault | None) -> dict[str, Any] | None:
     return {**asdict(fault), "joint": fault.joint + 1, "words": fault.words}
 
 
-def _step(step: Step) -> dict[str, Any]:
+def _step(step: FitStep) -> dict[str, Any]:
     after = step.calibration.after
     return {
         "effect": step.effect,
         "train_rmse_mm": after.train.rmse_mm if after.train else None,
         "test_rmse_mm": after.test.rmse_mm if after.test else None,
         "sigma_mm": step.calibration.sigma_mm,
-        "p_value": step.p_value,
+        "p_value": step.candidate.p_value if step.candidate else None,
         "log_evidence_margin": step.log_evidence_margin,
     }
 

@@ -14,13 +14,13 @@ from calib.diagnosis.decision_rules import is_convincing
 from calib.diagnosis.explanation import explain, left_in_short, verdict_words
 from calib.diagnosis.parameter_meaning import meaning
 from calib.diagnosis.pose_recommendation import NextPose
+from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import Candidate, Screening, Untestable, Value
-from calib.diagnosis.stepwise import Diagnosis
 from calib.effects.effect import Description, describe, family_name, full_name
 from calib.kinematics.robot import Robot
 from inspector.markup import elements as tables
 from inspector.markup import numbers as words
-from inspector.session.session import Session
+from inspector.session.session import Session, StepErrors
 
 GOOD, BAD, DOUBT, NEUTRAL = "#009E73", "#D55E00", "#E69F00", "#8A8F98"
 NOT_YET = "Not calibrated yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
@@ -48,15 +48,15 @@ def state_html(session: Session, undo: int, redo: int) -> str:
         ("noise alone, 3D", "not declared" if floor is None else f"{words.millimetres(floor)} mm"),
         ("changes to undo · redo", f"{undo} · {redo}"),
     ]
-    sentence, colour = last_change(session)
+    sentence, colour = last_change(session.history)
     return tables.facts(rows) + (tables.alert(sentence, colour=colour) if sentence else "")
 
 
-def last_change(session: Session) -> tuple[str, str]:
+def last_change(history: Sequence[StepErrors]) -> tuple[str, str]:
     """Whether the last change of the model helped, in words, with a colour."""
-    if len(session.history) < 2:
+    if len(history) < 2:
         return "", NEUTRAL
-    old, new = session.history[-2:]
+    old, new = history[-2:]
     tested = math.isfinite(old.test_rmse_mm) and math.isfinite(new.test_rmse_mm)
     before, after = (old.test_rmse_mm, new.test_rmse_mm) if tested else (old.train_rmse_mm, new.train_rmse_mm)
     of = "test error" if tested else "training error (there are no test poses)"

@@ -8,8 +8,8 @@ from calib.calibration.pose_errors import Failure, failure_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.residual_tests import Remains, examine
+from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import Screening
-from calib.diagnosis.stepwise import Diagnosis
 from calib.identifiability.redundancy import Redundancy
 from inspector.session.session import Session
 from inspector.session.transitions import with_redundancy
@@ -59,9 +59,9 @@ def report_of(session: Session) -> Report:
     ranking_of = model
     if found is not None:
         first = found.steps[0]
-        ranking, ranking_of = first.screening, model_name(first.calibration)
+        ranking, ranking_of = found.screenings[0], model_name(first.calibration)
         if len(found.steps) > 1:
-            before = examine(first.calibration.dataset, first.screening.leftover)
+            before = examine(first.calibration.dataset, ranking.leftover)
             residuals.insert(0, ModelResidual(ranking_of, failure_of(first.calibration), before))
     return Report(session, calibration, ranking, ranking_of, tuple(residuals), analysis)
 

@@ -121,7 +121,7 @@ def _verdict(report: Report) -> list[Block]:
         last = last.replace(" above", " below")  # there the verdict comes last, here first
         mark = VerdictLine(last, VERDICTS[report.diagnosis.verdict])
         return [mark, *(Paragraph(p) for p in paragraphs)]
-    sentence, colour = last_change(report.session)
+    sentence, colour = last_change(report.session.history)
     model = model_name(report.calibration)
     return [
         VerdictLine(f"No verdict: the model ({model}) was put together by hand.", NEUTRAL),

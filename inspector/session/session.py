@@ -9,27 +9,26 @@ from calib.calibration.pose_errors import Failure
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.effect_selection import Added
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.residual_tests import Remains
+from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import Screening
-from calib.diagnosis.stepwise import Diagnosis
-from calib.effects.catalogue import Family
+from calib.effects.effect import Family
 from calib.identifiability.redundancy import Redundancy
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import with_corners
 
 
 @dataclass(frozen=True)
-class HistoryStep:
-    """One state of the model: what was done, and how far it is from the measurements after that."""
+class StepErrors:
+    """How far a model is from the measurements."""
 
-    label: str
-    train_rmse_mm: float
-    test_rmse_mm: float  # nan without test poses
-    sigma_mm: float  # residual sigma of a coordinate; nan where no degree of freedom is left
-    effects: tuple[Added, ...] = ()  # what was in the model then, beyond the link errors
-    residual: str = "position"  # what was fitted
-    left_out: tuple[str, ...] = ()  # poses that stand out, which a diagnosis did without
+    label: str  # what was changed: "nominal", "link errors", "+ backlash"
+    train_rmse_mm: float  # 3D
+    test_rmse_mm: float  # 3D; nan without test poses
+    sigma_mm: (
+        float  # of a residual's coordinate; nan without a degree of freedom left, and for the nominal robot
+    )
 
 
 @dataclass(frozen=True)
@@ -41,13 +40,18 @@ class Session:
     face_labels: FaceLabels | None = None  # which face of the jig is which there, once that was asked for
     redundancy: Redundancy | None = None
     calibration: Calibration | None = None
-    effects: tuple[Added, ...] = ()  # beyond the link errors
+    effects: tuple[SelectedEffect, ...] = ()  # beyond the link errors
     screening: Screening | None = None  # of everything not in this calibration's model
     failure: Failure | None = None  # where the calibration is off; known with the screening
     remains: Remains | None = None  # what the calibration left over, judged; known soon after the screening
     diagnosis: Diagnosis | None = None  # where it led to this calibration
-    history: tuple[HistoryStep, ...] = ()  # the nominal robot, the link errors, then each change of the model
+    steps: tuple[FitStep, ...] = ()  # the link errors, then each change of the model
     own: tuple[Family, ...] = ()  # the user's effects beyond the catalogue
+
+    @property
+    def history(self) -> tuple[StepErrors, ...]:
+        """The errors of the nominal robot, then those after each step; () before the first fit."""
+        return (_nominal(self.steps[0].calibration), *map(_errors_after, self.steps)) if self.steps else ()
 
     @property
     def measured(self) -> Dataset:
@@ -82,3 +86,18 @@ class Session:
     def scans(self) -> int:
         """How many poses have a scan."""
         return 0 if self.dataset.scan_folder is None else len(self.dataset.poses)
+
+
+def _nominal(first: Calibration) -> StepErrors:
+    return StepErrors("nominal", *_errors(first, before=True), float("nan"))
+
+
+def _errors_after(step: FitStep) -> StepErrors:
+    return StepErrors(step.label, *_errors(step.calibration), step.calibration.sigma_mm)
+
+
+def _errors(result: Calibration, *, before: bool = False) -> tuple[float, float]:
+    """3D RMSE of training and test poses, mm."""
+    evaluation = result.before if before else result.after
+    train, test = evaluation.train, evaluation.test
+    return train.rmse_mm if train else float("nan"), test.rmse_mm if test else float("nan")

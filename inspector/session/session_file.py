@@ -16,22 +16,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from calib.dataset.dataset import Dataset
+from calib.dataset.dataset import Dataset, without_poses
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.fingerprint import changed, content_hash, fingerprint
 from calib.dataset.files.folder import find_datasets, load_dataset
-from calib.diagnosis.effect_selection import Added, recalled
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect, calibrate_with, recalled
 from calib.effects.effect import Family
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
-from calib.options import RESIDUAL_KINDS
+from calib.options import RESIDUAL_KINDS, FitOptions
 from inspector.session import transitions as sessions
 from inspector.session.json_reader import Reader, SessionFileError, read_object
 from inspector.session.json_text import to_json
-from inspector.session.session import HistoryStep, Session
+from inspector.session.session import Session, StepErrors
 
 KIND, VERSION = "robot-calibration-inspector session", 1
+POSITION = "position"
 SAME = 1e-6  # share by which a figure may differ and still be the same
 
 
@@ -83,7 +84,7 @@ def session_text(session: Session, *, beside: Path, shown: Shown = Shown()) -> s
         "version": VERSION,
         "dataset": {"name": dataset.name, "folder": _relative(dataset.folder, beside), "files": files},
         "diagnosed": session.diagnosis is not None,
-        "history": [_step(step) for step in session.history],
+        "history": _history(session),
         "shown": {key: value for key, value in vars(shown).items() if value is not None},
     }
     return json.dumps(json.loads(to_json(document)), indent=1, ensure_ascii=False) + "\n"
@@ -101,15 +102,31 @@ def _relative(folder: Path, beside: Path) -> str:
         return folder.resolve().as_posix()
 
 
-def _step(step: HistoryStep) -> dict[str, Any]:
+def _history(session: Session) -> list[dict[str, Any]]:
+    """The nominal robot, which was fitted to nothing, then the steps."""
+    if not session.steps:
+        return []
+    nominal, *errors = session.history
+    return [
+        _entry(nominal, POSITION, (), ()),
+        *(
+            _entry(after, step.calibration.residual, step.selected, step.left_out)
+            for after, step in zip(errors, session.steps, strict=True)
+        ),
+    ]
+
+
+def _entry(
+    errors: StepErrors, residual: str, selected: Sequence[SelectedEffect], left_out: Sequence[str]
+) -> dict[str, Any]:
     return {
-        "label": step.label,
-        "residual": step.residual,
-        "effects": [{"name": added.name, "sizes": added.sizes} for added in step.effects],
-        "left_out": step.left_out,
-        "train_rmse_mm": step.train_rmse_mm,
-        "test_rmse_mm": step.test_rmse_mm,
-        "sigma_mm": step.sigma_mm,
+        "label": errors.label,
+        "residual": residual,
+        "effects": [{"name": effect.name, "sizes": effect.prior_sigmas} for effect in selected],
+        "left_out": left_out,
+        "train_rmse_mm": errors.train_rmse_mm,
+        "test_rmse_mm": errors.test_rmse_mm,
+        "sigma_mm": errors.sigma_mm,
     }
 
 
@@ -195,7 +212,7 @@ def opening(saved: Saved, root: Path, effects_file: Path | None = None) -> tuple
     if dataset.points is not None or effects_file is None:
         own = () if effects_file is None else load_effects(effects_file, nominal_state(dataset))
         try:
-            _steps(saved, dataset, own)
+            _selections(saved, dataset, own)
         except CalibError as error:
             if files:
                 return Opening(saved, folder), files
@@ -217,28 +234,40 @@ def reopened(session: Session, saved: Saved) -> tuple[Session, tuple[str, ...]]:
     if not saved.history:
         return session, notes
     try:
-        if saved.diagnosed:
-            session = sessions.with_diagnosis(session)
-        else:
-            session = sessions.replayed(session, _steps(saved, session.measured, session.own))
+        session = sessions.with_diagnosis(session) if saved.diagnosed else replayed(session, saved)
     except CalibError as error:
         raise SessionFileError(f"{saved.path}: {error}") from None
     return session, (*notes, *_differences(saved, session.history))
 
 
-def _steps(saved: Saved, dataset: Dataset, own: Sequence[Family]) -> list[HistoryStep]:
-    """The history to do again, its figures left open."""
-    nan = float("nan")
+def replayed(session: Session, saved: Saved) -> Session:
+    """The fits of a saved session once more, on what is measured now; its figures are not read."""
+    selections = _selections(saved, session.measured, session.own)
+    if any(step.residual == "pose" for step in saved.history[1:]):
+        session = sessions.with_names(session)
+    steps: list[FitStep] = []
+    for step, selected in list(zip(saved.history, selections, strict=True))[
+        1:
+    ]:  # the first is the nominal robot
+        measured = session.measured_for(step.residual)
+        dataset = without_poses(measured, step.left_out) if step.left_out else measured
+        start = sessions.start_of(steps[-1], selected) if steps else None
+        fit = calibrate_with(dataset, selected, FitOptions(step.residual), start=start)
+        steps.append(FitStep(step.label, selected, fit, left_out=step.left_out))
+    return sessions.with_steps(session, steps) if steps else session
+
+
+def _selections(saved: Saved, dataset: Dataset, own: Sequence[Family]) -> list[tuple[SelectedEffect, ...]]:
+    """The effects of each step. Raises CalibError for an effect or a pose that the dataset does not have."""
     out = []
     for step in saved.history:
-        added: tuple[Added, ...] = tuple(recalled(dataset, name, sizes, own) for name, sizes in step.effects)
+        out.append(tuple(recalled(dataset, name, sigmas, own) for name, sigmas in step.effects))
         for pose_id in step.left_out:
             dataset.poses.index(pose_id)
-        out.append(HistoryStep(step.label, nan, nan, nan, added, step.residual, step.left_out))
     return out
 
 
-def _differences(saved: Saved, history: Sequence[HistoryStep]) -> list[str]:
+def _differences(saved: Saved, history: Sequence[StepErrors]) -> list[str]:
     """What came out otherwise than it is written down."""
     before, now = [s.label for s in saved.history], [s.label for s in history]
     if before != now:

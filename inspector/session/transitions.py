@@ -9,12 +9,19 @@ from pathlib import Path
 from calib.calibration.pose_errors import failure_of
 from calib.calibration.result import Calibration
 from calib.corners.batch import search_file
-from calib.dataset.dataset import Dataset, without_poses
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.effect_selection import Added, calibrate_with, proposed, recalled
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.effect_selection import (
+    GEOMETRY,
+    FitStep,
+    SelectedEffect,
+    calibrate_with,
+    proposed,
+    recalled,
+)
 from calib.diagnosis.residual_tests import examine
+from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import screen
-from calib.diagnosis.stepwise import Diagnosis, Step, diagnose
 from calib.effects.catalogue import effects_for
 from calib.effects.effect import Family
 from calib.errors import CalibError, DatasetError
@@ -24,9 +31,7 @@ from calib.identifiability.structural import redundancy
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import label_faces
 from calib.options import FitOptions
-from inspector.session.session import HistoryStep, Session
-
-GEOMETRY = "link errors"
+from inspector.session.session import Session
 
 
 def open_session(folder: Path) -> Session:
@@ -44,7 +49,7 @@ def with_search(session: Session, pose: int) -> Session:
     if session.dataset.points is not None:
         return replace(session, searches=searches)
     return _unjudged(
-        replace(session, searches=searches, face_labels=None, calibration=None, effects=(), history=())
+        replace(session, searches=searches, face_labels=None, calibration=None, effects=(), steps=())
     )
 
 
@@ -86,13 +91,8 @@ def with_calibration(session: Session, residual: str = "position") -> Session:
     session = with_names(session) if residual == "pose" else session
     asked = FitOptions() if session.calibration is None else session.calibration.options
     result = calibrate_with(session.measured_for(residual), session.effects, asked.with_residual(residual))
-    label = session.history[-1].label if session.effects else GEOMETRY
-    start = _nominal(result)
-    history = (
-        *(session.history[:-1] if session.effects else (start,)),
-        _step(label, result, session.effects),
-    )
-    return _unjudged(replace(session, calibration=result, history=history))
+    before, label = (session.steps[:-1], session.steps[-1].label) if session.effects else ((), GEOMETRY)
+    return with_steps(session, (*before, FitStep(label, session.effects, result)))
 
 
 def with_screening(session: Session) -> Session:
@@ -121,11 +121,11 @@ def with_own(session: Session, own: tuple[Family, ...]) -> Session:
     session = replace(session, own=own, screening=None, diagnosis=None)
     if session.calibration is None or not any(added.name in ours for added in session.effects):
         return session
-    kept: list[Added] = []
+    kept: list[SelectedEffect] = []
     for added in session.effects:
         try:
             again = added.name in ours
-            kept.append(recalled(session.measured, added.name, added.sizes, own) if again else added)
+            kept.append(recalled(session.measured, added.name, added.prior_sigmas, own) if again else added)
         except CalibError:  # it is gone, or has other parameters: the ranking offers it anew
             continue
     return _changed(session, tuple(kept), "own effects read again")
@@ -157,56 +157,19 @@ def with_diagnosis(session: Session, on_step: Callable[[str], None] | None = Non
 
 def with_found(session: Session, found: Diagnosis) -> Session:
     """Take over a diagnosis of what is measured, and the model that it leads to."""
-    first = found.steps[0].calibration
-    start = _nominal(first)
-    left_out = _left_out(session.measured, first.dataset)
-    given = " + ".join([GEOMETRY, *first.model.family_names])
-    steps = [
-        replace(_step(f"+ {s.effect}" if s.effect else given, s.calibration, _inside(s)), left_out=left_out)
-        for s in found.steps
-    ]
     return replace(
-        session,
-        calibration=found.calibration,
-        effects=_inside(found.steps[-1]),
-        screening=found.steps[-1].screening,
+        with_steps(session, found.steps),
+        screening=found.screenings[-1],
         failure=failure_of(found.calibration),
         remains=found.remains,
         diagnosis=found,
-        history=(start, *steps),
     )
 
 
-def _inside(step: Step) -> tuple[Added, ...]:
-    return tuple(Added.of(candidate) for candidate in step.inside)
-
-
-def replayed(session: Session, steps: Sequence[HistoryStep]) -> Session:
-    """The fits of a history once more, on what is measured now; figures in `steps` are not read."""
-    fits: list[Calibration] = []
-    last: tuple[Added, ...] = ()
-    if any(step.residual == "pose" for step in steps[1:]):
-        session = with_names(session)
-    for step in steps[1:]:
-        measured = session.measured_for(step.residual)
-        dataset = without_poses(measured, step.left_out) if step.left_out else measured
-        start = _from(fits[-1], last, step.effects) if fits else None
-        fits.append(calibrate_with(dataset, step.effects, FitOptions(step.residual), start=start))
-        last = step.effects
-    if not fits:
-        return session
-    history = [
-        replace(_step(step.label, fit, step.effects), left_out=step.left_out)
-        for step, fit in zip(steps[1:], fits, strict=True)
-    ]
-    return _unjudged(
-        replace(
-            session,
-            calibration=fits[-1],
-            effects=steps[-1].effects,
-            history=(_nominal(fits[0]), *history),
-        )
-    )
+def with_steps(session: Session, steps: Sequence[FitStep]) -> Session:
+    """Take over fits that were made, the last as the model; nothing more is known of that yet."""
+    calibration, effects = steps[-1].calibration, steps[-1].selected
+    return _unjudged(replace(session, calibration=calibration, effects=effects, steps=tuple(steps)))
 
 
 def _calibrated(session: Session) -> Calibration:
@@ -215,42 +178,21 @@ def _calibrated(session: Session) -> Calibration:
     return session.calibration
 
 
-def _changed(session: Session, effects: tuple[Added, ...], label: str) -> Session:
+def _changed(session: Session, effects: tuple[SelectedEffect, ...], label: str) -> Session:
     before = _calibrated(session)
-    start = _from(before, session.effects, effects)
+    start = start_of(session.steps[-1], effects)
     result = calibrate_with(session.measured, effects, before.options, start=start)
-    history = (*session.history, _step(label, result, effects))
-    return _unjudged(replace(session, calibration=result, effects=effects, history=history))
+    return with_steps(session, (*session.steps, FitStep(label, effects, result)))
 
 
-def _from(before: Calibration, old: tuple[Added, ...], new: tuple[Added, ...]) -> Calibration | None:
-    """The fit to go on from: the one before where effects come, none where one goes, so that it ends where it began."""
-    return before if len(new) > len(old) else None
+def start_of(last: FitStep, effects: Sequence[SelectedEffect]) -> Calibration | None:
+    """The fit that one with these effects goes on from.
+
+    The last one where effects are added; none where one is taken out, so that the fit ends where it was before.
+    """
+    return last.calibration if len(effects) > len(last.selected) else None
 
 
 def _unjudged(session: Session) -> Session:
     """A new fit, of which nothing more is known yet."""
     return replace(session, screening=None, failure=None, remains=None, diagnosis=None)
-
-
-def _left_out(whole: Dataset, used: Dataset) -> tuple[str, ...]:
-    """Measured poses of a dataset that a part of it has no points of."""
-    assert whole.points is not None
-    assert used.points is not None
-    missing = set(whole.points.pose.tolist()) - set(used.points.pose.tolist())
-    return tuple(whole.poses.ids[i] for i in sorted(missing))
-
-
-def _nominal(result: Calibration) -> HistoryStep:
-    return HistoryStep("nominal", *_errors(result, before=True), float("nan"))
-
-
-def _step(label: str, result: Calibration, effects: tuple[Added, ...]) -> HistoryStep:
-    return HistoryStep(label, *_errors(result), result.sigma_mm, effects, result.residual)
-
-
-def _errors(result: Calibration, *, before: bool = False) -> tuple[float, float]:
-    """3D RMSE of training and test poses, mm."""
-    evaluation = result.before if before else result.after
-    train, test = evaluation.train, evaluation.test
-    return train.rmse_mm if train else float("nan"), test.rmse_mm if test else float("nan")

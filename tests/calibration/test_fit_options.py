@@ -13,9 +13,9 @@ from calib.calibration.model_versions import fits_same_points, versions
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
+from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.pose_recommendation import poses_between
 from calib.diagnosis.screening import Candidate, screen
-from calib.diagnosis.stepwise import diagnose
 from calib.effects.catalogue import effects_for
 from calib.errors import FitError
 from calib.fitting.observations import conditions_at
@@ -78,7 +78,7 @@ def test_poses_are_recommended_by_fits_as_was_asked(dataset: Dataset, asked: Fit
     first, second = (c for c in screen(result, effects_for(dataset)).candidates[:2])
 
     def places(candidate: Candidate, q: np.ndarray) -> np.ndarray:
-        fitted = calibrate(dataset, asked, effects=candidate.members, sizes=candidate.sizes)
+        fitted = calibrate(dataset, asked, effects=candidate.members, sizes=candidate.prior_sigmas)
         at_mm = fitted.model.predict(fitted.fit.x, conditions_at(dataset.poses, q))
         return frames.apply(next(iter(fitted.after.scanner_T_base.values())), at_mm)
 

@@ -11,13 +11,13 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.advice import advise
+from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.explanation import input_in_words, left_in_short
 from calib.diagnosis.parameter_meaning import meaning
 from calib.diagnosis.pose_recommendation import nearest_rival, poses_between
 from calib.diagnosis.projected_residual import leftover_of
 from calib.diagnosis.residual_tests import Remains, examine
 from calib.diagnosis.screening import Screening, screen
-from calib.diagnosis.stepwise import diagnose
 from calib.effects.catalogue import effects_for
 from calib.kinematics.chain import target_jacobian
 from calib.simulation.simulate import simulate_dataset

@@ -9,9 +9,10 @@ import pytest
 
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.effect_selection import Added, add_in_turn, calibrate_with, proposed, recalled
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.effect_selection import SelectedEffect, add_in_turn, calibrate_with, proposed, recalled
+from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import screen
-from calib.diagnosis.stepwise import Diagnosis, diagnose
 from calib.effects.catalogue import family_of
 from calib.errors import CalibError
 from calib.options import FitOptions
@@ -33,30 +34,30 @@ def test_adding_by_name_is_the_step_that_the_diagnosis_took(dataset: Dataset, fo
     assert found.missing == (HIDDEN,)
     np.testing.assert_allclose(plain.calibration.fit.x, found.steps[0].calibration.fit.x, rtol=1e-12)
     np.testing.assert_allclose(with_it.calibration.fit.x, found.calibration.fit.x, rtol=1e-12)
-    assert (plain.name, with_it.name) == (None, HIDDEN)
+    assert (plain.effect, with_it.effect) == (None, HIDDEN)
     tolerances = with_it.calibration.to_frame().set_index("name")["tolerance"]
-    assert all(tolerances[name] == size for name, size in with_it.added[0].sizes.items())
+    assert all(tolerances[name] == size for name, size in with_it.selected[0].prior_sigmas.items())
 
 
 def test_names_and_sizes_alone_bring_the_same_fit_back(dataset: Dataset) -> None:
-    added = add_in_turn(dataset, [HIDDEN])[-1].added
-    again = recalled(dataset, HIDDEN, dict(added[0].sizes))
+    added = add_in_turn(dataset, [HIDDEN])[-1].selected
+    again = recalled(dataset, HIDDEN, dict(added[0].prior_sigmas))
     assert again == added[0]
-    few = {name: size for name, size in added[0].sizes.items() if ".J2." in name}
+    few = {name: size for name, size in added[0].prior_sigmas.items() if ".J2." in name}
     assert [(m.joint, m.order) for m in recalled(dataset, HIDDEN, few).members] == [(1, 1), (1, 2), (1, 3)]  # type: ignore[attr-defined]
     first, second = calibrate_with(dataset, added), calibrate_with(dataset, [again])
     assert np.array_equal(first.fit.x, second.fit.x)
 
 
 def test_a_second_effect_is_screened_beside_the_first(dataset: Dataset, found: Diagnosis) -> None:
-    ranked = found.steps[0].screening.candidates
+    ranked = found.screenings[0].candidates
     other = next(c for c in reversed(ranked) if c.members and c.name != HIDDEN).name
     steps = add_in_turn(dataset, [other, HIDDEN, other], FitOptions())
-    assert [step.name for step in steps] == [None, other, HIDDEN]
-    assert [len(step.added) for step in steps] == [0, 1, 2]
+    assert [step.effect for step in steps] == [None, other, HIDDEN]
+    assert [len(step.selected) for step in steps] == [0, 1, 2]
     assert steps[-1].calibration.model.family_names == (other, HIDDEN)
     beside = screen(steps[1].calibration, [family_of(dataset, HIDDEN)]).candidates[0]
-    assert steps[2].added[1] == Added.of(beside)
+    assert steps[2].selected[1] == SelectedEffect.of(beside)
 
 
 @pytest.mark.parametrize(
@@ -70,8 +71,8 @@ def test_what_cannot_be_added_is_refused_before_the_work(dataset: Dataset, name:
 
 
 def test_only_candidates_are_proposed(found: Diagnosis) -> None:
-    ranked = found.steps[0].screening
-    assert proposed(ranked, HIDDEN) == Added.of(ranked.candidates[0])
+    ranked = found.screenings[0]
+    assert proposed(ranked, HIDDEN) == SelectedEffect.of(ranked.candidates[0])
     with pytest.raises(CalibError, match="not among the candidates: transmission_error"):
         proposed(ranked, "rust")
     with pytest.raises(CalibError, match="none is ranked yet"):

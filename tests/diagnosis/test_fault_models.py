@@ -10,12 +10,12 @@ import pytest
 from calib.calibration.calibrate import calibrate
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.decision_rules import MARGIN, simpler_story
+from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.explanation import explain
 from calib.diagnosis.fault_models import best_fault, unknown_motion
 from calib.diagnosis.projected_residual import leftover_of
 from calib.diagnosis.residual_tests import FAULT_EVIDENCE, examine
 from calib.diagnosis.screening import screen
-from calib.diagnosis.stepwise import diagnose
 from calib.effects.catalogue import effects_for
 from calib.simulation.measured_dataset import Simulation
 from calib.simulation.simulate import simulate_dataset

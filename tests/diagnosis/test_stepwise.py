@@ -15,12 +15,13 @@ from calib.calibration.plausibility import does_not_belong
 from calib.calibration.pose_errors import failure_of
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
+from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.explanation import explain, verdict_words
 from calib.diagnosis.pose_recommendation import splitting_poses
 from calib.diagnosis.projected_residual import leftover_of
 from calib.diagnosis.residual_tests import examine
+from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import Screening, screen
-from calib.diagnosis.stepwise import Diagnosis, diagnose
 from calib.effects.base import Parameter
 from calib.effects.catalogue import catalogue_names, effects_named
 from calib.effects.state import RobotState
@@ -324,12 +325,12 @@ def test_what_cannot_be_tested_is_not_called_absent() -> None:
     result = diagnose(blind)
     assert result.verdict == "adequate"
     assert "(backlash, thermal_growth: not testable)" in verdict_words(result)
-    none = replace(result, steps=(replace(result.steps[0], screening=screening_of_nothing(result)),))
+    none = replace(result, screenings=(screening_of_nothing(result),))
     assert "can test none" in verdict_words(none)
 
 
 def screening_of_nothing(result: Diagnosis) -> Screening:
-    return replace(result.steps[0].screening, candidates=())
+    return replace(result.screenings[0], candidates=())
 
 
 def test_where_it_fails_shows_the_joint_that_fails() -> None:

@@ -18,6 +18,7 @@ from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Orientations
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
+from calib.diagnosis.effect_selection import GEOMETRY
 from calib.errors import FitError
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import with_corners
@@ -31,7 +32,6 @@ from inspector.markup import numbers as words
 from inspector.session import transitions as sessions
 from inspector.session.session import Session
 from inspector.session.session_file import load_session, opening, reopened, save_session
-from inspector.session.transitions import GEOMETRY
 from tests.support.app import IDLE_S, idle_app, shows
 from tests.support.tiny_dataset import scanned_cell
 from tests.support.wire_client import WireClient
@@ -117,7 +117,7 @@ def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(
         before, after = (theirs["attitudes"][when][role]["rmse_rad"] for when in ("before", "after"))
         assert after < before
         shows(page, f"{1e3 * before:.4f}", f"{1e3 * after:.4f}", words.reduction(before, after))
-    assert [step.residual for step in session(app).history] == ["position", "pose"]
+    assert [step.calibration.residual for step in session(app).steps] == ["pose"]
     assert session(app).history[-1].label == GEOMETRY
 
     page.click("Measured points (CSV)")

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from calib.dataset.files.folder import load_dataset
+from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.pose_recommendation import nearest_rival, poses_between
 from calib.diagnosis.screening import Untestable
-from calib.diagnosis.stepwise import diagnose
 from inspector.app.app import App
 from inspector.figures.residual_plots import SELECTED
 from inspector.markup import numbers as words

@@ -8,13 +8,13 @@ from dataclasses import FrozenInstanceError, replace
 import pytest
 
 from calib.calibration.calibrate import calibrate
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.effect_selection import GEOMETRY
 from calib.diagnosis.explanation import explain
-from calib.diagnosis.stepwise import diagnose
 from calib.errors import CalibError
 from inspector.markup.effects import last_change
 from inspector.session import transitions as sessions
-from inspector.session.session import HistoryStep, Session
-from inspector.session.transitions import GEOMETRY
+from inspector.session.session import Session, StepErrors
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 
 
@@ -49,7 +49,7 @@ def test_an_effect_is_added_as_the_screening_proposes_it(ranked: Session, added:
     assert ranked.screening is not None
     best = ranked.screening.candidates[0]
     assert best.name == HIDDEN
-    again = calibrate(ranked.dataset, effects=best.members, sizes=best.sizes)
+    again = calibrate(ranked.dataset, effects=best.members, sizes=best.prior_sigmas)
     assert added.calibration is not None
     assert added.calibration.fit.x == pytest.approx(again.fit.x, rel=1e-9)
     assert labels(added) == ["nominal", GEOMETRY, f"+ {HIDDEN}"]
@@ -114,7 +114,7 @@ def test_a_diagnosis_is_taken_over_whole(ranked: Session) -> None:
     assert explain(found.diagnosis) == explain(alone)
     assert tuple(added.name for added in found.effects) == alone.missing == (HIDDEN,)
     assert labels(found) == ["nominal", GEOMETRY, f"+ {HIDDEN}"]
-    assert found.screening is found.diagnosis.steps[-1].screening
+    assert found.screening is found.diagnosis.screenings[-1]
     assert said[0] == "fitting the geometry"
     assert f"adding {HIDDEN}" in said
 
@@ -137,23 +137,18 @@ def test_what_a_listener_raises_ends_the_diagnosis(ranked: Session) -> None:
         (0.1, 0.1, "\u2212 backlash", "It was not needed"),
     ],
 )
-def test_whether_a_change_helped_is_said(
-    ranked: Session, before: float, after: float, label: str, words: str
-) -> None:
-    history = (HistoryStep("link errors", 0.1, before, 0.1), HistoryStep(label, 0.05, after, 0.1))
-    sentence, _ = last_change(replace(ranked, history=history))
+def test_whether_a_change_helped_is_said(before: float, after: float, label: str, words: str) -> None:
+    history = (StepErrors("link errors", 0.1, before, 0.1), StepErrors(label, 0.05, after, 0.1))
+    sentence, _ = last_change(history)
     assert words in sentence
     assert sentence.startswith(label)
     assert "test error" in sentence
 
 
-def test_without_test_poses_the_training_error_speaks(ranked: Session) -> None:
+def test_without_test_poses_the_training_error_speaks() -> None:
     nan = math.nan
-    history = (HistoryStep("link errors", 0.4, nan, 0.1), HistoryStep("+ backlash", 0.2, nan, 0.1))
-    assert (
-        "training error (there are no test poses) fell by 50 %"
-        in last_change(replace(ranked, history=history))[0]
-    )
+    history = (StepErrors("link errors", 0.4, nan, 0.1), StepErrors("+ backlash", 0.2, nan, 0.1))
+    assert "training error (there are no test poses) fell by 50 %" in last_change(history)[0]
 
 
 def test_points_have_no_scans_to_search(added: Session) -> None:

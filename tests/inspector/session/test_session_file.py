@@ -53,6 +53,11 @@ def opened(path: Path, root: Path) -> tuple[Session, tuple[str, ...]]:
     return reopened(sessions.open_session(dataset_of(read, root)), read)
 
 
+def selections(session: Session) -> list[tuple[object, ...]]:
+    """What was fitted in each step: effects, residual, poses without which."""
+    return [(step.selected, step.calibration.residual, step.left_out) for step in session.steps]
+
+
 def test_everything_comes_back_to_the_last_bit(worked_on: Session, saved: Path, folder: Path) -> None:
     again, notes = opened(saved, folder)
     assert notes == ()
@@ -62,6 +67,7 @@ def test_everything_comes_back_to_the_last_bit(worked_on: Session, saved: Path, 
     assert again.calibration.residual == "pairs"
     assert again.effects == worked_on.effects
     assert str(again.history) == str(worked_on.history)  # nan is not equal to itself
+    assert selections(again) == selections(worked_on)
     assert load_session(saved).shown == Shown("p0007", "All corners", True, 300.0, 1000.0)
 
 
@@ -74,16 +80,20 @@ def test_a_diagnosis_comes_back_with_its_words(folder: Path, tmp_path: Path) -> 
     assert found.diagnosis is not None
     assert again.diagnosis.verdict == found.diagnosis.verdict == "named"
     assert str(again.history) == str(found.history)
+    assert selections(again) == selections(found)
 
 
 def test_poses_that_were_left_out_stay_out(worked_on: Session, folder: Path, tmp_path: Path) -> None:
     out = worked_on.dataset.poses.ids[3:5]
-    steps = [replace(step, left_out=out) for step in worked_on.history]
-    without = sessions.replayed(sessions.open_session(folder), steps)
+    steps = tuple(replace(step, left_out=out) for step in worked_on.steps)
+    save_session(tmp_path / "asked.json", replace(worked_on, steps=steps))
+    without, told = opened(tmp_path / "asked.json", folder)
+    assert any("training RMSE is now" in note for note in told)  # the figures are those of all poses
     save_session(tmp_path / "s.json", without)
     again, notes = opened(tmp_path / "s.json", folder)
     assert notes == ()
     assert str(again.history) == str(without.history) != str(worked_on.history)
+    assert selections(again) == selections(without) == [(*s[:2], out) for s in selections(worked_on)]
     assert again.calibration is not None
     assert again.calibration.dataset.points is not None
     assert not {3, 4} & set(again.calibration.dataset.points.pose.tolist())
@@ -151,7 +161,7 @@ def test_writing_is_whole_or_not_at_all(
 
     monkeypatch.setattr("os.replace", fails)
     with pytest.raises(CalibError, match=r"cannot be written \(disk full\)"):
-        save_session(saved, replace(worked_on, history=()))
+        save_session(saved, replace(worked_on, steps=()))
     assert saved.read_text() == before
     assert [path.name for path in saved.parent.iterdir()] == ["session.json"]
 

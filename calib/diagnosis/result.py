@@ -1,0 +1,59 @@
+"""The result of a diagnosis: the verdict on a dataset, and the fits and tests that led to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pandas as pd
+
+from calib.calibration.result import Calibration
+from calib.diagnosis.effect_selection import GEOMETRY, FitStep
+from calib.diagnosis.fault_models import LocalFault
+from calib.diagnosis.residual_tests import Remains
+from calib.diagnosis.screening import Candidate, Screening, Untestable
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The verdict on a dataset and all that led to it."""
+
+    verdict: str  # of decision_rules.VERDICTS
+    missing: tuple[str, ...]  # effects, in the order added
+    ambiguous_set: tuple[str, ...]  # effects that these data cannot tell apart
+    steps: tuple[FitStep, ...]  # the link errors, then one for each effect that was added
+    screenings: tuple[Screening, ...]  # one a step: of every effect that is not in its model
+    remains: Remains  # what the last fit left over
+    refused: str = ""  # an effect that would have been named, but made the test poses worse
+    simpler: LocalFault | None = None  # a fault outside the catalogue with more evidence than the next effect
+
+    @property
+    def calibration(self) -> Calibration:
+        """The last fit, all named effects in it."""
+        return self.steps[-1].calibration
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """The ranking that the first decision was taken by."""
+        return self.screenings[0].candidates
+
+    @property
+    def untestable(self) -> tuple[Untestable, ...]:
+        """Families that these data cannot test."""
+        return self.screenings[0].untestable
+
+    def to_frame(self) -> pd.DataFrame:
+        """The steps: effect, errors on training and test poses, residual sigma."""
+        rows = []
+        for step in self.steps:
+            after = step.calibration.after
+            rows.append(
+                {
+                    "effect": step.effect or GEOMETRY,
+                    "train_rmse_mm": after.train.rmse_mm if after.train else float("nan"),
+                    "test_rmse_mm": after.test.rmse_mm if after.test else float("nan"),
+                    "sigma_mm": step.calibration.sigma_mm,
+                    "p_value": step.candidate.p_value if step.candidate else None,
+                    "margin": step.log_evidence_margin,
+                }
+            )
+        return pd.DataFrame(rows).astype({"p_value": float, "margin": float})  # None is NaN
