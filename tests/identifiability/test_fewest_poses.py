@@ -46,14 +46,14 @@ def test_both_sides_of_the_limit(robot: str, residual: str, setups: int) -> None
 @pytest.mark.parametrize("residual", ["position", "distance", "pose"])
 def test_the_check_says_the_same(residual: str) -> None:
     needed = fewest_poses(builtin_robot("rb5"), residual=residual)
-    few = check(measured("rb5", needed - 1), residual=residual)
+    few = check(measured("rb5", needed - 1), options=FitOptions(residual))
     assert not few.passed
     (fit,) = few.findings
     assert (
         fit.words
         == f"not tried: {needed - 1} different training poses are measured, a fit takes at least {needed}"
     )
-    enough = check(measured("rb5", needed), residual=residual)
+    enough = check(measured("rb5", needed), options=FitOptions(residual))
     assert enough.calibration is not None
     assert enough.calibration.fit.converged
 
