@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
 from calib.calibration.evaluation import evaluate_all
 from calib.calibration.result import Calibration
@@ -16,8 +16,8 @@ from calib.effects.effect import Effect
 from calib.effects.link_errors import LinkErrors
 from calib.errors import FitError
 from calib.fitting.fit import Fit, Iteration
-from calib.fitting.model import Model, geometric_model
-from calib.fitting.observations import Observations, place_scanner
+from calib.fitting.model import Model
+from calib.fitting.observations import Observations, with_nominal_scanner_frames
 from calib.fitting.pose_residuals import require_orientations
 from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.robust import solve_robustly
@@ -25,8 +25,6 @@ from calib.fitting.trust_region import solve
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
-
-Array = NDArray[np.float64]
 
 MOST_TOLERANCE = 1e6  # mm or rad: whoever wants no prior switches it off
 
@@ -63,8 +61,7 @@ def calibrate(
         raise FitError(
             f"dataset {dataset.name}: {len(observed.points)} training points; a fit needs many more"
         )
-    nominal = geometric_model(dataset.robot)
-    observed = place_scanner(observed, nominal, np.zeros(len(nominal.parameters)))
+    observed = with_nominal_scanner_frames(observed, dataset.robot)
     if residual == "pose":
         require_orientations(dataset, observed)
     residuals = make_residuals(residual, model, observed)

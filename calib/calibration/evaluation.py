@@ -11,21 +11,19 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from calib import frames
+from calib.array_types import Array, BoolArray, IndexArray
 from calib.dataset.dataset import Dataset
-from calib.fitting.model import Model, geometric_model
+from calib.fitting.model import Model
 from calib.fitting.observations import (
     Observations,
     mean_jig_points,
-    place_scanner,
     predict_points,
     setup_references,
+    with_nominal_scanner_frames,
 )
 from calib.fitting.scanner_frame import fit_scanner_frame
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -44,11 +42,11 @@ class Figures:
 class Evaluation:
     """A model against all M measured points of a dataset."""
 
-    pose: NDArray[np.int64]  # (M,)
+    pose: IndexArray  # (M,)
     error_mm: Array  # (M, 3) predicted minus measured, scanner frame
-    distance_pose: NDArray[np.int64]  # (K,) the far pose of each distance
+    distance_pose: IndexArray  # (K,) the far pose of each distance
     distance_error_mm: Array  # (K,) predicted minus measured
-    is_test: NDArray[np.bool_]  # (N,) by pose
+    is_test: BoolArray  # (N,) by pose
     scanner_T_base: dict[str, Array]  # by setup
     notes: tuple[str, ...]
 
@@ -60,7 +58,7 @@ class Evaluation:
     def test(self) -> Figures | None:
         return self._figures(self.is_test)
 
-    def _figures(self, of_pose: NDArray[np.bool_]) -> Figures | None:
+    def _figures(self, of_pose: BoolArray) -> Figures | None:
         error = np.linalg.norm(self.error_mm[of_pose[self.pose]], axis=1)
         distance = np.abs(self.distance_error_mm[of_pose[self.distance_pose]])
         if len(error) == 0:
@@ -102,9 +100,8 @@ def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset) -> list[Ev
     scatter about its own best frame, not a prediction.
     """
     observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
-    nominal = geometric_model(dataset.robot)
     trained = ~dataset.poses.is_test[observed.points.pose]
-    observed = place_scanner(observed, nominal, np.zeros(len(nominal.parameters)), trained)
+    observed = with_nominal_scanner_frames(observed, dataset.robot, trained)
     setups, notes = [], []
     for name in map(str, np.unique(observed.setup)):
         rows = observed.setup == name
@@ -140,9 +137,9 @@ def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset) -> list[Ev
 class _Distances:
     """The K distances from each setup's reference to each other pose: which points they run between, and how long."""
 
-    pose: NDArray[np.int64]  # (K,) the far pose
-    far: NDArray[np.int64]  # (K,) a point of that pose
-    near: NDArray[np.int64]  # (K,) a point of the reference
+    pose: IndexArray  # (K,) the far pose
+    far: IndexArray  # (K,) a point of that pose
+    near: IndexArray  # (K,) a point of the reference
     measured_mm: Array  # (K,)
 
     @classmethod

@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.result import Calibration
 from calib.fitting.model import Model, geometric_model
+from calib.fitting.pose_means import mean_by_pose
 from calib.options import FitOptions
-
-Array = NDArray[np.float64]
 
 NOMINAL, LINKS, EFFECTS = "nominal", "link errors", "with effects"
 VERSIONS = (NOMINAL, LINKS, EFFECTS)
@@ -32,21 +31,16 @@ class Version:
     def pose_errors_mm(self) -> Array:
         """(N,) RMS of the 3D errors of each pose's points; nan where nothing was measured."""
         squared = np.sum(self.evaluation.error_mm**2, axis=1)
-        return np.sqrt(_mean_by_pose(self, squared[:, None])[:, 0])
+        return np.sqrt(self._mean_by_pose(squared))
 
     def pose_error_vectors_mm(self) -> Array:
         """(N, 3) predicted minus measured, scanner frame, mean over a pose's points; nan where there are none."""
-        return _mean_by_pose(self, self.evaluation.error_mm)
+        return self._mean_by_pose(self.evaluation.error_mm)
 
-
-def _mean_by_pose(version: Version, values: Array) -> Array:
-    """(M, K) by measured point -> (N, K) by pose."""
-    pose = version.evaluation.pose
-    total = np.zeros((len(version.calibration.dataset.poses), values.shape[1]))
-    np.add.at(total, pose, values)
-    count = np.bincount(pose, minlength=len(total)).astype(float)
-    count[count == 0] = np.nan
-    return np.asarray(total / count[:, None])
+    def _mean_by_pose(self, values: Array) -> Array:
+        """(M, ...) by measured point -> (N, ...) by pose."""
+        poses = len(self.calibration.dataset.poses)
+        return mean_by_pose(values, self.evaluation.pose, poses, empty=float("nan"))
 
 
 def versions(calibration: Calibration, links: Calibration | None = None) -> tuple[Version, ...]:

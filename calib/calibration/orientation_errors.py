@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import Dataset
-from calib.fitting.model import Model, geometric_model
-from calib.fitting.observations import Observations, place_scanner, predict_poses
+from calib.fitting.model import Model
+from calib.fitting.observations import (
+    Observations,
+    predict_poses,
+    with_nominal_scanner_frames,
+)
 from calib.fitting.pose_residuals import PoseResiduals
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -37,9 +39,7 @@ def evaluate_attitudes(model: Model, x: Array, dataset: Dataset) -> Attitudes:
 
     Raises FitError where no training pose has an orientation, or orientations have no covariance.
     """
-    nominal = geometric_model(dataset.robot)
-    zero = np.zeros(len(nominal.parameters))  # the scanner's effects look from where the fit had it look
-    training = place_scanner(Observations.of(dataset), nominal, zero)
+    training = with_nominal_scanner_frames(Observations.of(dataset), dataset.robot)  # as the fit had it
     placed = PoseResiduals(model, training).placement(x)
     everything = Observations.of(dataset, np.isin(dataset.poses.setup, list(placed.scanner_T_base)))
     everything = replace(everything, scanner_T_base=training.scanner_T_base)
@@ -48,7 +48,7 @@ def evaluate_attitudes(model: Model, x: Array, dataset: Dataset) -> Attitudes:
     angle = np.linalg.norm(residuals.errors(placed, base_mm, attitude)[:, 3:], axis=1)
     is_test = dataset.poses.is_test[everything.points.pose]
 
-    def figures(rows: NDArray[np.bool_]) -> AttitudeFigures | None:
+    def figures(rows: BoolArray) -> AttitudeFigures | None:
         off = angle[rows & residuals.turned]
         if len(off) == 0:
             return None

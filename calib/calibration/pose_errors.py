@@ -6,17 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from calib import frames
+from calib.array_types import Array, BoolArray, IndexArray
 from calib.calibration.input_variables import inputs_at
 from calib.calibration.joint_directions import directions_at
 from calib.calibration.result import Calibration
 from calib.distributions import chi2_ppf
-from calib.fitting.observations import Observations, place_scanner
+from calib.fitting.observations import Observations, with_scanner_frames
+from calib.fitting.pose_means import mean_by_pose, sum_by_pose
 from calib.fitting.scanner_frame import whitener
-
-Array = NDArray[np.float64]
 
 _RANKS = 4  # to either side of a point, whose median is its smooth
 
@@ -30,7 +30,7 @@ class Failure:
     """
 
     pose_ids: tuple[str, ...]
-    is_test: NDArray[np.bool_]  # (N,)
+    is_test: BoolArray  # (N,)
     error_mm: Array  # (N, 3) predicted minus measured, scanner frame, mean over a pose's points
     place_mm: Array  # (N, 3) where the point was measured, base frame as the model places it
     noise_mm: float  # what one coordinate may be off by noise alone
@@ -87,7 +87,7 @@ def failure_of(calibration: Calibration) -> Failure:
     dataset, model, x = calibration.dataset, calibration.model, calibration.fit.x
     everything = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
     trained = ~dataset.poses.is_test[everything.points.pose]
-    observed = place_scanner(everything, model, x, trained)
+    observed = with_scanner_frames(everything, model, x, trained)
     poses, row = observed.used_poses
     scanner_T_base = np.stack([calibration.after.scanner_T_base[str(name)] for name in observed.setup])
     whiten = whitener(observed.covariance_mm2)
@@ -96,32 +96,24 @@ def failure_of(calibration: Calibration) -> Failure:
     apparent = np.zeros((len(poses), model.robot.n_joints))
     noise = np.full_like(apparent, np.nan)
     for j, direction in enumerate(directions_at(model, x, observed, whiten @ scanner_T_base[:, :3, :3])):
-        along = _per_pose(np.sum(direction * raw, axis=1), row, len(poses))
-        size = _per_pose(np.sum(direction**2, axis=1), row, len(poses))
+        along = sum_by_pose(np.sum(direction * raw, axis=1), row, len(poses))
+        size = sum_by_pose(np.sum(direction**2, axis=1), row, len(poses))
         # A joint whose axis passes the point close by explains nothing: its motion would be huge.
         usable = size > 1e-4 * max(float(size.max()), 1e-300)
         apparent[usable, j] = -along[usable] / size[usable]
         noise[usable & (size > 0.0), j] = 1.0 / np.sqrt(size[usable & (size > 0.0)])
     sigma_mm = np.sqrt(np.trace(observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
-    count = np.bincount(row, minlength=len(poses))[:, None]
     base_mm = frames.apply(frames.invert(scanner_T_base), observed.points.xyz_mm)
     return Failure(
         pose_ids=poses.ids,
         is_test=poses.is_test,
-        error_mm=_per_pose(error_mm, row, len(poses)) / count,
-        place_mm=_per_pose(base_mm, row, len(poses)) / count,
+        error_mm=mean_by_pose(error_mm, row, len(poses)),
+        place_mm=mean_by_pose(base_mm, row, len(poses)),
         noise_mm=float(np.sqrt(np.mean(sigma_mm**2))),
         apparent_joint_error=apparent,
         inputs=inputs_at(model.robot, poses, model.state(x, poses, observed.seen())),
         apparent_joint_noise=noise,
     )
-
-
-def _per_pose(values: Array, row: NDArray[np.int64], poses: int) -> Array:
-    """The sum of a pose's points, (M, ...) -> (N, ...)."""
-    out = np.zeros((poses, *values.shape[1:]))
-    np.add.at(out, row, values)
-    return out
 
 
 def running_median(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
@@ -149,7 +141,7 @@ def running_median(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
     return smooth[:, 0], smooth[:, 1]
 
 
-def _gaps(x: Array) -> NDArray[np.int64]:
+def _gaps(x: Array) -> IndexArray:
     """Where sorted x (N,) jumps: indices of the first point after each gap.
 
     The largest step among N points spread evenly at random is about ln N / N of their range; half as much again is a

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from calib.array_types import BoolArray
 from calib.calibration.pose_errors import Failure, failure_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Poses
 from calib.fitting.observations import Observations
-
-Array = NDArray[np.float64]
+from calib.fitting.pose_means import mean_by_pose, points_by_pose
 
 
 def residual_table(calibration: Calibration) -> pd.DataFrame:
@@ -25,15 +24,12 @@ def residual_table(calibration: Calibration) -> pd.DataFrame:
     dataset = calibration.dataset
     everything = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
     poses, row = everything.used_poses
-    count = np.bincount(row, minlength=len(poses))
-    measured_mm = np.zeros((len(poses), 3))
-    np.add.at(measured_mm, row, everything.points.xyz_mm)
-    measured_mm /= count[:, None]
+    measured_mm = mean_by_pose(everything.points.xyz_mm, row, len(poses))
     columns: dict[str, object] = {
         "pose": poses.ids,
         "role": poses.role,
         "setup": poses.setup,
-        "points": count,
+        "points": points_by_pose(row, len(poses)),
     }
     for name, values in (
         ("error", failure.error_mm),
@@ -48,7 +44,7 @@ def residual_table(calibration: Calibration) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def _inputs(failure: Failure, poses: Poses, is_revolute: NDArray[np.bool_]) -> dict[str, object]:
+def _inputs(failure: Failure, poses: Poses, is_revolute: BoolArray) -> dict[str, object]:
     """The inputs by the name that a column has; the place of the point is `measured_...` already."""
     out: dict[str, object] = {}
     for name, values in failure.inputs.items():

@@ -11,15 +11,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from calib import frames
+from calib.array_types import Array
 from calib.calibration.result import Calibration
 from calib.errors import FitError
 from calib.fitting.observations import Observations, conditions_at, linearise_points
 from calib.identifiability.structural import redundancy
-
-Array = NDArray[np.float64]
 
 CORRELATED = 0.8
 

@@ -15,15 +15,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib import frames
+from calib.array_types import Array, BoolArray, IndexArray
 from calib.dataset.dataset import Poses
 from calib.effects.state import RobotState
 from calib.fitting.model import Model
 from calib.kinematics import chain as kinematics
-
-Array = NDArray[np.float64]
 
 _ITERATIONS = 100
 _EXACT_MM = 1e-10  # an error below this may rise again in rounding
@@ -53,7 +51,7 @@ class ToolProblem:
         """(n,) size of one scaled unit of each joint: rad, or the reach in mm for a prismatic joint."""
         return np.where(self.model.robot.is_revolute, 1.0, self.length_mm)
 
-    def _state(self, q: Array, rows: NDArray[np.int64]) -> tuple[RobotState, Array]:
+    def _state(self, q: Array, rows: IndexArray) -> tuple[RobotState, Array]:
         """The calibrated arm at q (K, n), and how its base is turned there (1 or K, 3, 3)."""
         state = self.model.state(self.x, replace(self.conditions.select(rows), q=q))
         return state, frames.rotation_from_rotvec(state.base_rotvec_rad)
@@ -63,14 +61,14 @@ class ToolProblem:
         rotation = turn @ state.chain.base_T_frame[:, -1, :3, :3]
         return frames.make_transform(rotation, state.place(state.chain.target_mm))
 
-    def _error(self, base_T_tool: Array, rows: NDArray[np.int64]) -> Array:
+    def _error(self, base_T_tool: Array, rows: IndexArray) -> Array:
         goal = self.goal[rows]
         position = goal[:, :3, 3] - base_T_tool[:, :3, 3]
         if not self.with_orientation:
             return position
         return np.concatenate([position, self.length_mm * _turn_vector(base_T_tool, goal)], axis=1)
 
-    def linearise(self, q: Array, rows: NDArray[np.int64]) -> tuple[Array, Array]:
+    def linearise(self, q: Array, rows: IndexArray) -> tuple[Array, Array]:
         """Goal minus place (K, 3 or 6) of some targets, mm, and the place's derivative by the scaled joints (..., n).
 
         Rows 4 to 6 are the turn that is left, times the reach.
@@ -136,8 +134,8 @@ def _step(
     error: Array,
     home: Array,
     damping: Array,
-    at_low: NDArray[np.bool_],
-    at_high: NDArray[np.bool_],
+    at_low: BoolArray,
+    at_high: BoolArray,
 ) -> Array:
     """Scaled steps (K, n); joints at an end of their box that would press outward are held and the rest steps anew."""
     held = np.zeros_like(at_low)

@@ -20,8 +20,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
 from calib.compensation.inverse_kinematics import ToolProblem, solve_inverse
 from calib.dataset.dataset import Poses
@@ -30,9 +31,6 @@ from calib.fitting.model import Model, geometric_model
 from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import Robot
 from calib.options import CORRECTION_KINDS
-
-Array = NDArray[np.float64]
-
 
 POSITION_TOLERANCE_MM = 1e-9
 ORIENTATION_TOLERANCE_RAD = 1e-12
@@ -50,7 +48,7 @@ class Correction:
     what: str  # "position" or "pose"
     q_nominal: Array  # (N, n) rad, mm for prismatic joints
     q: Array  # (N, n) corrected; where `reached` is false, the nearest that limits allow
-    reached: NDArray[np.bool_]  # (N,) to 1e-9 mm, and 1e-12 rad where the orientation counts
+    reached: BoolArray  # (N,) to 1e-9 mm, and 1e-12 rad where the orientation counts
     position_error_mm: Array  # (N,) with q
     orientation_error_rad: Array  # (N,) with q; nan where only the position counts
     uncorrected_mm: Array  # (N,) position error with q_nominal: what the correction is worth

@@ -13,7 +13,7 @@ from calib.calibration.result import Calibration
 from calib.effects.state import RobotState
 from calib.errors import FitError
 from calib.fitting.model import point_by_state
-from calib.fitting.observations import Observations, place_scanner
+from calib.fitting.observations import Observations, with_scanner_frames
 from calib.fitting.position_residuals import PositionResiduals
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ def leftover_of(calibration: Calibration) -> Leftover:
     Raises FitError where no degree of freedom is left.
     """
     model, x, dataset = calibration.model, calibration.fit.x, calibration.dataset
-    observed = place_scanner(Observations.of(dataset), model, x)
+    observed = with_scanner_frames(Observations.of(dataset), model, x)
     residuals = PositionResiduals(model, observed)
     at = residuals.linearise(x)
     frames = residuals.frame_directions(x)

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from calib import frames
+from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import Poses
 from calib.effects.effect import (
-    Array,
     Effect,
     Parameter,
     apply_values,
@@ -55,7 +55,7 @@ class Model:
         return replace(parameter, name=name, scale=self.sizes.get(name, parameter.scale))
 
     @cached_property
-    def _is_free(self) -> NDArray[np.bool_]:
+    def _is_free(self) -> BoolArray:
         return np.array([p.name not in self.fixed for p in self._all_parameters], dtype=bool)
 
     @cached_property

@@ -9,13 +9,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calib.array_types import Array, BoolArray, IndexArray
 from calib.dataset.dataset import Dataset, Points, Poses
 from calib.effects.state import RobotState, Seen
 from calib.errors import FitError
 from calib.fitting.model import Model, geometric_model
+from calib.fitting.pose_means import mean_by_pose, points_by_pose
 from calib.fitting.scanner_frame import fit_scanner_frame
-
-Array = NDArray[np.float64]
+from calib.kinematics.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -62,13 +63,13 @@ class Observations:
         return self.poses.setup[self.points.pose]
 
     @cached_property
-    def used_poses(self) -> tuple[Poses, NDArray[np.int64]]:
+    def used_poses(self) -> tuple[Poses, IndexArray]:
         """The poses that have points, and for each point its row among them (M,)."""
         used, row = np.unique(self.points.pose, return_inverse=True)
         return self.poses.select(used), row
 
     @cached_property
-    def targets(self) -> Mapping[str, NDArray[np.bool_]]:
+    def targets(self) -> Mapping[str, BoolArray]:
         """Which targets were measured, and which points are of each (M,)."""
         return {str(name): self.points.target == name for name in np.unique(self.points.target)}
 
@@ -84,15 +85,15 @@ class Observations:
         placed = np.stack([self.scanner_T_base[str(name)] for name in setups])[setup]
         out = {}
         for target, of_target in self.targets.items():
-            mean_mm, _ = _mean_by_pose(self.points.xyz_mm[of_target], row[of_target], len(poses))
+            mean_mm = mean_by_pose(self.points.xyz_mm[of_target], row[of_target], len(poses))
             out[target] = Seen(mean_mm, placed)
         return out
 
 
-def place_scanner(
-    observed: Observations, model: Model, x: Array, chosen: NDArray[np.bool_] | None = None
+def with_scanner_frames(
+    observed: Observations, model: Model, x: Array, chosen: BoolArray | None = None
 ) -> Observations:
-    """The observations with the scanner's frame of each setup, as the model at x places it.
+    """The observations with the scanner's frame of each setup: what brings the model's points at x onto the measured.
 
     Frames are fitted to the points in `chosen` (M,), all where None; a setup without chosen points uses its own.
     """
@@ -107,13 +108,23 @@ def place_scanner(
     return replace(observed, scanner_T_base=placed)
 
 
+def with_nominal_scanner_frames(
+    observed: Observations, robot: Robot, chosen: BoolArray | None = None
+) -> Observations:
+    """As `with_scanner_frames`, by the nominal robot without effects.
+
+    Effects of the scanner depend on where it stands; every fit and every evaluation takes these frames for them.
+    """
+    nominal = geometric_model(robot)
+    return with_scanner_frames(observed, nominal, np.zeros(len(nominal.parameters)), chosen)
+
+
 def nominal_state(dataset: Dataset) -> RobotState:
     """The nominal robot at the poses that were measured, seen from where it places the scanner; to try effects on.
 
     Raises FitError where nothing was measured.
     """
-    nominal = geometric_model(dataset.robot)
-    observed = place_scanner(Observations.of(dataset), nominal, np.zeros(len(nominal.parameters)))
+    observed = with_nominal_scanner_frames(Observations.of(dataset), dataset.robot)
     return RobotState.nominal(dataset.robot, observed.used_poses[0], observed.seen())
 
 
@@ -161,25 +172,18 @@ def predict_poses(model: Model, x: Array, observed: Observations) -> tuple[Array
     return predict_points(model, x, observed), state.attitude[row]
 
 
-def mean_jig_points(observed: Observations) -> tuple[NDArray[np.bool_], Array, Array]:
+def mean_jig_points(observed: Observations) -> tuple[BoolArray, Array, Array]:
     """Per used pose: whether it has a "jig" point, the repeats' mean (N, 3), and its covariance (N, 3, 3)."""
     poses, row = observed.used_poses
     is_jig = observed.points.target == "jig"
     row = row[is_jig]
-    mean, count = _mean_by_pose(observed.points.xyz_mm[is_jig], row, len(poses))
-    covariance, _ = _mean_by_pose(observed.covariance_mm2[is_jig], row, len(poses))
+    mean = mean_by_pose(observed.points.xyz_mm[is_jig], row, len(poses))
+    covariance = mean_by_pose(observed.covariance_mm2[is_jig], row, len(poses))
+    count = points_by_pose(row, len(poses))
     return count > 0, mean, covariance / np.maximum(count, 1)[:, None, None]
 
 
-def _mean_by_pose(values: Array, row: NDArray[np.int64], poses: int) -> tuple[Array, NDArray[np.int64]]:
-    """Of values (M, ...) the mean over each pose's points (N, ...), zero where it has none, and their number (N,)."""
-    total = np.zeros((poses, *values.shape[1:]))
-    np.add.at(total, row, values)
-    count = np.bincount(row, minlength=poses)
-    return total / np.maximum(count, 1).reshape(-1, *[1] * (values.ndim - 1)), count
-
-
-def setup_references(poses: Poses, usable: NDArray[np.bool_]) -> dict[str, int]:
+def setup_references(poses: Poses, usable: BoolArray) -> dict[str, int]:
     """Which pose distances of a setup start from: the reference, or the setup's first usable pose."""
     rows = np.flatnonzero(usable)
     names, first = np.unique(poses.setup[rows], return_index=True)

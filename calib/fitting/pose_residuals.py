@@ -20,11 +20,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib import frames
+from calib.array_types import Array, BoolArray, IndexArray
 from calib.dataset.dataset import Dataset
-from calib.effects.effect import Array, Parameter
+from calib.effects.effect import Parameter
 from calib.errors import FitError
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, linearise_poses, predict_poses
@@ -76,12 +76,12 @@ class PoseResiduals:
         return self.model.parameters
 
     @cached_property
-    def _setups(self) -> list[NDArray[np.int64]]:
+    def _setups(self) -> list[IndexArray]:
         setup = self.observed.setup
         return [np.flatnonzero(setup == name) for name in np.unique(setup)]
 
     @cached_property
-    def turned(self) -> NDArray[np.bool_]:
+    def turned(self) -> BoolArray:
         """(M,) which points have an orientation."""
         orientations = self.observed.points.orientations
         known = np.zeros(len(self.observed.points), dtype=bool)
@@ -122,7 +122,7 @@ class PoseResiduals:
         return np.asarray(whiten)
 
     @cached_property
-    def _rows(self) -> NDArray[np.bool_]:
+    def _rows(self) -> BoolArray:
         """(6 M,) which equations there are."""
         return np.repeat(self.turned, 6) | np.tile([True] * 3 + [False] * 3, len(self.turned))
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib import frames
-from calib.effects.effect import Array, Parameter
+from calib.array_types import Array, IndexArray
+from calib.effects.effect import Parameter
 from calib.fitting.model import Model
 from calib.fitting.observations import (
     Observations,
@@ -37,7 +37,7 @@ class PositionResiduals:
         return self.model.parameters
 
     @cached_property
-    def _setups(self) -> list[NDArray[np.int64]]:
+    def _setups(self) -> list[IndexArray]:
         setup = self.observed.setup
         return [np.flatnonzero(setup == name) for name in np.unique(setup)]
 
@@ -55,13 +55,13 @@ class PositionResiduals:
         base_mm = predict_points(self.model, x, self.observed)
         return {str(self.observed.setup[rows[0]]): self._frame(base_mm, rows) for rows in self._setups}
 
-    def _frame(self, base_mm: Array, rows: NDArray[np.int64]) -> Array:
+    def _frame(self, base_mm: Array, rows: IndexArray) -> Array:
         if self.frame_known:
             return np.eye(4)
         observed = self.observed
         return fit_scanner_frame(base_mm[rows], observed.points.xyz_mm[rows], observed.covariance_mm2[rows])
 
-    def _frame_basis(self, scanner_mm: Array, rows: NDArray[np.int64]) -> Array:
+    def _frame_basis(self, scanner_mm: Array, rows: IndexArray) -> Array:
         """What a motion of the setup's frame can do to its whitened residual: orthonormal (3 M, rank)."""
         if self.frame_known:
             return np.empty((3 * len(rows), 0))

@@ -13,17 +13,15 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from calib.array_types import Array, IndexArray
 from calib.distributions import chi_median
 from calib.fitting.fit import Fit
 from calib.fitting.observations import Observations
 from calib.fitting.pose_residuals import PoseResiduals
 from calib.fitting.residual import Residuals
 from calib.fitting.trust_region import solve
-
-Array = NDArray[np.float64]
 
 _EFFICIENCY = 0.95  # for normal errors
 _TUKEY = {3: 5.490, 6: 6.356}  # c of that efficiency by the number of coordinates (4.685 in one)
@@ -81,19 +79,19 @@ def weighted(observed: Observations, weights: Array) -> Observations:
     )
 
 
-def rows_of_points(residuals: Residuals, observed: Observations) -> NDArray[np.int64]:
+def rows_of_points(residuals: Residuals, observed: Observations) -> IndexArray:
     """(M,) how many of the residual's rows are each point's."""
     rows = np.full(len(observed.points), 3)
     return rows + 3 * residuals.turned if isinstance(residuals, PoseResiduals) else rows
 
 
-def point_norms(residual: Array, rows: NDArray[np.int64]) -> Array:
+def point_norms(residual: Array, rows: IndexArray) -> Array:
     """(M,) length of each point's whitened residual, of so many rows (M,) each."""
     first = np.concatenate([[0], np.cumsum(rows)[:-1]])
     return np.asarray(np.sqrt(np.add.reduceat(residual**2, first)))
 
 
-def tukey_weights(norm: Array, rows: NDArray[np.int64]) -> Array:
+def tukey_weights(norm: Array, rows: IndexArray) -> Array:
     """(M,) weights of residuals of these lengths and numbers of rows, 3 or 6, scaled by their median."""
     scale = float(np.median(norm / _by_rows(rows, chi_median)))
     if scale <= 0.0:
@@ -102,7 +100,7 @@ def tukey_weights(norm: Array, rows: NDArray[np.int64]) -> Array:
     return np.asarray(np.clip(1.0 - (norm / furthest) ** 2, 0.0, None) ** 2)
 
 
-def _by_rows(rows: NDArray[np.int64], of: Callable[[int], float]) -> Array:
+def _by_rows(rows: IndexArray, of: Callable[[int], float]) -> Array:
     numbers, index = np.unique(rows, return_inverse=True)
     return np.array([of(int(number)) for number in numbers])[index]
 
@@ -113,7 +111,7 @@ def _kept_above_zero(weights: Array, norm: Array) -> Array:
     return np.maximum(weights, _LEAST / np.maximum(far, 1.0) ** 2)
 
 
-def _honest(fit: Fit, weights: Array, rows: NDArray[np.int64], *, prior: bool) -> Fit:
+def _honest(fit: Fit, weights: Array, rows: IndexArray, *, prior: bool) -> Fit:
     """The fit with the noise and the covariance that its points have, rejected ones left out.
 
     Weighted squares are smaller than they are: of d normal coordinates their mean is sigma^2 E[w r^2] / d. And the

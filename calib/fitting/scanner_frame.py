@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib import frames
+from calib.array_types import Array
 from calib.errors import FitError
-
-Array = NDArray[np.float64]
 
 
 def fit_scanner_frame(base_mm: Array, scanner_mm: Array, covariance_mm2: Array) -> Array:

@@ -18,13 +18,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calib.array_types import Array
 from calib.errors import FitError
 from calib.fitting.fit import Fit, Iteration
 from calib.fitting.residual import Residuals
-
-Array = NDArray[np.float64]
 
 _NULL = 1e-10  # singular values below this share of the largest carry no information
 _FLOOR = 1e-9  # a residual this much below the first one is at the level of rounding

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calib.array_types import Array, BoolArray
 from calib.errors import FitError
-
-Array = NDArray[np.float64]
 
 _SAME = 1e-8  # |r| this close to 1 is redundant
 _ZERO = 1e-9  # a column this small beside the largest of its unit has no influence
@@ -154,9 +153,7 @@ def analyse(
     )
 
 
-def _groups(
-    pearson: Array, allowed: NDArray[np.bool_], names: tuple[str, ...]
-) -> tuple[tuple[str, ...], ...]:
+def _groups(pearson: Array, allowed: BoolArray, names: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
     """Sets of parameters with |r| = 1 to the first of them, in the parameters' order."""
     alike = (np.abs(np.nan_to_num(pearson)) >= 1.0 - _SAME) & allowed
     seen: set[int] = set()
@@ -170,7 +167,7 @@ def _groups(
 
 
 def _dependencies(
-    columns: Array, is_zero: NDArray[np.bool_], names: tuple[str, ...]
+    columns: Array, is_zero: BoolArray, names: tuple[str, ...]
 ) -> tuple[tuple[str, ...], dict[str, dict[str, float]]]:
     """The first columns that span all (Gram-Schmidt in order), and what further ones are made of."""
     norm = np.where(is_zero, 1.0, np.linalg.norm(columns, axis=0))

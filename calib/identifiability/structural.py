@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import frames
+from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.dataset.dataset import Dataset
 from calib.errors import FitError
@@ -25,8 +26,6 @@ from calib.identifiability.redundancy import Redundancy, analyse
 from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import Robot
 from calib.options import RESIDUAL_KINDS
-
-Array = NDArray[np.float64]
 
 MM_A_RADIAN = 500.0
 """How turns count beside lengths where no measurement says so: 0.05 mm against 0.1 mrad."""
@@ -162,7 +161,7 @@ def _columns(
     return columns, moved
 
 
-def _motion(points_mm: Array, rows: NDArray[np.int64]) -> Array:
+def _motion(points_mm: Array, rows: IndexArray) -> Array:
     """(N, 6, 6) what a shift of one setup's scanner, and a turn about its points' centre, do to place and attitude."""
     out = np.zeros((len(points_mm), 6, 6))
     out[rows, :3, :3] = np.eye(3)

@@ -16,7 +16,7 @@ from calib.corners.orientation import Orientation
 from calib.dataset.dataset import Dataset, points_from_corners
 from calib.errors import FitError
 from calib.fitting.model import geometric_model
-from calib.fitting.observations import Observations, place_scanner, predict_points
+from calib.fitting.observations import Observations, predict_points, with_nominal_scanner_frames
 from calib.kinematics import chain as kinematics
 from calib.measurement.labels import LEAST_MARGIN_DEG, LEAST_MISFIT_MARGIN, FaceLabels
 
@@ -54,7 +54,7 @@ def predicted_attitudes(
         return {}, dict.fromkeys(corners, str(error))
     model = geometric_model(dataset.robot)
     x = np.zeros(len(model.parameters))
-    observed = place_scanner(observed, model, x)
+    observed = with_nominal_scanner_frames(observed, dataset.robot)
     assert observed.scanner_T_base is not None
     base_mm = predict_points(model, x, observed)
     attitude = _nominal_attitudes(dataset)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from calib.array_types import IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Evaluation, Figures
@@ -207,7 +207,7 @@ def cross_validate(
     )
 
 
-def _held_out(evaluation: Evaluation, rows: NDArray[np.int64], poses: int) -> Evaluation:
+def _held_out(evaluation: Evaluation, rows: IndexArray, poses: int) -> Evaluation:
     """The test poses' part of a split's evaluation, told in the whole dataset's pose numbers."""
     points = evaluation.is_test[evaluation.pose]
     distances = evaluation.is_test[evaluation.distance_pose]

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from calib.array_types import IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.calibrate import calibrate
 from calib.calibration.noise_check import SigmaCheck, check_sigma
@@ -24,7 +25,6 @@ from calib.options import FitOptions
 from calib.validation.cross_validation import Progress
 from calib.validation.splits import (
     MIN_FRAME_POSES,
-    Indices,
     Places,
     deal_folds,
     growing_order,
@@ -212,7 +212,7 @@ def learning_curve(
 
 def _draws(
     dataset: Dataset, places: Places, repeats: int, rng: np.random.Generator
-) -> tuple[str, list[tuple[Indices, Indices | None]]]:
+) -> tuple[str, list[tuple[IndexArray, IndexArray | None]]]:
     """For each repeat the order in which places join, and the places held out; None: the test poses."""
     assert dataset.points is not None
     everything = np.arange(len(places))

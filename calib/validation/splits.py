@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.array_types import IndexArray
 from calib.dataset.dataset import Dataset
 from calib.errors import FitError
-
-Indices = NDArray[np.int64]
 
 MIN_FRAME_POSES = 3  # fewer points than three leave a scanner frame open
 
@@ -25,14 +24,14 @@ MIN_FRAME_POSES = 3  # fewer points than three leave a scanner frame open
 class Places:
     """The training poses of a dataset that have points, by place."""
 
-    poses: tuple[Indices, ...]  # of each place, indices into the dataset's poses
+    poses: tuple[IndexArray, ...]  # of each place, indices into the dataset's poses
     setup: NDArray[np.str_]  # (K,) the setup of each place's first pose
 
     def __len__(self) -> int:
         return len(self.poses)
 
-    def poses_of(self, places: Sequence[int] | Indices) -> Indices:
-        """Indices of the poses of some places, in the dataset's order."""
+    def poses_of(self, places: Sequence[int] | IndexArray) -> IndexArray:
+        """IndexArray of the poses of some places, in the dataset's order."""
         chosen = [self.poses[int(k)] for k in places]
         return np.sort(np.concatenate(chosen)) if chosen else np.zeros(0, dtype=np.int64)
 
@@ -50,7 +49,7 @@ def training_places(dataset: Dataset) -> Places:
     return Places(groups, np.array([str(poses.setup[rows[0]]) for rows in groups], dtype=str))
 
 
-def deal_folds(places: Places, folds: int, rng: np.random.Generator) -> tuple[list[Indices], list[str]]:
+def deal_folds(places: Places, folds: int, rng: np.random.Generator) -> tuple[list[IndexArray], list[str]]:
     """Deal the places into folds, setup by setup, so that each fold has its share of every setup.
 
     Returns:
@@ -70,7 +69,7 @@ def deal_folds(places: Places, folds: int, rng: np.random.Generator) -> tuple[li
     return [np.array(sorted(fold), dtype=np.int64) for fold in dealt], small
 
 
-def growing_order(places: Places, among: Indices, rng: np.random.Generator) -> Indices:
+def growing_order(places: Places, among: IndexArray, rng: np.random.Generator) -> IndexArray:
     """Some places in an order whose every start is fair to the setups: three of each first, then in proportion."""
     rank, share = {}, {}
     for setup in np.unique(places.setup[among]):
@@ -81,7 +80,7 @@ def growing_order(places: Places, among: Indices, rng: np.random.Generator) -> I
     return np.array(sorted(rank, key=lambda place: (rank[place], share[place])), dtype=np.int64)
 
 
-def split_dataset(dataset: Dataset, train: Indices, held_out: Indices) -> tuple[Dataset, Indices]:
+def split_dataset(dataset: Dataset, train: IndexArray, held_out: IndexArray) -> tuple[Dataset, IndexArray]:
     """A dataset of some poses only, `train` to fit and `held_out` in the role test; and which poses they were.
 
     The reference pose keeps its role where it trains; where not, the first training pose takes it.

@@ -22,8 +22,12 @@ from calib.effects.effect import (
 from calib.effects.link_errors import LinkErrors
 from calib.effects.state import RobotState
 from calib.errors import CalibError
-from calib.fitting.model import Model, geometric_model
-from calib.fitting.observations import Observations, nominal_state, place_scanner
+from calib.fitting.model import Model
+from calib.fitting.observations import (
+    Observations,
+    nominal_state,
+    with_nominal_scanner_frames,
+)
 from tests.support.arms import dataset_of
 from tests.support.fit_cases import label, rich_dataset
 
@@ -61,8 +65,7 @@ def test_zero_means_absent_bit_for_bit(effect: Effect) -> None:
 def test_the_models_jacobian_is_the_derivative(effect: Effect) -> None:
     """The chain rule against differences of the whole forward map, at a point away from zero."""
     rng = np.random.default_rng(1)
-    nominal = geometric_model(DATASET.robot)
-    observed = place_scanner(Observations.of(DATASET), nominal, np.zeros(len(nominal.parameters)))
+    observed = with_nominal_scanner_frames(Observations.of(DATASET), DATASET.robot)
     poses, seen = observed.used_poses[0], observed.seen()
     model = Model(DATASET.robot, (LinkErrors(DATASET.robot), effect))
     x = rng.normal(size=len(model.parameters)) * model.scales * 0.3
@@ -82,8 +85,7 @@ def test_the_models_jacobian_is_the_derivative(effect: Effect) -> None:
 def test_with_its_loads_fixed_a_model_of_all_effects_has_an_exact_jacobian() -> None:
     """Link errors included: loads that followed them would be in the map and not in the derivative."""
     rng = np.random.default_rng(3)
-    nominal = geometric_model(DATASET.robot)
-    observed = place_scanner(Observations.of(DATASET), nominal, np.zeros(len(nominal.parameters)))
+    observed = with_nominal_scanner_frames(Observations.of(DATASET), DATASET.robot)
     poses, seen = observed.used_poses[0], observed.seen()
     model = Model(DATASET.robot, (LinkErrors(DATASET.robot), *MEMBERS))
     model = model.with_loads_at(rng.normal(size=len(model.parameters)) * model.scales)

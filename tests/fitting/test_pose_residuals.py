@@ -17,7 +17,11 @@ from calib.effects.effect import full_name
 from calib.effects.link_errors import LinkErrors
 from calib.errors import FitError
 from calib.fitting.model import Model, geometric_model
-from calib.fitting.observations import Observations, place_scanner, predict_poses
+from calib.fitting.observations import (
+    Observations,
+    predict_poses,
+    with_nominal_scanner_frames,
+)
 from calib.fitting.pose_residuals import PoseResiduals
 from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.trust_region import solve
@@ -42,8 +46,7 @@ MEMBERS = [member for family in effects_for(DATASET) for member in family.member
 def test_the_attitudes_jacobian_is_the_derivative(effect) -> None:
     """Each effect's part, its scanner's frame placed, at a point away from zero."""
     rng = np.random.default_rng(1)
-    nominal = geometric_model(DATASET.robot)
-    observed = place_scanner(Observations.of(DATASET), nominal, np.zeros(len(nominal.parameters)))
+    observed = with_nominal_scanner_frames(Observations.of(DATASET), DATASET.robot)
     poses, seen = observed.used_poses[0], observed.seen()
     links = () if isinstance(effect, LinkErrors) else (LinkErrors(DATASET.robot),)
     model = Model(DATASET.robot, (*links, effect))
@@ -68,8 +71,7 @@ def test_a_drifting_scanner_turns_what_it_sees_as_the_truth_says() -> None:
     dataset = made.dataset
     drift = next(f for f in effects_for(dataset) if f.name == "scanner_drift")
     model = Model(dataset.robot, (LinkErrors(dataset.robot), *drift.members))
-    nominal = geometric_model(dataset.robot)
-    observed = place_scanner(Observations.of(dataset), nominal, np.zeros(len(nominal.parameters)))
+    observed = with_nominal_scanner_frames(Observations.of(dataset), dataset.robot)
     fit = solve(make_residuals("pose", model, observed))
     found = dict(zip((p.name for p in model.parameters), fit.x, strict=True))
     names = [full_name(drift.members[0], p) for p in drift.members[0].parameters][3:]
