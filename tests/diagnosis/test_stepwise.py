@@ -241,7 +241,7 @@ def test_an_effect_that_fails_only_later_is_still_one_line(tmp_path: Path) -> No
     late = "if cos_rad < 0:\n            raise OSError('gone')\n        q_rad ="
     thin = "cos_rad * np.cos(q_rad) / (cos_rad >= 0)"
     for old, new, says in (
-        ("q_rad =", late, "line 20 with OSError: gone"),
+        ("q_rad =", late, "line 19 with OSError: gone"),
         ("cos_rad * np.cos(5 * q_rad)", thin, "not finite at cos_rad = -1e-07"),
     ):
         assert old in OWN_FILE
