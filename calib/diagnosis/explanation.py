@@ -14,6 +14,7 @@ from calib.diagnosis.pose_recommendation import in_words, splitting_poses
 from calib.diagnosis.residual_tests import Remains
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import Candidate, Screening
+from calib.effects.effect import parameters_by_name
 
 HARDLY = 0.03  # a change of the held-out error below this share is none to speak of
 
@@ -83,6 +84,7 @@ def _step(before: FitStep, after: FitStep, screening: Screening) -> str:
 
 def _meaning(candidate: Candidate, calibration: Calibration) -> str:
     """The fitted parameters that matter, as an engineer would say them."""
+    known = parameters_by_name(candidate.members)
     fitted = {
         p.name: (x, sigma)
         for p, x, sigma in zip(
@@ -93,18 +95,14 @@ def _meaning(candidate: Candidate, calibration: Calibration) -> str:
     for value in candidate.values:
         size, sigma = map(float, fitted.get(value.name, (0.0, np.inf)))
         if abs(size) > 2.0 * sigma:
-            rows.append((abs(size) / sigma, _say(value.name, size, sigma, value.unit, calibration)))
+            words = f"{value.name} = {size:.3g} +- {sigma:.1g} {value.unit}"
+            means = meaning(*known[value.name], size, calibration)
+            rows.append((abs(size) / sigma, f"{words} ({means})" if means else words))
     rows.sort(reverse=True)
     if not rows:
         return "None of its parameters is known to better than half its size by itself; together they are."
     more = f", and {len(rows) - 4} more" if len(rows) > 4 else ""
     return "Fitted: " + "; ".join(words for _, words in rows[:4]) + more + "."
-
-
-def _say(name: str, size: float, sigma: float, unit: str, calibration: Calibration) -> str:
-    words = f"{name} = {size:.3g} +- {sigma:.1g} {unit}"
-    means = meaning(name, size, unit, calibration)
-    return f"{words} ({means})" if means else words
 
 
 def _ambiguous(diagnosis: Diagnosis) -> str:

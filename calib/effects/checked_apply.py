@@ -58,6 +58,18 @@ def guarded(effect: Any, state: RobotState, values: Mapping[str, float]) -> Robo
     return after
 
 
+def checked_meaning(effect: Any, parameter: object, value: float, state: RobotState) -> str:
+    """`effect.meaning(parameter, value, state)`. Raises CalibError where it fails or gives no text."""
+    label = f"effect {type(effect).__name__}"
+    try:
+        words = effect.meaning(parameter, value, state)
+    except Exception as error:
+        raise CalibError(f"{label}: `meaning` fails with {error_words(error)}") from error
+    if not isinstance(words, str):
+        raise CalibError(f"{label}: `meaning` returns {type(words).__name__}; return text")
+    return words
+
+
 def error_words(error: BaseException) -> str:
     """ "KeyError: 'humidity'": what an error is, in one line."""
     return f"{type(error).__name__}: {one_line(error)}"

@@ -25,6 +25,15 @@ def _where_masses_are_known(name: str, robot: Robot, members: tuple[Effect, ...]
     )
 
 
+def stiffness(c_rad_per_nm: float) -> str:
+    """ "stiffness 250 kNm/rad": the inverse of a compliance, three figures with a prefix."""
+    value = 1.0 / abs(c_rad_per_nm)
+    for factor, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if value >= factor:
+            return f"stiffness {value / factor:.3g} {prefix}Nm/rad"
+    return f"stiffness {value:.3g} Nm/rad"
+
+
 @dataclass(frozen=True)
 class JointCompliance(CatalogueEffect):
     """A joint that yields to the gravity torque about it: theta += c tau (a prismatic one: d += c force)."""
@@ -45,6 +54,14 @@ class JointCompliance(CatalogueEffect):
         return state.add_joint_error(
             self.joint, c_rad_per_nm * state.loaded.gravity.joint_torques[:, self.joint]
         )
+
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        """The turn at the largest torque of all poses, and the stiffness."""
+        torque_nm = float(np.abs(state.gravity_torques_nm[:, self.joint]).max(initial=0.0))
+        if torque_nm <= 0.0:
+            return stiffness(value)
+        turn_deg = np.degrees(abs(value)) * torque_nm
+        return f"{turn_deg:.2g}\N{DEGREE SIGN} at {torque_nm:.3g} Nm, {stiffness(value)}"
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
@@ -96,6 +113,12 @@ class JointComplianceUnknownMasses:
         if self.payload:
             torques = np.column_stack([torques, state.loaded.gravity.payload_torque(self.joint)])
         return state.add_joint_error(self.joint, torques @ np.array(list(values.values())))
+
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        """That of the compliance, where the payload tells it; of a product with a mass nothing can be said."""
+        if parameter.unit != "rad/Nm":
+            return ""
+        return JointCompliance(self.joint).meaning(parameter, value, state)
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
-from calib.effects.checked_apply import guarded, is_own
+from calib.effects.checked_apply import checked_meaning, guarded, is_own
 from calib.effects.state import RobotState
 
 
@@ -82,7 +82,9 @@ class Family:
 class CatalogueEffect(ABC):
     """What the class of an effect of the catalogue says, besides `parameters` and `apply`: all that is told about it.
 
-    An effect of a user's own needs none of this; it may carry `equation`, `symbols`, `needs` and `confirm` too.
+    An effect of a user's own needs none of this. It may carry `equation`, `needs` and `confirm` too, and so may either
+    have a method `meaning(parameter, value, state)`: what a value, in the parameter's unit, means on the arm at the
+    poses of a state, in a shop's words. Without it the unit alone decides: degrees, stiffness, per cent.
     """
 
     name: ClassVar[str]  # as the command line and the files take it
@@ -129,8 +131,34 @@ def full_name(effect: Effect, parameter: Parameter) -> str:
 def describe(effect: Effect | type[CatalogueEffect]) -> Description:
     """The texts on an effect's class."""
     name = effect.name if isinstance(effect, type) else family_name(effect)
-    texts = ("equation", "symbols", "needs", "confirm")
-    return Description(name, **{text: getattr(effect, text) for text in texts if hasattr(effect, text)})
+    said = {text: getattr(effect, text, "") for text in ("equation", "needs", "confirm")}
+    texts = {
+        text: words for text, words in said.items() if isinstance(words, str)
+    }  # a user's may be anything
+    return Description(name, symbols=getattr(effect, "symbols", ()), **texts)
+
+
+def parameters_by_name(effects: Sequence[Effect]) -> dict[str, tuple[Effect, Parameter]]:
+    """Each parameter of some effects, by its full name, with its effect."""
+    return {full_name(effect, p): (effect, p) for effect in effects for p in effect.parameters}
+
+
+def has_meaning(effect: Effect) -> bool:
+    """Whether the effect itself says what its values mean on the arm."""
+    return callable(getattr(effect, "meaning", None))
+
+
+def meaning_of(effect: Effect, parameter: Parameter, value: float, state: RobotState) -> str:
+    """What the effect says that a value of its parameter means on the arm, at the poses of a state.
+
+    Raises CalibError where an effect from outside this package fails to say it.
+    """
+    say = getattr(effect, "meaning")  # noqa: B009  no part of the contract
+    return (
+        checked_meaning(effect, parameter, value, state)
+        if is_own(effect)
+        else str(say(parameter, value, state))
+    )
 
 
 def families_from(effects: Sequence[Effect]) -> tuple[Family, ...]:

@@ -105,6 +105,14 @@ class JointScale(CatalogueEffect):
         """The joint's error added."""
         return state.add_joint_error(self.joint, k * state.q_rad[:, self.joint])
 
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        """The error over the joint's travel in all poses."""
+        travel = float(np.ptp(state.q_rad[:, self.joint]))
+        if state.robot.joints[self.joint].is_revolute:
+            turned = np.degrees(travel)
+            return f"{turned * value:.2g}\N{DEGREE SIGN} over the {turned:.0f}\N{DEGREE SIGN} of its travel"
+        return f"{travel * value:.2g} mm over the {travel:.0f} mm of its travel"
+
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
         """One for each joint."""
@@ -133,6 +141,10 @@ class JointCoupling(CatalogueEffect):
         """The joint's error added."""
         (k,) = values.values()
         return state.add_joint_error(self.joint, k * state.q_rad[:, self.driver])
+
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        """The error a degree."""
+        return f"{value:.2g}\N{DEGREE SIGN} for each degree of the driving joint"
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:

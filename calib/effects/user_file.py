@@ -19,9 +19,18 @@ from typing import Any
 
 import numpy as np
 
+from calib.array_types import Array
 from calib.effects.catalogue import catalogue_names
 from calib.effects.checked_apply import error_words
-from calib.effects.effect import Effect, Family, Parameter, apply_values, families_from
+from calib.effects.effect import (
+    Effect,
+    Family,
+    Parameter,
+    apply_values,
+    families_from,
+    has_meaning,
+    meaning_of,
+)
 from calib.effects.state import RobotState
 from calib.errors import CalibError
 
@@ -160,11 +169,21 @@ def _check(effect: Any, state: RobotState, where: str) -> None:
         one = zero.copy()
         one[k] = p.scale
         _applied(effect, state, one, where)
+        if has_meaning(effect):
+            with _said_where(where):
+                meaning_of(effect, p, p.scale, state)
 
 
-def _applied(effect: Effect, state: RobotState, values: np.ndarray, where: str) -> np.ndarray:
-    try:
+def _applied(effect: Effect, state: RobotState, values: Array, where: str) -> Array:
+    with _said_where(where):
         return apply_values(effect, state, values).vector
+
+
+@contextmanager
+def _said_where(where: str) -> Iterator[None]:
+    """Put the file before what is wrong in it."""
+    try:
+        yield
     except CalibError as error:
         raise CalibError(f"{where}: {error}") from None
 

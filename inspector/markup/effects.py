@@ -16,7 +16,15 @@ from calib.diagnosis.parameter_meaning import meaning
 from calib.diagnosis.pose_recommendation import NextPose
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import Candidate, Screening, Untestable, Value
-from calib.effects.effect import Description, describe, family_name, full_name
+from calib.effects.effect import (
+    Description,
+    Effect,
+    Parameter,
+    describe,
+    family_name,
+    full_name,
+    parameters_by_name,
+)
 from calib.kinematics.robot import Robot
 from inspector.markup import elements as tables
 from inspector.markup import numbers as words
@@ -172,11 +180,8 @@ def chosen_html(
         return out
     if not candidate.values:
         return out + tables.note("Nothing of it shows in what is left over.")
-    docs = {full_name(member, p): p.doc for member in candidate.members for p in member.parameters}
-    rows = [
-        parameter_row(v.name, v.value, v.sigma, v.unit, docs.get(v.name, ""), calibration)
-        for v in candidate.values
-    ]
+    known = parameters_by_name(candidate.members)
+    rows = [parameter_row(*known[v.name], v.value, v.sigma, calibration) for v in candidate.values]
     return (
         out
         + tables.table(("estimated", "value ± sigma", "that is"), rows, height="260px")
@@ -197,11 +202,11 @@ def _description(name: str, candidate: Candidate | None, calibration: Calibratio
 
 def fitted_html(calibration: Calibration, name: str) -> str:
     """The parameters of an effect that is in the model, as they were fitted."""
-    docs = {p.name: p.doc for p in calibration.fit.parameters}
+    known = parameters_by_name([e for e in calibration.model.effects if family_name(e) == name])
     rows = [
-        parameter_row(n, row["value"], row["sigma"], row["unit"], docs.get(n, ""), calibration)
+        parameter_row(*known[row["name"]], row["value"], row["sigma"], calibration)
         for row in calibration.to_frame().to_dict("records")
-        if (n := str(row["name"])).startswith(f"{name}.")
+        if row["name"] in known
     ]
     return tables.note("It is in the model. Fitted together with everything else:") + tables.table(
         ("fitted", "value ± sigma", "that is"), rows, height="260px"
@@ -214,12 +219,13 @@ def value_row(value: Value) -> tuple[str, str, str, str]:
 
 
 def parameter_row(
-    name: str, value: float, sigma: float, unit: str, doc: str, calibration: Calibration
+    effect: Effect, parameter: Parameter, value: float, sigma: float, calibration: Calibration
 ) -> tuple[str, str, tables.Html]:
     """A parameter with its unit, what it is and means on the arm; the family's name is in the heading."""
-    short = name.partition(".")[2] or name
-    means = ": ".join(filter(None, (doc, meaning(name, value, unit, calibration)))) or "–"
-    return short, f"{value:.3g} ± {sigma:.1g} {'' if unit == '1' else unit}".strip(), tables.wrapping(means)
+    short = full_name(effect, parameter).partition(".")[2]
+    unit = "" if parameter.unit == "1" else parameter.unit
+    means = ": ".join(filter(None, (parameter.doc, meaning(effect, parameter, value, calibration)))) or "–"
+    return short, f"{value:.3g} ± {sigma:.1g} {unit}".strip(), tables.wrapping(means)
 
 
 def next_html(name: str, rival: str, poses: Sequence[NextPose], robot: Robot, noise_mm: float) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -19,6 +19,12 @@ from calib.diagnosis.projected_residual import leftover_of
 from calib.diagnosis.residual_tests import Remains, examine
 from calib.diagnosis.screening import Screening, screen
 from calib.effects.catalogue import effects_for
+from calib.effects.compliance import JointCompliance, ToolSag
+from calib.effects.effect import Effect, Parameter
+from calib.effects.joints import JointScale, TransmissionError
+from calib.effects.scanner import ScannerDrift
+from calib.effects.state import RobotState
+from calib.effects.thermal import ThermalGrowth
 from calib.kinematics.chain import target_jacobian
 from calib.simulation.simulate import simulate_dataset
 
@@ -114,24 +120,32 @@ def test_inputs_in_words(name: str, words: str) -> None:
 def test_parameters_say_what_they_do_on_the_arm(hidden: tuple[Calibration, Screening, Remains]) -> None:
     result = hidden[0]
     poses = result.dataset.poses
-    assert meaning("transmission_error.J1.sin1_rad", 1e-3, "rad", result) == "0.057°"
+
+    def said(effect: Effect, size: float) -> str:
+        return meaning(effect, effect.parameters[0], size, result)
+
+    @dataclass(frozen=True)
+    class Mine:
+        parameters = (Parameter("share", unit="1", scale=1e-2),)
+
+        def apply(self, state: RobotState, *, share: float) -> RobotState:
+            return state
+
+    assert said(TransmissionError(0, 1), 1e-3) == "0.057°"
     torque_nm = np.abs(result.model.state(result.fit.x, poses).gravity_torques_nm[:, 1]).max()
-    words = meaning("joint_compliance.J2.c", 2e-5, "rad/Nm", result)
+    words = said(JointCompliance(1), 2e-5)
     assert words == f"{np.degrees(2e-5 * torque_nm):.2g}° at {torque_nm:.3g} Nm, stiffness 50 kNm/rad"
-    assert meaning("thermal_growth.kappa", 1.2e-5, "1/K", result) == "12 µm a metre and kelvin"
+    assert said(ThermalGrowth(), 1.2e-5) == "12 µm a metre and kelvin"
     travel = np.degrees(np.ptp(poses.q[:, 0]))
-    assert (
-        meaning("joint_scale.J1.k", 1e-4, "1", result)
-        == f"{1e-4 * travel:.2g}° over the {travel:.0f}° of its travel"
-    )
+    assert said(JointScale(0), 1e-4) == f"{1e-4 * travel:.2g}° over the {travel:.0f}° of its travel"
     hours = np.ptp(poses.time_s) / 3600 if poses.time_s is not None else 0.0
     assert (
-        meaning("scanner_drift.vx", 1e-5, "mm/s", result)
+        said(ScannerDrift((0.0, 0.0, 0.0), 1.0, 0.0, 1.0), 1e-5)
         == f"{0.036 * hours:.2g} mm over the {hours:.2g} h measured"
     )
-    assert meaning("tool_sag.x", 0.1, "mm", result) == ""  # millimetres speak for themselves
-    assert meaning("mine.share", 0.02, "1", result) == "2 %"
-    assert meaning("transmission_error.J1.sin1_rad", 0.0, "rad", result) == ""
+    assert said(ToolSag(), 0.1) == ""  # millimetres speak for themselves
+    assert said(Mine(), 0.02) == "2 %"
+    assert said(TransmissionError(0, 1), 0.0) == ""
 
 
 def test_where_two_causes_differ_most_they_do_differ(hidden: tuple[Calibration, Screening, Remains]) -> None:
