@@ -20,7 +20,7 @@ def chi2_ppf(share: float, freedom: float) -> float:
 
 
 def chi_median(freedom: float) -> float:
-    """Median length of a vector of so many standard normal numbers."""
+    """Median of the chi distribution: of the length of a vector of `freedom` standard normal numbers."""
     return float(np.sqrt(chi2_ppf(0.5, freedom)))
 
 

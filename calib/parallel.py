@@ -1,4 +1,4 @@
-"""One function over many items, on any `concurrent.futures.Executor`: threads, processes, a cluster."""
+"""A function applied to many items on any `concurrent.futures.Executor`: threads, processes, a cluster."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def as_they_come(
+def map_as_completed(
     function: Callable[[Item], Result], items: Iterable[Item], executor: Executor | None, in_flight: int
 ) -> Iterator[tuple[int, Result]]:
     """(index of the item, function(item)), each as soon as it is there; in order where there is no executor.

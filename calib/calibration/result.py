@@ -73,7 +73,7 @@ class Calibration:
         """What told the jig's faces apart, where full poses from scans were fitted; else nothing."""
         points = self.dataset.points
         orientations = None if points is None else points.orientations
-        return orientations.named if self.residual == "pose" and orientations is not None else ""
+        return orientations.labelled_by if self.residual == "pose" and orientations is not None else ""
 
     @property
     def sigma_mm(self) -> float:

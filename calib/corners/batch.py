@@ -15,7 +15,7 @@ from calib.corners.search import CornerSearch, failed_search, find_corner
 from calib.dataset.dataset import Dataset
 from calib.errors import CornerError, DatasetError, ScanError
 from calib.jig import Jig
-from calib.parallel import as_they_come
+from calib.parallel import map_as_completed
 from calib.planes.filters import SampleSets
 from calib.scans.scan import PointCount, load_scan
 
@@ -55,7 +55,7 @@ def find_corners(
     )
     found: dict[int, CornerSearch] = {}
     try:
-        for pose, result in as_they_come(search, scans, executor, in_flight):
+        for pose, result in map_as_completed(search, scans, executor, in_flight):
             found[pose] = result
             if on_progress is not None:
                 on_progress(len(found), len(ids), ids[pose])

@@ -99,8 +99,10 @@ class Orientations:
     scanner_R_jig: Array  # (M, 3, 3)
     covariance_rad2: Array | None = None  # (M, 3, 3)
     cross_mm_rad: Array | None = None  # (M, 3, 3) of the point's error (rows) with the turn (columns)
-    named: str = ""  # what named the jig's faces, in words; "" where points.csv tells
-    lack: str = ""  # why the faces have no names at some poses, and what would help
+    labelled_by: str = (
+        ""  # how the jig's faces were labelled, as a phrase; "" where points.csv has orientations
+    )
+    unlabelled_reason: str = ""  # why the faces have no labels at some poses, and what would help
 
     @property
     def known(self) -> BoolArray:
@@ -115,8 +117,8 @@ class Orientations:
             self.scanner_R_jig[keep],
             None if covariance is None else covariance[keep],
             None if cross is None else cross[keep],
-            self.named,
-            self.lack,
+            self.labelled_by,
+            self.unlabelled_reason,
         )
 
 

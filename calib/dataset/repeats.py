@@ -1,4 +1,4 @@
-"""How well a standing point is found again and again: the experiment of Jang 2025, Table 1."""
+"""Repeatability: several measurements of one point with the arm at rest (Jang 2025, Table 1)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from calib.dataset.dataset import Dataset
 
 @dataclass(frozen=True)
 class Repeats:
-    """Several measurements of one place. `offset_mm` is None without a reference to hold the mean against."""
+    """Several measurements of one place. `offset_mm` is None where no reference point is given."""
 
     label: str
     count: int
@@ -49,13 +49,13 @@ def find_repeats(dataset: Dataset) -> tuple[Repeats, ...]:
 
 
 def pooled_sigma_mm(repeats: Sequence[Repeats]) -> float:
-    """One coordinate's standard deviation over all places, by degrees of freedom."""
+    """Standard deviation of one coordinate, pooled over all places: sqrt(sum (n_i - 1) s_i^2 / sum 3 (n_i - 1))."""
     freedom = sum(3 * (r.count - 1) for r in repeats)
     return float(np.sqrt(sum((r.count - 1) * float(r.sigma_mm @ r.sigma_mm) for r in repeats) / freedom))
 
 
 def repeats_frame(repeats: Sequence[Repeats]) -> pd.DataFrame:
-    """As Table 1 prints it: a row a place."""
+    """The columns of Jang's Table 1, one row a place."""
     return pd.DataFrame(
         {
             "place": [r.label for r in repeats],

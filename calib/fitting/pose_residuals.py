@@ -47,10 +47,10 @@ def require_orientations(dataset: Dataset, observed: Observations) -> None:
     """
     orientations, count = observed.points.orientations, len(observed.points)
     known = 0 if orientations is None else int(orientations.known.sum())
-    if orientations is not None and orientations.named and known < max(2, _NAMED * count):
+    if orientations is not None and orientations.labelled_by and known < max(2, _NAMED * count):
         raise FitError(
             f"dataset {dataset.name}: the jig's faces can be told apart at {known} of {count} training poses, and full "
-            f"poses need half of them: {orientations.lack or 'measure more poses'}, or fit positions"
+            f"poses need half of them: {orientations.unlabelled_reason or 'measure more poses'}, or fit positions"
         )
     if known == 0:
         raise FitError(f"dataset {dataset.name}: {_NO_ORIENTATION}")

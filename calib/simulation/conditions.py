@@ -1,4 +1,4 @@
-"""Draw what surrounds a simulated measurement: payloads, a warming room, the clock, directions of approach."""
+"""Draw the conditions of a simulated measurement: payloads, temperatures, times, directions of approach."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ PAYLOADS_KG = (0.0, 1.0, 2.5)
 
 
 def draw_conditions(robot: Robot, count: int, *, rng: np.random.Generator) -> Conditions:
-    """A morning's work of `count` poses: everything that poses.csv has a column for, except the setup.
+    """Conditions of `count` poses that are measured one after the other, all that poses.csv has except the setup.
 
-    Half a minute to a minute a pose. The cell warms up by about 10 K in the first hour or so and swings by 2 K with the
+    A pose takes 25 to 60 s. The cell warms up by about 10 K in the first hour or so and swings by 2 K with the
     air conditioning, so that temperature and time can be told apart. Joints come from either side at random.
     """
     time_s = np.asarray(

@@ -31,7 +31,7 @@ _WINDOW_RASTER_MM = 30.0
 
 @dataclass(frozen=True)
 class Simulation:
-    """A dataset and the truth it was made from. `scan` casts a scan when it is called, each from its own seed."""
+    """A dataset and the truth that it was measured from. `scan` casts a scan on demand, each from its seed."""
 
     dataset: Dataset
     truth: Truth

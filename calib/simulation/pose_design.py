@@ -1,7 +1,7 @@
-"""Where to put the arm: poses whose jig the scanner can see, and poses over the whole work space.
+"""Commanded joint vectors: poses whose jig the scanner can see, and poses over the whole work space.
 
-Only commanded joint angles come from here, worked out on the nominal chain. What the arm then really does is the
-business of `calib.simulation.truth.equilibrium`.
+They are computed on the nominal chain; where the true arm then stands follows from
+`calib.simulation.truth.equilibrium`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from calib.simulation.scene import CUBE_CORNER
 
 @dataclass(frozen=True)
 class ScanField:
-    """The scanner's field and how steeply it may look at a face (Jang 2025: 450 mm field, 700 mm away)."""
+    """The scanner's field and the steepest incidence on a face (Jang 2025: 450 mm field, 700 mm away)."""
 
     distance_mm: float = 700.0
     width_mm: float = 450.0
@@ -47,7 +47,7 @@ def target_T_jig(robot: Robot) -> Array:
 
 
 def draw_scanner_pose(robot: Robot, *, rng: np.random.Generator) -> Array:
-    """base_T_scanner (4, 4): in front of the arm, looking back at the middle of its reach, a few degrees off square."""
+    """base_T_scanner (4, 4): in front of the arm, facing the middle of its reach, up to 4 deg off about each axis."""
     q = random_poses(robot, 2000, rng=np.random.default_rng(0))
     reach_mm = float(np.linalg.norm(forward(robot.table, q, robot.is_revolute).target_mm, axis=1).max())
     middle_mm = np.array([0.47 * reach_mm, 0.0, 0.42 * reach_mm])
@@ -60,7 +60,7 @@ def draw_scanner_pose(robot: Robot, *, rng: np.random.Generator) -> Array:
 
 
 def draw_setups(base_T_scanner: Array, count: int, *, rng: np.random.Generator) -> dict[str, Array]:
-    """Placements "A", "B", ... of the scanner: the given one, the others up to 60 deg around the arm and 200 mm off."""
+    """Setups "A", "B", ... as base_T_scanner: the given one, then up to 60 deg around the base and 200 mm shifted."""
     places = {"A": base_T_scanner}
     for k in range(1, count):
         around_rad = np.array([0.0, 0.0, np.radians(rng.uniform(-60.0, 60.0))])
@@ -196,7 +196,7 @@ def _tilted(sight: Array, rng: np.random.Generator) -> Array:
 
 
 def _usable(robot: Robot, base_T_scanner: Array, apex_mm: Array, axis: Array, q: Array, jig: Jig) -> Array:
-    """Solve for the joints and keep the rows that reach, stay in limits and clear of things, and show all faces."""
+    """Solve for the joints and keep the rows that reach, within limits and clear of obstacles, with all faces seen."""
     outward = -axis @ base_T_scanner[:3, :3].T
     q, reached = _inverse_kinematics(robot, apply(base_T_scanner, apex_mm), outward, q)
     low, high = _limits(robot)
@@ -214,7 +214,7 @@ def _usable(robot: Robot, base_T_scanner: Array, apex_mm: Array, axis: Array, q:
 def _is_clear(robot: Robot, chain: Chain, base_T_scanner: Array) -> BoolArray:
     """(N,) frames above the table, the wrist off the base column, and nothing of the arm between scanner and jig.
 
-    A check on frame origins only: it sorts out folded arms, it is no collision check.
+    A check on frame origins only: it rejects folded arms and is no collision check.
     """
     origins_mm = chain.base_T_frame[:, 1:-1, :3, 3]  # (N, n, 3)
     above = np.all(origins_mm[:, 1:, 2] > 60.0, axis=1)

@@ -56,7 +56,7 @@ PLAIN_MODEL = ScanModel()
 
 @dataclass(frozen=True)
 class SimulatedScan:
-    """A scan and what is true about it."""
+    """A scan with its true apex, normals, labels and noise."""
 
     scan: Scan
     apex_mm: Array  # (3,) scanner frame

@@ -1,4 +1,4 @@
-"""What a simulated scanner looks at: the jig on its flange, a piece of the arm behind, a wall and a table.
+"""The surfaces that a simulated scanner sees: the jig on its flange, a piece of the arm behind, a wall and a table.
 
 The jig's frame has its origin in the apex and z along the jig's axis, away from the scanner: a convex jig lies at
 z > 0, and flange and arm lie behind it. Wall and table are fixed to the scanner. Lengths are mm.

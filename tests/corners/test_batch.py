@@ -27,7 +27,7 @@ from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Scanner
 from calib.errors import CornerError
 from calib.jig import Jig
-from calib.parallel import as_they_come
+from calib.parallel import map_as_completed
 from calib.scans.scan import write_scan
 from inspector.cli.parser import main
 from inspector.cli.progress import processes
@@ -173,10 +173,10 @@ def test_each_item_once_and_no_more_at_a_time_than_allowed(
 
     executor = Counting(workers)
     with executor.threads:
-        found = list(as_they_come(square, range(count), executor, in_flight))
+        found = list(map_as_completed(square, range(count), executor, in_flight))
     assert sorted(found) == [(i, i * i) for i in range(count)]
     assert executor.most <= in_flight
-    assert list(as_they_come(square, range(count), None, in_flight)) == [(i, i * i) for i in range(count)]
+    assert list(map_as_completed(square, range(count), None, in_flight)) == [(i, i * i) for i in range(count)]
 
 
 @pytest.mark.parametrize("how", ["the caller stops", "an item raises"])
@@ -192,7 +192,7 @@ def test_an_early_end_cancels_what_waits(how: str) -> None:
 
     executor = Counting(1)
     with executor.threads:
-        running = as_they_come(work, range(1000), executor, 50)
+        running = map_as_completed(work, range(1000), executor, 50)
         if how == "an item raises":
             with pytest.raises(ValueError, match="1"):
                 list(running)

@@ -17,7 +17,7 @@ def write_text_atomically(path: Path, text: str) -> None:
 
 
 def write_bytes_atomically(path: Path, content: bytes) -> None:
-    """As `write_text_atomically`. What is no file, such as a terminal or a pipe, is written to as it stands.
+    """As `write_text_atomically`. A terminal or a pipe is written to directly.
 
     Raises DatasetError where the path is a folder or cannot be written.
     """
@@ -27,7 +27,7 @@ def write_bytes_atomically(path: Path, content: bytes) -> None:
         _write(path.resolve(), content)  # a link stays a link
     except BrokenPipeError:
         raise
-    except OSError as error:  # of a full disk it names no file, of others the temporary one
+    except OSError as error:  # its own text names no file for a full disk, else the temporary one
         raise DatasetError(
             f"{path}: cannot be written ({error.strerror or error}); name another place"
         ) from None

@@ -1,4 +1,4 @@
-"""Whether a dataset is still the one it was: the content of every file that its numbers come from."""
+"""Hashes of the files that a dataset's numbers come from, which tell whether one of them has changed."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ def find_datasets(folder: Path) -> list[Path]:
 
 
 def load_dataset(folder: str | Path) -> Dataset:
-    """Read a dataset folder. Raises DatasetError; what is odd but possible stands in `warnings`."""
+    """Read a dataset folder. Raises DatasetError; what is possible but probably a mistake goes to `warnings`."""
     folder = Path(folder)
     top = TomlTable.load(folder / "dataset.toml")
     version = top.number("format")

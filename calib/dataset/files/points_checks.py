@@ -1,4 +1,4 @@
-"""What is odd about measured points and yet possible: another unit than the millimetre, rows that were copied."""
+"""Warnings about measured points: a unit other than the millimetre, rows that were copied."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import Robot
 from calib.units import UNITS_MM
 
-_ALIKE = 0.2  # of the logarithm: an arm and its table are never that far apart, units are farther
+_ALIKE = (
+    0.2  # of the ratio's logarithm: the true arm is closer to its table than that, other units are farther
+)
 _FEWEST_POINTS = 3
-_LEAST_SPREAD_MM = 20.0  # of the nominal arm's points; below it noise would have a say
+_LEAST_SPREAD_MM = 20.0  # of the nominal arm's points; below it noise decides the ratio
 
 
 def unit_doubt(robot: Robot, poses: Poses, points: Points) -> str:
-    """In which other unit the points seem to be, in words; "" where they are millimetres or none can be told.
+    """Which other unit the points seem to have, as a sentence; "" where they are millimetres or it cannot be decided.
 
     Neither turn nor shift of the scanner changes how far points spread about their mean. Each setup's spread is held
     against that of the nominal arm at the same poses; a ratio of 1 / 25.4 is that of inches.

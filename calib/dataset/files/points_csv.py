@@ -39,7 +39,7 @@ _LEAST_EIGENVALUE = 1e-12  # of a covariance scaled to a unit diagonal: below it
 
 
 def load_points(path: Path, robot: Robot, poses: Poses) -> tuple[Points, list[str]]:
-    """The points, and what is odd about them yet possible. Raises DatasetError."""
+    """The points and warnings about them. Raises DatasetError."""
     file = TableFile.load(path)
     file.require(["pose", "x_mm", "y_mm", "z_mm"])
     ids = file.text("pose")
@@ -78,7 +78,7 @@ def load_points(path: Path, robot: Robot, poses: Poses) -> tuple[Points, list[st
 
 
 def _check_size(file: TableFile, xyz_mm: Array) -> None:
-    """Raise DatasetError where a coordinate is beyond any place that an arm's points have."""
+    """Raise DatasetError where a coordinate is farther away than `FARTHEST_MM`."""
     beyond = np.argwhere(np.abs(xyz_mm) > FARTHEST_MM)
     if len(beyond):
         row, axis = map(int, beyond[0])
@@ -87,7 +87,7 @@ def _check_size(file: TableFile, xyz_mm: Array) -> None:
 
 
 def _warnings(file: TableFile, robot: Robot, poses: Poses, points: Points) -> list[str]:
-    """What is odd yet possible."""
+    """Warnings about values that are possible but probably mistakes."""
     warnings = []
     doubt = unit_doubt(robot, poses, points)
     extent_mm = float(np.ptp(points.xyz_mm, axis=0).max())

@@ -18,7 +18,7 @@ from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 
 CONDITIONS = ("payload_kg", "temperature_c", "time_s")
-_LIMITS = {  # beyond lies no arm's, but another unit's: milliseconds since 1970, grams
+_LIMITS = {  # values beyond are in another unit: milliseconds since 1970, grams
     "payload_kg": (0.0, 1e5),
     "temperature_c": (-273.15, 5e3),
     "time_s": (-1e11, 1e11),
@@ -40,7 +40,7 @@ def load_joints(file: TableFile, robot: Robot) -> Array:
 
 
 def _within(file: TableFile, column: str, limits: tuple[float, float]) -> Array:
-    """(N,) a column of numbers; DatasetError where one is beyond what there is."""
+    """(N,) a column of numbers. Raises DatasetError where one is outside the limits."""
     values = file.numbers([column])[:, 0]
     beyond = np.flatnonzero((values < limits[0]) | (values > limits[1]))
     if len(beyond):
@@ -51,7 +51,7 @@ def _within(file: TableFile, column: str, limits: tuple[float, float]) -> Array:
 
 
 def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
-    """The poses, and what is odd about them yet possible. Raises DatasetError."""
+    """The poses and warnings about them. Raises DatasetError."""
     file = TableFile.load(path)
     q_columns = joint_columns(robot)
     file.require(["pose", "role", *q_columns])
@@ -105,7 +105,7 @@ def is_one_line(name: str) -> bool:
 
 
 def short(text: str, most: int = 60) -> str:
-    """A text in quotes as an error shows it; of a whole file that an open quote has swallowed, the beginning."""
+    """A text in quotes, cut to `most` characters: an unclosed quote makes one cell of the rest of a file."""
     return repr(text) if len(text) <= most else f"{text[:most]!r} ..."
 
 
@@ -115,7 +115,7 @@ def approach_columns(robot: Robot) -> list[str]:
 
 
 def load_conditions(file: TableFile, robot: Robot) -> dict[str, Array]:
-    """What a table says of the conditions at its poses, by the names of `Poses`; what has no column is left out."""
+    """The conditions that the table has columns for, by the names that `Poses` gives them."""
     found = {name: _within(file, name, _LIMITS[name]) for name in CONDITIONS if name in file}
     columns = approach_columns(robot)
     if any(column in file for column in columns):
@@ -129,7 +129,7 @@ def load_conditions(file: TableFile, robot: Robot) -> dict[str, Array]:
 
 
 def _angle_warnings(file: TableFile, q_file: Array, robot: Robot) -> list[str]:
-    """Angles that look like radians, and angles beyond the limits: odd, yet not impossible."""
+    """Warnings: angles that look like radians, angles beyond the joints' limits."""
     turning = robot.is_revolute
     warnings = []
     if turning.any():

@@ -1,4 +1,4 @@
-"""Sizes that no arm has: a wrong unit in robot.toml, or a slip of the keyboard, told by key."""
+"""Bounds for every size in robot.toml: a value beyond them has a wrong unit or a typing error."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PLACE = "correct it; the unit stands in the key's name"
 
 
 def refuse_beyond(robot: Robot, path: Path) -> None:
-    """Raise DatasetError where a length, an angle, a mass, a gear ratio or gravity is beyond what there is."""
+    """Raise DatasetError where a length, an angle, a mass, a gear ratio or gravity is beyond its bound."""
     for place, key, value in _sizes(robot):
         most = _MOST[key.rpartition("_")[2] if not key.endswith("m_s2") else "m_s2"]
         largest = float(np.max(np.abs(value)))

@@ -1,4 +1,4 @@
-"""TOML with errors that name file, place and way out."""
+"""TOML tables whose every error names the file, the key and what would do."""
 
 from __future__ import annotations
 
@@ -115,5 +115,5 @@ class TomlTable:
         return [TomlTable(item, self.file, f"[[{key}]] {i + 1}") for i, item in enumerate(value)]
 
     def unread(self) -> dict[str, Any]:
-        """Keys that nobody asked for: kept, so that writing the file again loses nothing."""
+        """Keys that were not read: kept, so that writing the file again loses nothing."""
         return {key: value for key, value in self.data.items() if key not in self._read}

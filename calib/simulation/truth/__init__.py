@@ -1,1 +1,1 @@
-"""The true arm and what acts on it; shares no code with what fits it."""
+"""The true arm and the effects on it; shares no code with kinematics, effects and fits that are tested against it."""

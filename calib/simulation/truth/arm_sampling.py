@@ -23,7 +23,7 @@ from calib.simulation.truth.visibility import SimulatedCell
 SIMULATED_EFFECTS = tuple(CATALOGUE)
 OUTSIDE_EFFECTS = tuple(OUTSIDE)
 NEED_CONDITIONS = frozenset({"backlash", "thermal_growth", "scanner_drift"})
-NEED_FACING = frozenset({"incidence_bias"})  # a jig turned away has no incidence
+NEED_FACING = frozenset({"incidence_bias"})  # the incidence of a jig that faces away is undefined
 
 Wanted = str | tuple[str, float] | TrueEffect
 """An effect to simulate: by name, by name with its visible size in noise sigmas, or with all its parameters."""
@@ -54,11 +54,11 @@ def draw_truth(
 ) -> Truth:
     """Draw an arm: link errors from the tolerances, and effects whose magnitudes are realistic at the poses q (N, n).
 
-    Each effect is made as large as asked: visible (`calib.simulation.truth.visibility`) by so many `noise_mm` a
-    coordinate. Where nothing is asked it moves the measured point by 0.2 to 0.5 mm rms.
+    Each effect gets the magnitude asked for: a visible part (`calib.simulation.truth.visibility`) of so many `noise_mm`
+    a coordinate. Without a request it moves the measured point by 0.2 to 0.5 mm rms.
 
     Raises:
-        CalibError: an unknown effect, one that no size makes visible, or a robot that lacks what the effect needs.
+        CalibError: an unknown effect, one that is visible at no magnitude, or a robot that lacks what the effect needs.
     """
     check_effects(effects)
     angle_rad = np.radians(tolerances.angle_deg)

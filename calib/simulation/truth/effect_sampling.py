@@ -1,4 +1,4 @@
-"""Draw each simulated effect: which joints carry it and in which proportion. Its size is set afterwards.
+"""Draw each simulated effect: which joints carry it and in which proportion. Its magnitude is set afterwards.
 
 A fault is seldom spread evenly: about half of the time one to three joints carry all of it.
 """
@@ -46,7 +46,7 @@ Rng = np.random.Generator
 PerJoint = Callable[[Array], TrueEffect]
 
 
-def _size(cell: SimulatedCell, rng: Rng, *, signed: bool = False) -> Array:
+def _magnitudes(cell: SimulatedCell, rng: Rng, *, signed: bool = False) -> Array:
     """(n,) 0.5 to 1.5 each for joints that turn, 0 for others."""
     n = cell.nominal.n_joints
     sign = rng.choice([-1.0, 1.0], n) if signed else 1.0
@@ -91,7 +91,7 @@ def _joint_compliance(cell: SimulatedCell, rng: Rng) -> TrueEffect:
 def _gravity_backlash(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     """Play in joints that gravity loads clearly: a median torque above 0.3 Nm."""
     loaded = np.median(np.abs(gravity_torques(cell)), axis=0) > 0.3
-    return GravityBacklash(_carriers(cell, rng, GravityBacklash, 2e-4 * _size(cell, rng) * loaded))
+    return GravityBacklash(_carriers(cell, rng, GravityBacklash, 2e-4 * _magnitudes(cell, rng) * loaded))
 
 
 def _link_bending(cell: SimulatedCell, rng: Rng) -> TrueEffect:
@@ -102,7 +102,7 @@ def _link_bending(cell: SimulatedCell, rng: Rng) -> TrueEffect:
         for before, after in zip(ends.base_T_axis, ends.base_T_straight, strict=True)
     ]
     length_mm = np.linalg.norm(spans, axis=1)
-    size = 2e-6 * _size(cell, rng) * (length_mm / 400.0) * (length_mm > 50.0)
+    size = 2e-6 * _magnitudes(cell, rng) * (length_mm / 400.0) * (length_mm > 50.0)
     return LinkBending(_carriers(cell, rng, LinkBending, size * np.linspace(1.0, 3.0, len(size))))
 
 
@@ -115,7 +115,7 @@ def _transmission_error(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     def make(size: Array) -> TrueEffect:
         return TransmissionError(size[:, None] * wave.real, size[:, None] * wave.imag)
 
-    return make(_carriers(cell, rng, make, _size(cell, rng)))
+    return make(_carriers(cell, rng, make, _magnitudes(cell, rng)))
 
 
 def _strain_wave(cell: SimulatedCell, rng: Rng) -> TrueEffect:
@@ -136,11 +136,11 @@ def _strain_wave(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     def make(size: Array) -> TrueEffect:
         return StrainWave(size[:, None] * wave.real, size[:, None] * wave.imag, ratio)
 
-    return make(_carriers(cell, rng, make, _size(cell, rng)))
+    return make(_carriers(cell, rng, make, _magnitudes(cell, rng)))
 
 
 def _joint_scale(cell: SimulatedCell, rng: Rng) -> TrueEffect:
-    return JointScale(_carriers(cell, rng, JointScale, 1e-4 * _size(cell, rng, signed=True)))
+    return JointScale(_carriers(cell, rng, JointScale, 1e-4 * _magnitudes(cell, rng, signed=True)))
 
 
 def _joint_coupling(cell: SimulatedCell, rng: Rng) -> TrueEffect:
@@ -151,12 +151,12 @@ def _joint_coupling(cell: SimulatedCell, rng: Rng) -> TrueEffect:
         return JointCoupling(np.diag(size[1:], k=-1))
 
     dragged = (np.arange(n) >= n - 2) & cell.nominal.is_revolute
-    size = 1e-4 * _size(cell, rng, signed=True) * dragged
+    size = 1e-4 * _magnitudes(cell, rng, signed=True) * dragged
     return make(_carriers(cell, rng, make, size))
 
 
 def _backlash(cell: SimulatedCell, rng: Rng) -> TrueEffect:
-    return Backlash(_carriers(cell, rng, Backlash, 2e-4 * _size(cell, rng)))
+    return Backlash(_carriers(cell, rng, Backlash, 2e-4 * _magnitudes(cell, rng)))
 
 
 def _thermal_growth(cell: SimulatedCell, rng: Rng) -> TrueEffect:
@@ -173,7 +173,7 @@ def _axis_wobble(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     def make(size: Array) -> TrueEffect:
         return AxisWobble(size[:, None, None] * wave[0], size[:, None, None] * wave[1])
 
-    return make(_carriers(cell, rng, make, _size(cell, rng)))
+    return make(_carriers(cell, rng, make, _magnitudes(cell, rng)))
 
 
 def _scanner_distortion(cell: SimulatedCell, rng: Rng) -> TrueEffect:
@@ -214,7 +214,7 @@ def _hose_pull(cell: SimulatedCell, rng: Rng) -> TrueEffect:
         * np.array([rng.uniform(-0.6, -0.2), rng.uniform(-0.5, 0.5), rng.uniform(0.6, 1.2)]),
         held_mm=rng.uniform(-80.0, 80.0, 3),
         link=n // 2 - (n % 2 == 0),
-        c_rad_per_nm=1e-5 * _size(cell, rng),
+        c_rad_per_nm=1e-5 * _magnitudes(cell, rng),
     )
 
 
@@ -271,7 +271,7 @@ CATALOGUE: dict[str, Callable[[SimulatedCell, Rng], TrueEffect]] = {
     "incidence_bias": _incidence_bias,
     "scanner_scale": _scanner_scale,
 }
-"""Families that a diagnosis can name."""
+"""Effects of the catalogue, which a diagnosis can name."""
 
 OUTSIDE: dict[str, Callable[[SimulatedCell, Rng], TrueEffect]] = {
     "hose_pull": _hose_pull,
@@ -280,4 +280,4 @@ OUTSIDE: dict[str, Callable[[SimulatedCell, Rng], TrueEffect]] = {
     "fifth_harmonic": _fifth_harmonic,
     "slip": _slip,
 }
-"""Causes that it cannot name, and ought to say so."""
+"""Effects outside the catalogue, which a diagnosis has to leave unexplained."""

@@ -1,8 +1,8 @@
-"""What a simulated arm really does, worked out apart from everything that fits it.
+"""The equilibrium of a simulated arm under all its effects, and what the scanner reports of it.
 
 The mechanism is in `calib.simulation.truth.mechanism`, the effects in `calib.simulation.truth.joint_effects`,
-`calib.simulation.truth.load_effects` and `calib.simulation.truth.scanner_effects`. Here they come together: the arm
-is followed to its equilibrium, then the scanner looks at it.
+`calib.simulation.truth.load_effects` and `calib.simulation.truth.scanner_effects`. Nothing is shared with the
+code that fits.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from calib.simulation.truth.mechanism import STANDARD, Arm, Conditions
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """A simulated cell: the arm with its link errors, what else is wrong with it, and where the scanner stands."""
+    """A simulated cell: the arm with its link errors, its effects, and the poses of the scanner."""
 
     robot: Robot  # the true link table; masses are those of the nominal arm
     scanners: Mapping[str, Array]  # setup -> base_T_scanner (4, 4), the first one for poses without a setup
@@ -44,14 +44,14 @@ class Truth:
 
     @property
     def effect_names(self) -> tuple[str, ...]:
-        """The names of the effects that are there, in EFFECTS.md's words."""
+        """The names of the effects that are there, as the catalogue has them."""
         return tuple(effect.name for effect in self.effects if not effect.is_absent)
 
 
 def solve_equilibrium(truth: Truth, q: ArrayLike, conditions: Conditions = STANDARD) -> Arm:
-    """The arm where it really stands when q (N, n) is commanded.
+    """The arm under load when q (N, n) is commanded.
 
-    It gives way until load and deflection agree: moments are taken at the result, by repetition to rounding.
+    Fixed-point iteration to rounding: the deflections are those of the moments at the deflected pose.
 
     Raises:
         CalibError: the arm is so soft that it has no equilibrium nearby, or lacks masses or conditions.
@@ -83,7 +83,7 @@ def solve_equilibrium(truth: Truth, q: ArrayLike, conditions: Conditions = STAND
 
 
 def _difference(arm: Arm, other: Arm) -> float:
-    """The largest change between two states of an arm, rad; a metre counts as a radian."""
+    """Largest difference between two states of an arm in rad; 1 m counts as 1 rad."""
     moved = (
         arm.q - other.q,
         arm.base_turn_rad - other.base_turn_rad,

@@ -1,6 +1,6 @@
-"""What gives way under load in a simulated arm: joints, play, links, base, tool, and a hose that pulls.
+"""Deflections of a simulated arm under load: joints, play, links, base, tool, and a hose that pulls.
 
-Each reads moments and places from the arm at rest, so that load and deflection agree in the end
+Moments and positions are those of the equilibrium, so that load and deflection agree
 (`calib.simulation.truth.equilibrium.solve_equilibrium`).
 """
 

@@ -1,8 +1,8 @@
-"""The mechanism of a simulated arm: where each part stands, what hangs on it, which moments that makes.
+"""The mechanism of a simulated arm: frames of all parts, weights that they carry, moments of those weights.
 
 The chain is a product of elementary turns and shifts, written out one by one; a moment comes from each weight and its
-lever. None of it is shared with `calib.kinematics.chain` or the effects that a fit uses, so that agreement between
-the two means something.
+lever. None of it is shared with `calib.kinematics.chain` or the effects that a fit uses, so that each
+checks the other.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from calib.kinematics.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """What surrounds the arm at N poses, in the order in which they are measured. None: no such thing."""
+    """Conditions at N poses, in the order in which they are measured. None: not recorded, no payload."""
 
     payload_kg: Array | None = None  # (N,)
     temperature_c: Array | None = None  # (N,)
@@ -40,7 +40,7 @@ STANDARD = Conditions()
 
 @dataclass(frozen=True, eq=False)
 class Weight:
-    """A mass at every pose: what carries it, its place and its weight in the base frame."""
+    """A mass at every pose: the link that carries it, its centre and its weight in the base frame."""
 
     carrier: int  # the link that 0-based joint `carrier` moves; n for tool and payload, which hang on the last link
     place_mm: Array  # (N, 3)
@@ -53,7 +53,7 @@ class Weight:
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """An arm at N poses: its table, where its joints were sent, and by how much each part has moved from there.
+    """An arm at N poses: its table, the commanded joints, and the displacement of each part from the commanded state.
 
     In the order of the chain: the base turns; each joint's axis tilts at its own origin; the joint turns to `q`; all
     lengths grow; the end of each link turns and shifts in its own frame; the target shifts in the base frame.
@@ -63,7 +63,7 @@ class Arm:
     robot: Robot
     conditions: Conditions
     commanded: Array  # (N, n) rad, mm for prismatic joints
-    q: Array  # (N, n) where the joints really stand
+    q: Array  # (N, n) true joint values
     base_turn_rad: Array  # (N, 3)
     axis_tilt_rad: Array  # (N, n, 3) in the frame before the joint
     growth: Array  # (N,) factor of every a and d
@@ -73,7 +73,7 @@ class Arm:
 
     @classmethod
     def commanded_to(cls, robot: Robot, q: ArrayLike, conditions: Conditions = STANDARD) -> Arm:
-        """An arm without any effect that goes where it is sent, q (N, n)."""
+        """The arm without any effect at the commanded joints q (N, n)."""
         q = np.asarray(q, dtype=float)
         each, parts = np.zeros((len(q), 3)), np.zeros((*q.shape, 3))
         return cls(robot, conditions, q, q, each, parts, np.ones(len(q)), parts, parts, each)

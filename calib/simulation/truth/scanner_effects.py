@@ -1,4 +1,4 @@
-"""What can be wrong with what a simulated scanner reports: its field, its place, its scale.
+"""Errors of a simulated scanner: distortion, drift, incidence, scale, a local fault of its field.
 
 A point is moved, the jig's orientation as seen is left alone: over the jig's 60 mm these errors hardly change.
 """

@@ -1,4 +1,4 @@
-"""How much of a simulated effect can be seen: what is left of it after the best geometric fit.
+"""The visible part of a simulated effect: what remains of its displacements after the best geometric fit.
 
 Linear least squares on a Jacobian that is differenced from the true chain, at the nominal arm, where redundant
 parameters are exactly redundant. It shares nothing with the Jacobians that a fit uses.
@@ -20,7 +20,7 @@ from calib.simulation.truth.equilibrium import Truth, scanner_T_target
 from calib.simulation.truth.mechanism import STANDARD, Arm, Conditions
 
 _ABSORBED = 1e-4
-"""Below this share of its own size an effect counts as absorbed: the rest is its second order."""
+"""An effect whose visible share is less counts as absorbed: the rest is of second order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,23 +45,23 @@ class SimulatedCell:
         )
 
     def moved_rms_mm(self, effect: TrueEffect) -> float:
-        """Rms length of those displacements."""
+        """Rms length of `moved_mm`."""
         return float(np.sqrt(np.mean(np.sum(self.moved_mm(effect) ** 2, axis=1))))
 
     def visible_mm(self, effect: TrueEffect) -> Array:
-        """(N, 3) what no change of the link table and of the scanner's frames can imitate."""
+        """(N, 3) its displacements projected off those of the link table and of the scanner's frames."""
         moved = self.moved_mm(effect).ravel()
         return np.asarray(moved - self._geometry @ (self._geometry.T @ moved)).reshape(-1, 3)
 
     def visible_rms_mm(self, effect: TrueEffect) -> float:
-        """Rms a coordinate of it."""
+        """Rms of `visible_mm` over all coordinates."""
         return float(np.sqrt(np.mean(self.visible_mm(effect) ** 2)))
 
     def scaled_to_visible(self, effect: TrueEffect, rms_mm: float) -> TrueEffect:
-        """The effect in the size that leaves `rms_mm` a coordinate after a geometric fit.
+        """The effect at the magnitude that leaves `rms_mm` a coordinate after a geometric fit.
 
         Raises:
-            CalibError: geometry can imitate all of it, so no size would do.
+            CalibError: link parameters absorb all of it, at any magnitude.
         """
         if rms_mm > 0 and self.visible_rms_mm(effect) < _ABSORBED * self.moved_rms_mm(effect):
             raise CalibError(
@@ -71,7 +71,7 @@ class SimulatedCell:
         return self._scaled(effect, rms_mm, self.visible_rms_mm)
 
     def scaled_to_moved(self, effect: TrueEffect, rms_mm: float) -> TrueEffect:
-        """The effect in the size that moves the measured point by `rms_mm`."""
+        """The effect at the magnitude that moves the measured point by `rms_mm`."""
         return self._scaled(effect, rms_mm, self.moved_rms_mm)
 
     def _scaled(
@@ -79,7 +79,7 @@ class SimulatedCell:
     ) -> TrueEffect:
         if wanted_mm <= 0:
             return effect.scaled(0.0)
-        for _ in range(20):  # size is all but proportional to the effect's scale
+        for _ in range(20):  # displacements are nearly proportional to the magnitude
             found_mm = size_mm(effect)
             if not found_mm > 0:
                 raise CalibError(f"{effect.name} does nothing to robot {self.nominal.name} at these poses")
@@ -90,7 +90,7 @@ class SimulatedCell:
 
     @cached_property
     def _geometry(self) -> Array:
-        """(3N, R) orthonormal: all that link parameters and scanner frames can do to the points, to first order."""
+        """(3N, R) orthonormal basis of the displacements by link parameters and scanner frames, to first order."""
         columns = [*self._link_columns(), *self._frame_columns()]
         jacobian = np.stack([column.ravel() for column in columns], axis=1)
         size = np.linalg.norm(jacobian, axis=0)
