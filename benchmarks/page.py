@@ -68,7 +68,7 @@ class Server:
 
 def serve(path: Path) -> None:
     """The server's process."""
-    from inspector.app.app import serving
+    from inspector.app.serving import serving
 
     with serving(path, port=0) as app:
         print(app.server.get_port(), flush=True)

@@ -1,38 +1,31 @@
 """The web app: one page on a dataset, or on a folder of datasets.
 
-Widgets ask (`App`'s methods, on any of viser's threads), the worker's one thread does (`stage.Stage`). A request names
-what it is about, so of twenty slider messages the last one counts and a button never runs beside itself.
+Widgets ask (`App`'s methods, on any of viser's threads); the controllers and the stage do it, on the worker's one
+thread. A request names what it is about, so of twenty slider messages the last one counts and a button never runs
+beside itself.
 """
 
 from __future__ import annotations
 
 import logging
-import sys
 import threading
-from collections.abc import Callable, Hashable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
 
 import viser
 
-from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.errors import CalibError
-from inspector.app.downloads import Taking
+from inspector.app.dataset_controller import DatasetController
+from inspector.app.dataset_list import has_scans, names_of
+from inspector.app.downloads import Downloads
+from inspector.app.model_controller import ModelController
+from inspector.app.page_state import PageState
 from inspector.app.stage import Stage
-from inspector.app.tabs import add_tabs
-from inspector.panels.compare import ComparePanel
-from inspector.panels.corner import CornerPanel
-from inspector.panels.downloads import TakeAwayPanel
-from inspector.panels.fit import FitPanel
-from inspector.panels.missing_effects import LearnPanel
-from inspector.panels.planes import PlanesPanel
-from inspector.panels.redundancy import RedundancyPanel
-from inspector.panels.residuals import FailurePanel
-from inspector.panels.review import ReviewPanel
-from inspector.panels.scans import ScansPanel
+from inspector.app.tabs import add_panels
 from inspector.scene.scene_view import LAYERS
-from inspector.server.viser_server import LOOPBACK, InspectorServer, start_server, tell, url_of
+from inspector.server.viser_server import InspectorServer, tell
 from inspector.server.worker import LongWork, Worker
+from inspector.session.scan_cache import ScanCache
 from inspector.session.session_file import Opening, Shown
 from inspector.session.user_effects import OwnEffects, Watch
 from inspector.session.view import LOOKS, RESIDUALS
@@ -57,56 +50,33 @@ class App:
         self._asking = threading.Lock()
         self._wanted = 0  # the pose asked for last
         self._moves = 0  # changes of the model to go back (below 0) or forward
-        self.stage = self._build(named)
-        self.stage.model.own = OwnEffects(effects_file)
-        self.worker = Worker(self._failed)
-        self._watch = Watch(self.stage.model.own, self.effects)
-        self.taking = Taking(self.stage, self.worker, self._take_away, root)
         start = self._known[0]
         if saved is not None:
             start = next(name for name, folder in named.items() if folder == saved.folder)
-            self.stage.model.saved[start] = saved.session
-        self.open(start)
-
-    def _build(self, folders: dict[str, Path]) -> Stage:
-        gui = self.server.gui
-        left = gui.add_panel()
-        with left.add_tab("Review", icon=viser.Icon.LIST_SEARCH):
-            review = ReviewPanel(gui, self, tuple(folders))
-        tab = add_tabs(gui, scans_first=has_scans(next(iter(folders.values()))))
-        with tab["Scans"]:
-            scans = ScansPanel(gui, self)
-        with tab["Planes"]:
-            planes = PlanesPanel(gui, self)
-        with tab["Corner"]:
-            corner = CornerPanel(gui, self)
-        with tab["Compare"]:
-            compare = ComparePanel(gui, self)
-        with tab["Redundancy"]:
-            redundancy = RedundancyPanel(gui, self)
-        with tab["Fit"]:
-            fit = FitPanel(gui, self)
-        with tab["What is missing"]:
-            learn = LearnPanel(gui, self)
-        with tab["Where it fails"]:
-            failure = FailurePanel(gui, self)
-        with tab["Take away"]:
-            self._take_away = TakeAwayPanel(gui, self)
-        left.dock_left()
-        left.set_width(290)
-        gui.main_panel.dock_right()
-        gui.main_panel.set_width(440)
-        return Stage(
-            self.server, folders, review=review, scans=scans, planes=planes, corner=corner, redundancy=redundancy,
-            fit=fit, learn=learn, failure=failure, compare=compare, on_click=self.select, on_open=self._opened,
+        own, scans = OwnEffects(effects_file), ScanCache()
+        panels = add_panels(server.gui, self, self._known, scans_first=has_scans(folders[0]))
+        self.panels, self.state = panels, PageState()
+        self.stage = Stage(server, self.state, scans, panels, on_click=self.select)
+        self.model = ModelController(
+            self.state, panels, own, {} if saved is None else {start: saved.session},
+            redraw=self.stage.draw_model, draw_as=self.stage.draw_as,
         )  # fmt: skip
+        self.dataset = DatasetController(
+            named, self.state, scans, panels, self.stage, self.model, on_open=self._opened
+        )
+        self.worker = Worker(self._failed)
+        self._watch = Watch(own, self.effects)
+        self.downloads = Downloads(
+            self.state, lambda: self.stage.look_name, self.worker, panels.take_away, root
+        )
+        self.open(start)
 
     def close(self) -> None:
         """End the work and the server."""
         self._watch.stop()
         self.worker.stop()
-        self.taking.close()
-        self.stage.model.close()
+        self.downloads.close()
+        self.model.close()
         self.server.stop()
 
     def _failed(self, key: Hashable, error: Exception) -> None:
@@ -116,7 +86,7 @@ class App:
         else:
             log.error("%s failed", key, exc_info=error)
             text = f"Something went wrong inside the program ({type(error).__name__}: {error}); the terminal says more."
-        self.stage.review.show_problem(text)
+        self.panels.review.show_problem(text)
         tell(self.server, "That did not work", text)
 
     # ---- what widgets ask for ---------------------------------------------------------------------------------------
@@ -124,12 +94,12 @@ class App:
     def open(self, name: str) -> None:
         """Show another dataset."""
         if name in self._known:
-            self.worker.submit("open", lambda: self.stage.open(name))
+            self.worker.submit("open", lambda: self.dataset.open(name))
 
     def _opened(self) -> None:
         with self._asking:
             self._wanted = 0  # another dataset starts at its first pose
-        saved = self.stage.model.saved.get(self.stage.name)
+        saved = self.model.saved.get(self.state.name)
         if saved is not None:
             self._look_again(saved.shown)
 
@@ -144,7 +114,7 @@ class App:
 
     def take(self, what: str, client: viser.ClientHandle) -> None:
         """Make a file and send it to the page that asks."""
-        self.taking.take(what, client)
+        self.downloads.take(what, client)
 
     def select(self, pose: int) -> None:
         """Select a pose by its index."""
@@ -152,7 +122,7 @@ class App:
 
     def select_id(self, pose_id: str) -> None:
         """Select a pose by its id."""
-        view = self.stage.view
+        view = self.state.view
         if view is not None and pose_id in view.session.dataset.poses.ids:
             self.select(view.session.dataset.poses.index(pose_id))
 
@@ -161,12 +131,12 @@ class App:
         self._want(lambda current: current + by)
 
     def _want(self, pose: Callable[[int], int]) -> None:
-        view = self.stage.view
+        view = self.state.view
         if view is None:
             return
         with self._asking:
             self._wanted = min(max(pose(self._wanted), 0), len(view.session.dataset.poses) - 1)
-        self.worker.submit("select", lambda: self.stage.select(self._wanted))
+        self.worker.submit("select", lambda: self.dataset.select(self._wanted))
 
     def look(self, what: str) -> None:
         """Show the layers of a view and put the camera there."""
@@ -204,7 +174,7 @@ class App:
 
     def failure(self) -> None:
         """Show what is left over against what is chosen now."""
-        self.worker.submit("failure", lambda: self.stage.failure.update(self.stage.now))
+        self.worker.submit("failure", lambda: self.panels.failure.update(self.state.now))
 
     def grey_rejected(self, grey: bool) -> None:
         """Grey for the plane groups that were not chosen, or each in its own colour."""
@@ -217,47 +187,47 @@ class App:
     def search(self, go_on: bool) -> None:
         """Stop searching the scans, or go on."""
         if go_on:
-            self.worker.submit("open", self.stage.process)
+            self.worker.submit("open", self.dataset.process)
         elif self.worker.cancel("open"):
-            self.worker.submit("stopped", self.stage.stopped)
+            self.worker.submit("stopped", self.dataset.stopped)
 
     def redundancy(self, residual: str) -> None:
         """Analyse the parameters for distances or positions."""
         if residual in RESIDUALS:
-            self.worker.submit("redundancy", lambda: self.stage.analyse(residual))
+            self.worker.submit("redundancy", lambda: self.dataset.analyse(residual))
 
     def correlation(self) -> None:
         """Show the part of the correlation matrix that is chosen now."""
-        self.worker.submit("correlation", self.stage.show_correlation)
+        self.worker.submit("correlation", lambda: self.panels.redundancy.update(self.state.now))
 
     def calibrate(self, residual: str) -> None:
         """Fit the robot's parameters to distances or positions."""
         if residual in RESIDUALS:
-            self.worker.submit("calibrate", lambda: self.stage.model.calibrate(residual))
+            self.worker.submit("calibrate", lambda: self.model.calibrate(residual))
 
     def find(self, start: bool) -> None:
         """Look for what is missing, to the end; or stop looking."""
         if start:
-            self.worker.submit("find", lambda: self.stage.model.find())
+            self.worker.submit("find", lambda: self.model.find())
         else:
             self.worker.cancel("find")
 
     def effects(self) -> None:
         """Rank again, with the user's own effects as their file has them now."""
-        if self.stage.view is not None:
-            self.worker.submit("effects", lambda: self.stage.model.rank())
+        if self.state.view is not None:
+            self.worker.submit("effects", lambda: self.model.rank())
 
     def candidate(self) -> None:
         """Show what is known of the candidate that is chosen now."""
-        self.worker.submit("candidate", lambda: self.stage.model.compare())
+        self.worker.submit("candidate", lambda: self.model.compare())
 
     def add_effect(self, name: str) -> None:
         """Add an effect to the model; a second press for the same effect adds nothing."""
-        self.worker.submit(("add", name), lambda: self.stage.model.add(name))
+        self.worker.submit(("add", name), lambda: self.model.add(name))
 
     def remove_effect(self, name: str) -> None:
         """Take an effect out of the model."""
-        self.worker.submit(("remove", name), lambda: self.stage.model.remove(name))
+        self.worker.submit(("remove", name), lambda: self.model.remove(name))
 
     def move(self, by: int) -> None:
         """Undo changes of the model, or redo them; three presses are three changes."""
@@ -268,69 +238,4 @@ class App:
     def _move(self) -> LongWork:
         with self._asking:
             by, self._moves = self._moves, 0
-        return self.stage.model.move(by)
-
-
-def has_scans(folder: Path) -> bool:
-    """Whether a dataset has scans to look at; a folder that cannot be read tells its reason when it is opened."""
-    try:
-        return load_dataset(folder).scan_folder is not None
-    except CalibError:
-        return True
-
-
-def names_of(folders: Sequence[Path]) -> list[str]:
-    """A name for each dataset folder, its own where that tells them apart."""
-    names = [folder.resolve().name for folder in folders]
-    return [
-        str(folder) if names.count(name) > 1 else name for folder, name in zip(folders, names, strict=True)
-    ]
-
-
-@contextmanager
-def serving(
-    path: Path,
-    *,
-    host: str = LOOPBACK,
-    port: int = 8080,
-    effects_file: Path | None = None,
-    saved: Opening | None = None,
-) -> Iterator[App]:
-    """The app on a dataset folder or a folder of datasets, while inside.
-
-    Raises:
-        DatasetError: no dataset at `path`.
-        CalibError: no effects file there; one with an error in it is told on the page, which takes a better one later.
-        ServerError: the address cannot be served on.
-    """
-    # Those with scans first: a page that opens on one shows the whole way, from scan to model.
-    folders = sorted(find_datasets(path), key=lambda folder: not has_scans(folder))
-    if effects_file is not None and not effects_file.is_file():
-        raise CalibError(f"{effects_file}: no such effects file")
-    server = start_server(host, port, label="Calibration inspector")
-    app = App(server, folders, effects_file, saved, path)
-    try:
-        yield app
-    finally:
-        app.close()
-
-
-def serve(
-    path: Path,
-    *,
-    host: str = LOOPBACK,
-    port: int = 8080,
-    effects_file: Path | None = None,
-    saved: Opening | None = None,
-) -> None:
-    """Serve until interrupted (Ctrl-C); says on stdout where the page is.
-
-    Raises: as `serving`.
-    """
-    with serving(path, host=host, port=port, effects_file=effects_file, saved=saved) as app:
-        sys.stdout.write(f"Open {url_of(app.server)} in a browser. Ctrl-C ends.\n")
-        sys.stdout.flush()
-        try:
-            threading.Event().wait()
-        except KeyboardInterrupt:
-            sys.stdout.write("\n")
+        return self.model.move(by)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -13,9 +12,10 @@ import viser
 from calib.calibration.result import Calibration
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.errors import CalibError, DatasetError
-from inspector.app.stage import Stage
+from inspector.app.page_state import PageState
 from inspector.export import csv_and_png as exports
 from inspector.panels.downloads import ITEMS, SCREENSHOT, TakeAwayPanel
+from inspector.server.background import Background
 from inspector.server.viser_server import clamped
 from inspector.server.worker import LongWork, Worker
 from inspector.session import transitions as sessions
@@ -23,7 +23,6 @@ from inspector.session.session import Session
 from inspector.session.session_file import Shown, session_text
 from inspector.session.view import View
 
-TURN_S = 0.02
 RENDER_S = 30.0  # a page that sends no picture in this time is hidden or gone
 LARGEST_PX = 3840
 DAY, NIGHT = (255, 255, 255), (24, 26, 30)  # behind the 3D view
@@ -48,41 +47,45 @@ class Asked:
         return self.session.calibration
 
 
-class Taking:
+class Downloads:
     """The files of the session on show."""
 
-    def __init__(self, stage: Stage, worker: Worker, panel: TakeAwayPanel, root: Path) -> None:
-        self._stage, self._worker, self._panel, self._root = stage, worker, panel, root
-        self._aside = ThreadPoolExecutor(1, thread_name_prefix="inspector-taking")
+    def __init__(
+        self,
+        state: PageState,
+        view_name: Callable[[], str],
+        worker: Worker,
+        panel: TakeAwayPanel,
+        root: Path,
+    ) -> None:
+        self._state, self._view_name, self._worker = state, view_name, worker
+        self._panel, self._root = panel, root
+        self._files = Background("files")
         # A page that never sends its picture keeps a thread waiting, which must not be the one that makes files.
-        self._pictures = ThreadPoolExecutor(2, thread_name_prefix="inspector-picture")
+        self._pictures = Background("pictures", threads=2)
 
     def close(self) -> None:
         """Let go of the threads."""
-        for pool in (self._aside, self._pictures):
-            pool.shutdown(wait=False, cancel_futures=True)
+        self._files.close()
+        self._pictures.close()
 
     def take(self, what: str, client: viser.ClientHandle) -> None:
-        """Make one of `panels.takeaway.ITEMS` for this page; of several presses the last counts."""
+        """Make one of `panels.downloads.ITEMS` for this page; of several presses the last counts."""
         if what in ITEMS:
             self._worker.submit(("take", what, client.client_id), lambda: self._take(what, client))
 
     def _take(self, what: str, client: viser.ClientHandle) -> LongWork:
-        asked = Asked(self._stage.now, self._stage.look_name, self._root)
+        asked = Asked(self._state.now, self._view_name(), self._root)
         self._panel.say(f"Making: {what} …")
-        future: Future[tuple[str, bytes]]
-        if what == SCREENSHOT:
-            future = self._pictures.submit(lambda: _screenshot(asked, client))
-        else:
-            future = self._aside.submit(lambda: MAKERS[what](asked))
         try:
-            while not future.done():
-                wait([future], TURN_S)
-                yield
-            name, content = future.result()
+            if what == SCREENSHOT:
+                made = yield from self._pictures.run(lambda: _screenshot(asked, client))
+            else:
+                made = yield from self._files.run(lambda: MAKERS[what](asked))
         finally:
-            future.cancel()
             self._panel.say("")
+        assert made is not None
+        name, content = made
         client.send_file_download(
             exports.file_name(asked.session.dataset.name, name), content, save_immediately=True
         )

@@ -1,8 +1,25 @@
-"""The tabs of the right panel: the steps of the work, each with its own tabs, so that two short rows hold them all."""
+"""The panels of the page: the left one, and the tabs of the right one, which are the steps of the work.
+
+Each step has its own tabs, so that two short rows hold them all.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import viser
+
+from inspector.panels.base import Actions
+from inspector.panels.compare import ComparePanel
+from inspector.panels.corner import CornerPanel
+from inspector.panels.downloads import TakeAwayPanel
+from inspector.panels.fit import FitPanel
+from inspector.panels.missing_effects import LearnPanel
+from inspector.panels.planes import PlanesPanel
+from inspector.panels.redundancy import RedundancyPanel
+from inspector.panels.residuals import FailurePanel
+from inspector.panels.review import ReviewPanel
+from inspector.panels.scans import ScansPanel
 
 STEPS: dict[str, tuple[str, ...]] = {  # a step without tabs of its own is one itself
     "Measure": ("Scans", "Planes", "Corner"),
@@ -17,6 +34,56 @@ ICONS = {
     "Take away": viser.Icon.DOWNLOAD,
 }
 MODEL_FIRST = ("Learn", "Model", "Measure")
+LEFT_WIDTH, RIGHT_WIDTH = 290, 440  # pixels
+
+
+@dataclass(frozen=True)
+class Panels:
+    """All panels of the page."""
+
+    review: ReviewPanel
+    scans: ScansPanel
+    planes: PlanesPanel
+    corner: CornerPanel
+    compare: ComparePanel
+    redundancy: RedundancyPanel
+    fit: FitPanel
+    learn: LearnPanel
+    failure: FailurePanel
+    take_away: TakeAwayPanel
+
+
+def add_panels(
+    gui: viser.GuiApi, actions: Actions, datasets: tuple[str, ...], *, scans_first: bool
+) -> Panels:
+    """The page's panels in the order in which they are read."""
+    left = gui.add_panel()
+    with left.add_tab("Review", icon=viser.Icon.LIST_SEARCH):
+        review = ReviewPanel(gui, actions, datasets)
+    tab = add_tabs(gui, scans_first=scans_first)
+    with tab["Scans"]:
+        scans = ScansPanel(gui, actions)
+    with tab["Planes"]:
+        planes = PlanesPanel(gui, actions)
+    with tab["Corner"]:
+        corner = CornerPanel(gui, actions)
+    with tab["Compare"]:
+        compare = ComparePanel(gui, actions)
+    with tab["Redundancy"]:
+        redundancy = RedundancyPanel(gui, actions)
+    with tab["Fit"]:
+        fit = FitPanel(gui, actions)
+    with tab["What is missing"]:
+        learn = LearnPanel(gui, actions)
+    with tab["Where it fails"]:
+        failure = FailurePanel(gui, actions)
+    with tab["Take away"]:
+        take_away = TakeAwayPanel(gui, actions)
+    left.dock_left()
+    left.set_width(LEFT_WIDTH)
+    gui.main_panel.dock_right()
+    gui.main_panel.set_width(RIGHT_WIDTH)
+    return Panels(review, scans, planes, corner, compare, redundancy, fit, learn, failure, take_away)
 
 
 def add_tabs(gui: viser.GuiApi, *, scans_first: bool) -> dict[str, viser.GuiTabHandle]:

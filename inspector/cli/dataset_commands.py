@@ -43,7 +43,7 @@ from inspector.session.json_text import to_json
 
 def run_serve(options: ServeOptions) -> int:
     """The web app until Ctrl-C."""
-    from inspector.app.app import serve  # viser takes a second to load, and only this command needs it
+    from inspector.app.serving import serve
     from inspector.session.session_file import load_session, opening
 
     saved = None

@@ -28,7 +28,7 @@ NO_POSES = "pose cannot be fitted: "
 
 def faces_words(session: Session) -> str:
     """What a fit of full poses has to go by, or what it lacks, in a sentence."""
-    if session.unnamed:
+    if session.unlabelled:
         return "pose needs the jig's faces named in the scans, which is done once their corners are found."
     problem = no_full_poses(session)
     if problem:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Protocol
 
 import viser
 
 from inspector.markup import elements as tables
+from inspector.panels.base import Actions
 
 NOTE = (
     "Each is made when you press and goes to your browser's downloads; nothing is written where the server runs. "
@@ -53,23 +53,15 @@ ITEMS: dict[str, tuple[str, str]] = {  # what the button is called: icon, what t
 }
 
 
-class Takes(Protocol):
-    """Who makes the files."""
-
-    def take(self, what: str, client: viser.ClientHandle) -> None:
-        """Make one of ITEMS and send it to this page."""
-        ...
-
-
 class TakeAwayPanel:
     """A button for each file, and what it holds."""
 
-    def __init__(self, gui: viser.GuiApi, takes: Takes) -> None:
+    def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(tables.note(NOTE))
         self._doing = gui.add_html("")
         for name, (icon, holds) in ITEMS.items():
             button = gui.add_button(name, icon=icon, hint=holds)  # type: ignore[arg-type]
-            button.on_click(partial(_pressed, takes, name))
+            button.on_click(partial(_pressed, actions, name))
             gui.add_html(tables.note(holds))
 
     def say(self, words: str) -> None:
@@ -77,6 +69,6 @@ class TakeAwayPanel:
         self._doing.content = tables.alert(words, colour="#56B4E9") if words else ""
 
 
-def _pressed(takes: Takes, what: str, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+def _pressed(actions: Actions, what: str, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
     if event.client is not None:  # pressed by a page, not by this program
-        takes.take(what, event.client)
+        actions.take(what, event.client)

@@ -6,8 +6,6 @@ import viser
 
 from calib.calibration.noise_check import noise_floor_mm
 from calib.diagnosis.advice import advise
-from calib.diagnosis.pose_recommendation import NextPose
-from calib.diagnosis.screening import Screening
 from inspector.figures.plots import error_history
 from inspector.figures.residual_plots import added_variable
 from inspector.markup import effects as html
@@ -30,10 +28,6 @@ class LearnPanel:
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         self._actions = actions
-        self._compared: tuple[Screening | None, dict[str, str]] = (
-            None,
-            {},
-        )  # what is known of each candidate
         gui.add_html(tables.note(NOTE))
         self._own = gui.add_html("")
         self.find = gui.add_button(
@@ -137,7 +131,7 @@ class LearnPanel:
         self.add.disabled = (
             name == NONE or name in inside or (candidate is not None and not candidate.members)
         )
-        self._next.content = ""
+        self.update_next(view)
         if screening is None:
             self._ranking.content = self._chosen.content = ""
             return
@@ -154,23 +148,17 @@ class LearnPanel:
             self._variable.figure = added_variable(
                 candidate.explained, screening.leftover.residual, name, dark=view.dark
             )
-        if self.compared(screening):
-            self._next.content = self._compared[1][name]
 
-    def compared(self, screening: Screening) -> bool:
-        """Whether it is known how to tell the chosen candidate from its nearest rival."""
-        return self._compared[0] is screening and self.chosen in self._compared[1]
-
-    def show_comparison(
-        self, view: View, screening: Screening, rival: str, poses: tuple[NextPose, ...]
-    ) -> None:
-        """How to tell the chosen candidate from its nearest rival, kept while the ranking is the same."""
-        if self._compared[0] is not screening:
-            self._compared = (screening, {})
-        noise_mm = view.session.failure.noise_mm if view.session.failure is not None else float("nan")
-        robot = view.session.dataset.robot
-        self._compared[1][self.chosen] = html.next_html(self.chosen, rival, poses, robot, noise_mm)
-        self._next.content = self._compared[1][self.chosen]
+    def update_next(self, view: View) -> None:
+        """Where to measure to tell the chosen candidate from its nearest rival, where that is known."""
+        session = view.session
+        separation = session.separations.get(self.chosen)
+        if session.screening is None or separation is None:
+            self._next.content = ""
+            return
+        noise_mm = session.failure.noise_mm if session.failure is not None else float("nan")
+        robot = session.dataset.robot
+        self._next.content = html.next_html(self.chosen, separation.rival, separation.poses, robot, noise_mm)
 
     def _offer(self, session: Session) -> None:
         """All that can be added or removed; what was chosen stays chosen, so that a second press adds nothing more."""

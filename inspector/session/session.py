@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from calib.calibration.model_versions import Version
 from calib.calibration.pose_errors import Failure
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
+from calib.diagnosis.pose_recommendation import NextPose
 from calib.diagnosis.residual_tests import Remains
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import Screening
@@ -32,6 +34,14 @@ class StepErrors:
 
 
 @dataclass(frozen=True)
+class Separation:
+    """Where to measure to tell a candidate of the screening from the one most like it."""
+
+    rival: str
+    poses: tuple[NextPose, ...]
+
+
+@dataclass(frozen=True)
 class Session:
     """What is known so far. A new corner makes an old calibration stale, so it is dropped with it."""
 
@@ -43,10 +53,12 @@ class Session:
     effects: tuple[SelectedEffect, ...] = ()  # beyond the link errors
     screening: Screening | None = None  # of everything not in this calibration's model
     failure: Failure | None = None  # where the calibration is off; known with the screening
+    separations: Mapping[str, Separation] = field(default_factory=dict)  # by candidate, as far as asked for
     remains: Remains | None = None  # what the calibration left over, judged; known soon after the screening
     diagnosis: Diagnosis | None = None  # where it led to this calibration
     steps: tuple[FitStep, ...] = ()  # the link errors, then each change of the model
     own: tuple[Family, ...] = ()  # the user's effects beyond the catalogue
+    versions: tuple[Version, ...] = ()  # of this calibration's model, side by side, once that was asked for
 
     @property
     def history(self) -> tuple[StepErrors, ...]:
@@ -66,7 +78,7 @@ class Session:
         return with_corners(self.dataset, self.searches, orientation=names or False)
 
     @property
-    def unnamed(self) -> bool:
+    def unlabelled(self) -> bool:
         """Whether full poses would have to wait until the jig's faces are named in the corners found so far."""
         return self.dataset.points is None and self.face_labels is None
 

@@ -244,7 +244,7 @@ def replayed(session: Session, saved: Saved) -> Session:
     """The fits of a saved session once more, on what is measured now; its figures are not read."""
     selections = _selections(saved, session.measured, session.own)
     if any(step.residual == "pose" for step in saved.history[1:]):
-        session = sessions.with_names(session)
+        session = sessions.with_face_labels(session)
     steps: list[FitStep] = []
     for step, selected in list(zip(saved.history, selections, strict=True))[
         1:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from calib.calibration.model_versions import LINKS, versions
 from calib.calibration.pose_errors import failure_of
 from calib.calibration.result import Calibration
 from calib.corners.batch import search_file
@@ -19,6 +20,7 @@ from calib.diagnosis.effect_selection import (
     proposed,
     recalled,
 )
+from calib.diagnosis.pose_recommendation import nearest_rival, poses_between
 from calib.diagnosis.residual_tests import examine
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import screen
@@ -31,7 +33,9 @@ from calib.identifiability.structural import redundancy
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import label_faces
 from calib.options import FitOptions
-from inspector.session.session import Session
+from inspector.session.session import Separation, Session
+
+SEPARATING_POSES = 3  # at which two causes are compared
 
 
 def open_session(folder: Path) -> Session:
@@ -53,16 +57,16 @@ def with_search(session: Session, pose: int) -> Session:
     )
 
 
-def with_names(session: Session) -> Session:
+def with_face_labels(session: Session) -> Session:
     """Name the jig's faces in the corners found so far, where nothing has yet; points.csv needs no names.
 
     Raises CornerError for face angles that no jig can have.
     """
-    return replace(session, face_labels=face_names(session)) if session.unnamed else session
+    return replace(session, face_labels=find_face_labels(session)) if session.unlabelled else session
 
 
-def face_names(session: Session) -> FaceLabels:
-    """Which face of the jig is which in the corners found so far. Raises as `with_names`."""
+def find_face_labels(session: Session) -> FaceLabels:
+    """Which face of the jig is which in the corners found so far. Raises as `with_face_labels`."""
     return label_faces(session.dataset, session.searches)
 
 
@@ -88,7 +92,7 @@ def with_redundancy(session: Session, residual: str = "position") -> Session:
 
 def with_calibration(session: Session, residual: str = "position") -> Session:
     """Fit the five-parameter model, and the effects that were added, to what is measured so far."""
-    session = with_names(session) if residual == "pose" else session
+    session = with_face_labels(session) if residual == "pose" else session
     asked = FitOptions() if session.calibration is None else session.calibration.options
     result = calibrate_with(session.measured_for(residual), session.effects, asked.with_residual(residual))
     before, label = (session.steps[:-1], session.steps[-1].label) if session.effects else ((), GEOMETRY)
@@ -104,7 +108,8 @@ def with_ranking(session: Session) -> Session:
     """The first half of `with_screening`: where the calibration is off, and what each effect would make of it."""
     calibration = _calibrated(session)
     screening = screen(calibration, (*effects_for(session.measured), *session.own))
-    return replace(session, screening=screening, failure=failure_of(calibration), remains=None)
+    failure = failure_of(calibration)
+    return replace(session, screening=screening, failure=failure, remains=None, separations={})
 
 
 def with_judgement(session: Session) -> Session:
@@ -115,10 +120,38 @@ def with_judgement(session: Session) -> Session:
     return replace(session, remains=remains)
 
 
+def separation(session: Session, name: str) -> Separation | None:
+    """The poses at which a candidate and its nearest rival differ most; None where it is none or has no rival.
+
+    Raises CalibError where there are too few poses to fit either one whole.
+    """
+    screening = session.screening
+    if screening is None:
+        return None
+    chosen = next((candidate for candidate in screening.candidates if candidate.name == name), None)
+    rival = nearest_rival(screening, name)
+    if chosen is None or rival is None:
+        return None
+    poses = poses_between(_calibrated(session), (chosen, rival), count=SEPARATING_POSES)
+    return Separation(rival.name, poses)
+
+
+def with_versions(session: Session, before: Session) -> Session:
+    """The model's versions side by side, where the session has a model.
+
+    With effects in the model the link errors alone are fitted to the same points, unless the session `before` has that
+    fit already.
+    """
+    if session.calibration is None or session.versions:
+        return session
+    links = next((version.calibration for version in before.versions if version.name == LINKS), None)
+    return replace(session, versions=versions(session.calibration, links))
+
+
 def with_own(session: Session, own: tuple[Family, ...]) -> Session:
     """The user's own effects as they are now. Those in the model are fitted again as they are now, or taken out."""
     ours = {family.name for family in (*session.own, *own)}
-    session = replace(session, own=own, screening=None, diagnosis=None)
+    session = replace(session, own=own, screening=None, separations={}, diagnosis=None)
     if session.calibration is None or not any(added.name in ours for added in session.effects):
         return session
     kept: list[SelectedEffect] = []
@@ -195,4 +228,5 @@ def start_of(last: FitStep, effects: Sequence[SelectedEffect]) -> Calibration | 
 
 def _unjudged(session: Session) -> Session:
     """A new fit, of which nothing more is known yet."""
-    return replace(session, screening=None, failure=None, remains=None, diagnosis=None)
+    unknown = replace(session, screening=None, failure=None, remains=None, diagnosis=None)
+    return replace(unknown, separations={}, versions=())

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.calibration.model_versions import LINKS, Version, versions
+from calib.calibration.model_versions import Version
 from calib.corners.search import CornerSearch
 from calib.options import RESIDUAL_KINDS
 from inspector.session.session import Session
@@ -41,7 +41,6 @@ class View:
     arrows: float = 100.0  # how many times longer residuals are drawn
     grey_rejected: bool = True
     failures: dict[str, str] = field(default_factory=dict)  # scans that could not be read, by pose id
-    versions: tuple[Version, ...] = ()  # of the session's model; none before it is calibrated
     chosen: str = ""  # the version whose arm and errors are shown; the last where there is none of this name
     compared: frozenset[str] = frozenset()  # the versions whose predictions are shown
     colouring: str = BY_ROLE  # of the measured points
@@ -57,6 +56,11 @@ class View:
         return self.session.searches.get(self.pose_id)
 
     @property
+    def versions(self) -> tuple[Version, ...]:
+        """The versions of the session's model; none before it is calibrated."""
+        return self.session.versions
+
+    @property
     def version(self) -> Version | None:
         """The version of the model whose arm and errors are shown."""
         return next(
@@ -65,18 +69,13 @@ class View:
 
     def with_session(self, session: Session) -> View:
         """The same view of another session. What showed the latest version of the model goes on doing so."""
-        if session.calibration is self.session.calibration and (self.versions or session.calibration is None):
-            return replace(self, session=session)
-        if session.calibration is None:
-            return replace(self, session=session, versions=())
-        links = next((v.calibration for v in self.versions if v.name == LINKS), None)
-        found = versions(session.calibration, links)
-        newest, before = found[-1].name, self.versions[-1].name if self.versions else ""
+        newest = session.versions[-1].name if session.versions else ""
+        before = self.versions[-1].name if self.versions else ""
         chosen, compared = self.chosen, self.compared
-        if newest != before:
+        if newest not in ("", before):
             chosen = newest if chosen in (before, "") else chosen
             compared = compared - {before} | {newest} if before in compared or not before else compared
-        return replace(self, session=session, versions=found, chosen=chosen, compared=compared)
+        return replace(self, session=session, chosen=chosen, compared=compared)
 
 
 def corner_of(view: View, pose: int) -> tuple[NDArray, NDArray | None] | None:

@@ -12,7 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from inspector.app.app import App, serving
+from inspector.app.app import App
+from inspector.app.serving import serving
 from inspector.cli.parser import main
 from inspector.session.session_file import Opening
 from tests.support.wire_client import WireClient

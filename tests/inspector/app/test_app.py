@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from calib.errors import DatasetError
-from inspector.app.app import App, names_of, serving
+from inspector.app.app import App
+from inspector.app.dataset_list import names_of
+from inspector.app.serving import serving
 from inspector.app.tabs import STEPS
 from inspector.markup import numbers as words
 from inspector.markup.numbers import parameter_label
@@ -55,8 +57,8 @@ def page(app: App) -> Iterator[WireClient]:
 
 
 def session(app: App) -> Session:
-    assert app.stage.view is not None
-    return app.stage.view.session
+    assert app.state.view is not None
+    return app.state.view.session
 
 
 def figure(page: WireClient, kind: str) -> list[dict[str, object]]:
@@ -401,7 +403,7 @@ def test_a_dataset_that_cannot_be_read_is_told_and_the_old_one_stays(
     folder: Path, app: App, page: WireClient
 ) -> None:
     app._known = (*app._known, "gone")
-    app.stage._folders["gone"] = folder / "gone"  # type: ignore[index]
+    app.dataset._folders["gone"] = folder / "gone"  # type: ignore[index]
     app.open("gone")
     page.wait(lambda p: p.notifications)
     assert "gone" in page.notifications[-1]["props"]["body"]
@@ -424,7 +426,7 @@ def test_our_own_bug_is_told_too(app: App, page: WireClient, monkeypatch: pytest
     def broken(*_: object) -> None:
         raise ZeroDivisionError("oops")
 
-    monkeypatch.setattr(app.stage, "select", broken)
+    monkeypatch.setattr(app.dataset, "select", broken)
     page.trigger("Next pose")
     page.wait(lambda p: p.notifications)
     assert "ZeroDivisionError: oops" in page.notifications[-1]["props"]["body"]
@@ -434,7 +436,7 @@ def test_our_own_bug_is_told_too(app: App, page: WireClient, monkeypatch: pytest
 
 
 def test_requests_that_no_widget_makes_are_ignored(app: App) -> None:
-    before = app.stage.view
+    before = app.state.view
     app.open("no such dataset")
     app.look("nowhere")
     app.layer("no such layer", True)
@@ -446,14 +448,14 @@ def test_requests_that_no_widget_makes_are_ignored(app: App) -> None:
     app.select(10**9)
     app.select(-(10**9))
     assert app.worker.wait_idle(IDLE_S)
-    assert app.stage.view is not None
+    assert app.state.view is not None
     assert before is not None
-    assert app.stage.view.session is before.session
-    assert app.stage.view.pose == 0
+    assert app.state.view.session is before.session
+    assert app.state.view.pose == 0
 
 
 def test_garbage_for_every_widget_changes_nothing(app: App, page: WireClient) -> None:
-    before = app.stage.view
+    before = app.state.view
     garbage: list[object] = [
         None,
         -1e300,
@@ -473,9 +475,9 @@ def test_garbage_for_every_widget_changes_nothing(app: App, page: WireClient) ->
     page.trigger("Next pose")
     shows(page, f"2 of {POSES}")
     assert app.worker.wait_idle(IDLE_S)
-    assert app.stage.view is not None
+    assert app.state.view is not None
     assert before is not None
-    assert app.stage.view.session is before.session
+    assert app.state.view.session is before.session
     assert not page.notifications
 
 

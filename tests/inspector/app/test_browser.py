@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 import viser
 
-from inspector.app.app import App, serving
+from inspector.app.app import App
+from inspector.app.serving import serving
 from inspector.markup import numbers as words
 from inspector.panels.compare import SHOW_ARM, SHOW_DISTANCE
 from inspector.panels.review import NEXT, PREVIOUS
@@ -81,8 +82,8 @@ def test_next_and_previous_by_button_and_by_key(page: Any) -> None:
 
 def test_planes_tab_shows_the_filters_counts(page: Any, app: App) -> None:
     open_tab(page, "Planes")
-    assert app.stage.view is not None
-    search = app.stage.view.search
+    assert app.state.view is not None
+    search = app.state.view.search
     assert search is not None
     says(page, "rejected by filter 1")
     cells = [c.inner_text() for c in page.get_by_role("cell").all() if c.is_visible()]
@@ -95,8 +96,8 @@ def test_planes_tab_shows_the_filters_counts(page: Any, app: App) -> None:
 
 def test_corner_tab_shows_the_corner(page: Any, app: App) -> None:
     open_tab(page, "Corner")
-    assert app.stage.view is not None
-    search = app.stage.view.search
+    assert app.state.view is not None
+    search = app.state.view.search
     assert search is not None
     assert search.corner is not None
     for value in search.corner.xyz_mm:
@@ -107,11 +108,11 @@ def test_corner_tab_shows_the_corner(page: Any, app: App) -> None:
 
 
 def test_a_failed_scan_is_explained(page: Any, app: App) -> None:
-    assert app.stage.view is not None
-    pose_id = app.stage.view.session.dataset.poses.ids[BROKEN]
+    assert app.state.view is not None
+    pose_id = app.state.view.session.dataset.poses.ids[BROKEN]
     page.get_by_label("Pose", exact=True).first.click()
     page.get_by_role("option", name=f"{pose_id} ·").click()
-    says(page, f"No corner: {app.stage.view.session.searches[pose_id].failure[:60]}")
+    says(page, f"No corner: {app.state.view.session.searches[pose_id].failure[:60]}")
     page.mouse.click(600, 650)
 
 
@@ -119,7 +120,7 @@ def test_compare_tab_has_each_versions_figures_and_draws_the_arm(page: Any, app:
     app.select(0)  # the scan before has no corner, so no jig to lay over it
     assert app.worker.wait_idle(IDLE_S)
     open_tab(page, "Compare")
-    for version in app.stage.now.versions:
+    for version in app.state.now.versions:
         assert version.evaluation.test is not None
         says(page, words.millimetres(version.evaluation.test.rmse_mm))
     says(page, "noise alone")
@@ -147,8 +148,8 @@ def test_redundancy_tab_has_the_heatmap_and_the_groups(page: Any) -> None:
 
 def test_fit_tab_has_curves_table_and_bars(page: Any, app: App) -> None:
     open_tab(page, "Fit")
-    assert app.stage.view is not None
-    result = app.stage.view.session.calibration
+    assert app.state.view is not None
+    result = app.state.view.session.calibration
     assert result is not None
     assert result.before.train is not None
     assert result.after.train is not None

@@ -25,7 +25,8 @@ from calib.measurement.measured_points import with_corners
 from calib.options import FitOptions
 from calib.simulation.measured_dataset import write_simulation
 from calib.simulation.simulate import simulate_dataset
-from inspector.app.app import App, serving
+from inspector.app.app import App
+from inspector.app.serving import serving
 from inspector.cli.parser import main
 from inspector.export.csv_and_png import corners_csv
 from inspector.markup import numbers as words
@@ -69,8 +70,8 @@ def page(app: App) -> Iterator[WireClient]:
 
 
 def session(app: App) -> Session:
-    assert app.stage.view is not None
-    return app.stage.view.session
+    assert app.state.view is not None
+    return app.state.view.session
 
 
 def fit(page: WireClient, residual: str) -> None:
@@ -83,8 +84,8 @@ class Gate:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.calls = 0
-        self.open, self._name = threading.Event(), sessions.face_names
-        monkeypatch.setattr(sessions, "face_names", self)
+        self.open, self._name = threading.Event(), sessions.find_face_labels
+        monkeypatch.setattr(sessions, "find_face_labels", self)
 
     def __call__(self, session: Session) -> FaceLabels:
         self.calls += 1
@@ -163,7 +164,7 @@ def test_the_page_does_not_wait_for_names_and_they_are_worked_out_once(
 ) -> None:
     gate = Gate(monkeypatch)
     with serving(folder / "cell", port=0) as app, WireClient(app.server.get_port()) as page:
-        page.wait(lambda p: app.stage.view is not None and session(app).remains is not None, 60.0)
+        page.wait(lambda p: app.state.view is not None and session(app).remains is not None, 60.0)
         shows(page, "pose needs the jig's faces named")
         fit(page, "pose")
         page.wait(lambda p: p.has("Calibrating …"), 30.0)
@@ -185,11 +186,11 @@ def test_another_dataset_meanwhile_is_not_touched(folder: Path, monkeypatch: pyt
     gate = Gate(monkeypatch)
     with serving(folder, port=0) as app, WireClient(app.server.get_port()) as page:
         app.open("cell")
-        page.wait(lambda p: app.stage.name == "cell" and session(app).remains is not None, 60.0)
+        page.wait(lambda p: app.state.name == "cell" and session(app).remains is not None, 60.0)
         fit(page, "pose")
         page.wait(lambda p: p.has("Calibrating …"), 30.0)
         page.set("Dataset", "points")
-        page.wait(lambda p: app.stage.name == "points" and session(app).calibration is not None, 60.0)
+        page.wait(lambda p: app.state.name == "points" and session(app).calibration is not None, 60.0)
         gate.open.set()
         assert app.worker.wait_idle(IDLE_S)
         assert session(app).dataset.name == "points"
@@ -235,7 +236,7 @@ def test_points_without_orientations_fall_back_to_positions_where_poses_were_cho
         page.wait(lambda p: (c := session(app).calibration) is not None and c.residual == "pose", 30.0)
         assert app.worker.wait_idle(IDLE_S)
         page.set("Dataset", "points")
-        page.wait(lambda p: app.stage.name == "points", 30.0)
+        page.wait(lambda p: app.state.name == "points", 30.0)
         assert app.worker.wait_idle(IDLE_S)
         assert session(app).calibration.residual == "position"  # type: ignore[union-attr]
         assert page.value("Fit") == "position"
@@ -271,12 +272,12 @@ def searched(folder: Path) -> Session:
 
 
 def test_a_new_corner_makes_old_names_stale(searched: Session) -> None:
-    named = sessions.with_names(searched)
+    named = sessions.with_face_labels(searched)
     assert named.face_labels is not None
-    assert sessions.with_names(named) is named
+    assert sessions.with_face_labels(named) is named
     again = sessions.with_search(named, 3)
     assert again.face_labels is None
-    assert again.unnamed
+    assert again.unlabelled
 
 
 def test_a_session_names_what_a_fit_of_full_poses_needs_and_nothing_else(searched: Session) -> None:

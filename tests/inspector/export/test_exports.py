@@ -328,7 +328,7 @@ def test_a_session_from_the_page_opens_in_the_same_state(app: App, folder: Path,
     saved, notes = opening(load_session(path), folder)
     assert notes == ()
     with idle_app(folder, saved=saved) as again:
-        before, now = app.stage.now, again.stage.now
+        before, now = app.state.now, again.state.now
         assert str(now.session.history) == str(before.session.history)
         assert now.session.effects == before.session.effects
         assert (now.pose, now.dark, now.arrows, now.factor) == (7, True, 300.0, before.factor)

@@ -70,7 +70,7 @@ def page(app: App) -> Iterator[WireClient]:
 
 
 def version(app: App, name: str) -> Version:
-    return next(v for v in app.stage.now.versions if v.name == name)
+    return next(v for v in app.state.now.versions if v.name == name)
 
 
 def array(page: WireClient, node: str, prop: str, *shape: int) -> np.ndarray:
@@ -95,8 +95,8 @@ def test_the_arm_is_drawn_in_the_scanners_frame_at_every_pose(app: App, page: Wi
         )
         page.wait(lambda p, e=expected: np.allclose(cylinder_ends_mm(p), e, atol=1e-3))  # type: ignore[misc]
         label = page.scene[f"{ROOT}/arm/label"]["props"]["text"]
-        assert label == f"{app.stage.now.pose_id}, {LINKS}"
-        measured = app.stage.now.session.dataset.points
+        assert label == f"{app.state.now.pose_id}, {LINKS}"
+        measured = app.state.now.session.dataset.points
         assert measured is not None
         tip = 1000 * np.asarray(page.scene[f"{ROOT}/arm/label"]["position"])
         off = np.linalg.norm(tip - measured.xyz_mm[measured.pose == pose][0])
@@ -128,7 +128,7 @@ def test_arrows_and_predicted_points_of_each_ticked_version(app: App, page: Wire
         lambda p: "residuals × 30, longest: nominal" in p.scene[f"{ROOT}/residuals/label"]["props"]["text"]
     )
     page.wait(lambda p: "drawn 30 times farther" in plain(p))
-    measured = app.stage.now.session.dataset.points
+    measured = app.state.now.session.dataset.points
     assert measured is not None
     arrows = 1000 * array(page, "residuals/arrows", "points", 2, 3)
     colours = array(page, "residuals/arrows", "colors", 3).reshape(len(arrows), -1, 3)[:, 0]
@@ -145,13 +145,13 @@ def test_arrows_and_predicted_points_of_each_ticked_version(app: App, page: Wire
 
 
 def test_measured_points_by_role_or_by_error_with_a_scale(app: App, page: WireClient) -> None:
-    roles = app.stage.now.session.dataset.poses.role
+    roles = app.state.now.session.dataset.poses.role
     expected = np.array([rgb(ROLE_COLOURS[str(r)]) for r in roles])
     np.testing.assert_array_equal(array(page, "corners/points", "colors", 3), expected)
     page.set("Measured points", BY_ERROR)
     page.wait(lambda p: f"3D error of {LINKS}" in plain(p))
     assert app.worker.wait_idle(IDLE_S)
-    limit = error_limit_mm(app.stage.now)
+    limit = error_limit_mm(app.state.now)
     errors = version(app, LINKS).pose_errors_mm()
     assert limit / 2.01 <= errors.max() <= limit
     page.wait(lambda p: f"{limit:g} mm" in plain(p))
@@ -166,7 +166,7 @@ def test_measured_points_by_role_or_by_error_with_a_scale(app: App, page: WireCl
 def test_the_selected_point_has_a_halo_and_the_scene_selects(app: App, page: WireClient) -> None:
     app.select(3)
     assert app.worker.wait_idle(IDLE_S)
-    points = app.stage.now.session.dataset.points
+    points = app.state.now.session.dataset.points
     assert points is not None
     expected = points.xyz_mm[points.pose == 3].mean(axis=0)
     page.wait(
@@ -188,7 +188,7 @@ def test_the_selected_point_has_a_halo_and_the_scene_selects(app: App, page: Wir
 
 
 def test_a_hostile_page_changes_nothing(app: App, page: WireClient) -> None:
-    before = app.stage.now
+    before = app.state.now
     for label in ("Model shown", "Measured points", "Residuals ×"):
         for value in ("no such thing", None, 7, [], "x" * 10_000):
             page.set(label, value)
@@ -198,7 +198,7 @@ def test_a_hostile_page_changes_nothing(app: App, page: WireClient) -> None:
     page.trigger("Previous pose")
     page.wait(lambda p: f"{before.pose_id}, {LINKS}" == p.scene[f"{ROOT}/arm/label"]["props"]["text"])
     assert app.worker.wait_idle(IDLE_S)
-    after = app.stage.now
+    after = app.state.now
     assert (after.chosen, after.colouring, after.compared) == (
         before.chosen,
         before.colouring,
@@ -219,7 +219,7 @@ def test_a_link_with_a_mesh_is_drawn_as_it_and_moves_with_its_frame(app: App, pa
     for pose in (0, 5):
         app.select(pose)
         assert app.worker.wait_idle(IDLE_S)
-        arm = arm_of(app.stage.now.version, pose) if app.stage.now.version else None
+        arm = arm_of(app.state.now.version, pose) if app.state.now.version else None
         assert arm is not None
         node = app.stage.comparing._arm._meshes[1]
         np.testing.assert_allclose(1000 * np.asarray(node.position), arm.base_T_link[1, :3, 3], atol=1e-3)
@@ -236,7 +236,7 @@ def test_the_jig_lies_over_the_scan_coloured_by_distance(app: App, page: WireCli
     assert app.worker.wait_idle(IDLE_S)
     app.look("Distance")
     assert app.worker.wait_idle(IDLE_S)
-    dataset, search = app.stage.now.session.dataset, app.stage.now.search
+    dataset, search = app.state.now.session.dataset, app.state.now.search
     assert search is not None
     assert search.corner is not None
     path = dataset.scan_path(0)

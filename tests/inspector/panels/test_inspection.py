@@ -57,7 +57,7 @@ def page(app: App) -> Iterator[WireClient]:
 
 
 def view(app: App, pose: int = 0) -> View:
-    return replace(app.stage.now, pose=pose)
+    return replace(app.state.now, pose=pose)
 
 
 def search(app: App, pose: int) -> CornerSearch:
@@ -180,8 +180,8 @@ def test_the_list_of_points_without_scans_has_no_columns_of_faces(app: App) -> N
 
 
 def test_the_report_tells_which_scans_have_no_corner_and_which_corners_have_doubts(app: App) -> None:
-    page = html.unescape(report_html(report_of(app.stage.now.session), now=datetime(2024, 5, 1, tzinfo=UTC)))
-    ids = app.stage.now.session.dataset.poses.ids
+    page = html.unescape(report_html(report_of(app.state.now.session), now=datetime(2024, 5, 1, tzinfo=UTC)))
+    ids = app.state.now.session.dataset.poses.ids
     corner = search(app, NOISY).corner
     assert corner is not None
     assert f"{ids[FEW]} has no corner and is left out: {search(app, FEW).failure}" in page

@@ -48,7 +48,7 @@ def page(app: App) -> Iterator[WireClient]:
 
 
 def session(app: App) -> Session:
-    return app.stage.now.session
+    return app.state.now.session
 
 
 def history(page: WireClient) -> dict[str, list[float]]:

@@ -96,7 +96,7 @@ def unescaped(page: WireClient) -> list[str]:
 
 
 def test_no_name_becomes_markup_on_any_tab(app: App) -> None:
-    view = app.stage.now
+    view = app.state.now
     assert view.session.own
     with WireClient(app.server.get_port()) as page:
         assert EVIL.replace("<", "&lt;").replace(">", "&gt;") in page.text()
@@ -111,9 +111,9 @@ def test_no_name_becomes_markup_on_any_tab(app: App) -> None:
         assert unescaped(page) == []
         app.find(True)
         assert app.worker.wait_idle(IDLE_S)
-        assert app.stage.now.session.diagnosis is not None
+        assert app.state.now.session.diagnosis is not None
         assert unescaped(page) == []
-        app.stage.review.show_problem(EVIL)
+        app.panels.review.show_problem(EVIL)
         page.wait(lambda p: "&lt;img" in p.text())
         assert unescaped(page) == []
 

@@ -12,7 +12,8 @@ import pytest
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.errors import CalibError
-from inspector.app.app import App, serving
+from inspector.app.app import App
+from inspector.app.serving import serving
 from inspector.panels.missing_effects import REMOVE
 from inspector.session.session import Session
 from inspector.session.user_effects import OwnEffects, Watch
@@ -111,7 +112,7 @@ def served(folder: Path, tmp_path: Path) -> Iterator[tuple[App, Path]]:
 
 
 def session(app: App) -> Session:
-    return app.stage.now.session
+    return app.state.now.session
 
 
 def test_own_effects_are_ranked_added_and_removed_like_any_other(served: tuple[App, Path]) -> None:

@@ -9,21 +9,24 @@ from calib.dataset.dataset import Dataset
 from calib.scans.scan import Scan, load_scan
 
 
-class ScanLoading:
+class ScanCache:
     """Loads scans, each once as long as it is the selected one."""
 
-    def __init__(self, dataset: Dataset) -> None:
-        self._dataset = dataset
+    def __init__(self) -> None:
+        self._dataset: Dataset | None = None
         self._kept: tuple[int, Scan] | None = None
-        self.medians: dict[
-            int, NDArray
-        ] = {}  # (3,) middle of each scan that was worked on, mm; nan if it has none
+        # (3,) middle of each scan that was worked on, by pose, mm; nan where it has no points
+        self.medians: dict[int, NDArray] = {}
+
+    def open(self, dataset: Dataset) -> None:
+        """Another dataset: nothing of it is loaded yet."""
+        self._dataset, self._kept, self.medians = dataset, None, {}
 
     def load(self, pose: int, *, keep: bool) -> Scan | None:
         """A pose's scan; None where there is none. Raises ScanError."""
         if self._kept is not None and self._kept[0] == pose:
             return self._kept[1]
-        path = self._dataset.scan_path(pose)
+        path = None if self._dataset is None else self._dataset.scan_path(pose)
         if path is None:
             return None
         scan = load_scan(path)
@@ -38,6 +41,8 @@ class ScanLoading:
 
     def next(self, first: int, tried: set[int]) -> int | None:
         """The next scan to work on: that of pose `first`, then on from there."""
+        if self._dataset is None:
+            return None
         for k in range(len(self._dataset.poses)):
             i = (first + k) % len(self._dataset.poses)
             if i not in tried and i not in self.medians and self._dataset.scan_path(i) is not None:

@@ -1,0 +1,25 @@
+"""Datasets as the page lists them: a name for each, and whether it has scans."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from calib.dataset.files.folder import load_dataset
+from calib.errors import CalibError
+
+
+def has_scans(folder: Path) -> bool:
+    """Whether a dataset has scans to look at; a folder that cannot be read tells its reason when it is opened."""
+    try:
+        return load_dataset(folder).scan_folder is not None
+    except CalibError:
+        return True
+
+
+def names_of(folders: Sequence[Path]) -> list[str]:
+    """A name for each dataset folder, its own where that tells them apart."""
+    names = [folder.resolve().name for folder in folders]
+    return [
+        str(folder) if names.count(name) > 1 else name for folder, name in zip(folders, names, strict=True)
+    ]

@@ -1,0 +1,50 @@
+"""What the page shows: the view, and the sessions of all datasets opened so far. For the worker's thread only."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from calib.errors import DatasetError
+from inspector.session.session import Session
+from inspector.session.view import View
+
+
+class PageState:
+    """The one place that is written when something on the page changes; whoever writes it has it drawn."""
+
+    def __init__(self) -> None:
+        self.view: View | None = None  # none until a dataset is open
+        self.name = ""  # of the dataset on show
+        self._sessions: dict[str, Session] = {}  # by dataset, so that returning to one is immediate
+
+    @property
+    def now(self) -> View:
+        """The view. Raises DatasetError where no dataset is open."""
+        if self.view is None:
+            raise DatasetError("no dataset is open; choose one in the list at the top left")
+        return self.view
+
+    @property
+    def session(self) -> Session:
+        """The session on show. Raises as `now`."""
+        return self.now.session
+
+    def known(self, name: str) -> Session | None:
+        """The session of a dataset that was opened before."""
+        return self._sessions.get(name)
+
+    def open(self, name: str, session: Session) -> None:
+        """Show a dataset at its first pose, drawn as the one before."""
+        view = (
+            View(Session(session.dataset)) if self.view is None else replace(self.view, pose=0, failures={})
+        )
+        self.name, self.view = name, view.with_session(session)
+
+    def keep(self, session: Session) -> None:
+        """What is known of the dataset on show from now on."""
+        self.view = self.now.with_session(session)
+        self._sessions[self.name] = session
+
+    def change(self, **what: object) -> None:
+        """Change fields of the view other than its session."""
+        self.view = replace(self.now, **what)  # type: ignore[arg-type]

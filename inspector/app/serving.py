@@ -1,0 +1,65 @@
+"""Serves the app on a dataset folder or a folder of datasets."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from calib.dataset.files.folder import find_datasets
+from calib.errors import CalibError
+from inspector.app.app import App
+from inspector.app.dataset_list import has_scans
+from inspector.server.viser_server import LOOPBACK, start_server, url_of
+from inspector.session.session_file import Opening
+
+
+@contextmanager
+def serving(
+    path: Path,
+    *,
+    host: str = LOOPBACK,
+    port: int = 8080,
+    effects_file: Path | None = None,
+    saved: Opening | None = None,
+) -> Iterator[App]:
+    """The app on a dataset folder or a folder of datasets, while inside.
+
+    Raises:
+        DatasetError: no dataset at `path`.
+        CalibError: no effects file there; one with an error in it is told on the page, which takes a better one later.
+        ServerError: the address cannot be served on.
+    """
+    # Those with scans first: a page that opens on one shows the whole way, from scan to model.
+    folders = sorted(find_datasets(path), key=lambda folder: not has_scans(folder))
+    if effects_file is not None and not effects_file.is_file():
+        raise CalibError(f"{effects_file}: no such effects file")
+    server = start_server(host, port, label="Calibration inspector")
+    app = App(server, folders, effects_file, saved, path)
+    try:
+        yield app
+    finally:
+        app.close()
+
+
+def serve(
+    path: Path,
+    *,
+    host: str = LOOPBACK,
+    port: int = 8080,
+    effects_file: Path | None = None,
+    saved: Opening | None = None,
+) -> None:
+    """Serve until interrupted (Ctrl-C); says on stdout where the page is.
+
+    Raises: as `serving`.
+    """
+    with serving(path, host=host, port=port, effects_file=effects_file, saved=saved) as app:
+        sys.stdout.write(f"Open {url_of(app.server)} in a browser. Ctrl-C ends.\n")
+        sys.stdout.flush()
+        try:
+            threading.Event().wait()
+        except KeyboardInterrupt:
+            sys.stdout.write("\n")
