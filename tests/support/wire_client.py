@@ -8,6 +8,7 @@ from __future__ import annotations
 import socket
 import struct
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -16,6 +17,8 @@ import numpy as np
 import viser
 import zstandard
 from websockets.sync.client import connect
+
+POLL_S = 0.05
 
 
 def _resolve(value: Any, buffers: list[memoryview]) -> Any:
@@ -145,10 +148,16 @@ class WireClient:
 
     # ---- what a person sees and does ----
 
-    def wait(self, holds: Callable[[WireClient], object], timeout_s: float = 10.0) -> None:
-        """Block until `holds(self)`; AssertionError if it never does."""
+    def wait(self, holds: Callable[[WireClient], object], timeout_s: float = 60.0) -> None:
+        """Block until `holds(self)`; AssertionError if it never does.
+
+        It is asked after each message and every POLL_S: what it asks of the app itself may come true without one.
+        """
+        end = time.monotonic() + timeout_s
         with self._changed:
-            assert self._changed.wait_for(lambda: holds(self), timeout_s), f"still not so after {timeout_s} s"
+            while not holds(self):
+                assert time.monotonic() < end, f"still not so after {timeout_s} s"
+                self._changed.wait(POLL_S)
 
     def find(self, label: str) -> str:
         """The uuid of the widget with this label."""

@@ -84,11 +84,13 @@ class Gate:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.calls = 0
+        self.begun = threading.Event()
         self.open, self._name = threading.Event(), sessions.find_face_labels
         monkeypatch.setattr(sessions, "find_face_labels", self)
 
     def __call__(self, session: Session) -> FaceLabels:
         self.calls += 1
+        self.begun.set()
         assert self.open.wait(IDLE_S)
         return self._name(session)
 
@@ -168,6 +170,7 @@ def test_the_page_does_not_wait_for_names_and_they_are_worked_out_once(
         shows(page, "pose needs the jig's faces named")
         fit(page, "pose")
         page.wait(lambda p: p.has("Calibrating …"), 30.0)
+        assert gate.begun.wait(IDLE_S)  # the button says so before the work is handed to its thread
         assert gate.calls == 1
         page.trigger("Next pose")  # the page goes on meanwhile
         shows(page, f"2 of {POSES}")
@@ -176,10 +179,12 @@ def test_the_page_does_not_wait_for_names_and_they_are_worked_out_once(
         shows(page, "pose, ", "pose can be fitted: faces named by")
         assert app.worker.wait_idle(IDLE_S)
         assert session(app).calibration.residual == "pose"  # type: ignore[union-attr]
+        before = session(app).calibration
         fit(page, "pose")
+        page.wait(lambda p: session(app).calibration is not before, 30.0)
         assert app.worker.wait_idle(IDLE_S)
         assert gate.calls == 1
-        assert page.props("Calibrate")["disabled"] is False
+        page.wait(lambda p: p.props("Calibrate")["disabled"] is False)
 
 
 def test_another_dataset_meanwhile_is_not_touched(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,7 +193,7 @@ def test_another_dataset_meanwhile_is_not_touched(folder: Path, monkeypatch: pyt
         app.open("cell")
         page.wait(lambda p: app.state.name == "cell" and session(app).remains is not None, 60.0)
         fit(page, "pose")
-        page.wait(lambda p: p.has("Calibrating …"), 30.0)
+        assert gate.begun.wait(IDLE_S)
         page.set("Dataset", "points")
         page.wait(lambda p: app.state.name == "points" and session(app).calibration is not None, 60.0)
         gate.open.set()
@@ -196,7 +201,7 @@ def test_another_dataset_meanwhile_is_not_touched(folder: Path, monkeypatch: pyt
         assert session(app).dataset.name == "points"
         assert session(app).face_labels is None
         assert session(app).calibration.residual == "position"  # type: ignore[union-attr]
-        assert page.props("Calibrate")["disabled"] is False
+        page.wait(lambda p: p.props("Calibrate")["disabled"] is False)
 
 
 # ---- where there are no full poses ----------------------------------------------------------------------------------
@@ -239,7 +244,7 @@ def test_points_without_orientations_fall_back_to_positions_where_poses_were_cho
         page.wait(lambda p: app.state.name == "points", 30.0)
         assert app.worker.wait_idle(IDLE_S)
         assert session(app).calibration.residual == "position"  # type: ignore[union-attr]
-        assert page.value("Fit") == "position"
+        page.wait(lambda p: p.value("Fit") == "position")
         shows(page, "pose cannot be fitted: found no orientation at a training pose; give qw, qx, qy, qz")
         page.wait(lambda p: p.notifications, 30.0)
         (told,) = page.notifications  # and nothing of causes that so few poses cannot tell apart
