@@ -91,7 +91,7 @@ def run(trial: Trial) -> dict[str, object]:
         "missing": diagnosis.missing,
         "ambiguous": diagnosis.ambiguous_set,
         "first": candidates[0].name if candidates else "",
-        "structured": diagnosis.remains.structured,
+        "structured": diagnosis.residual_tests.structured,
         "test_mm": test.rmse_mm if test else np.nan,
         "geometry_test_mm": diagnosis.steps[0].calibration.after.test.rmse_mm,
         "best_test_mm": reachable(simulation) if trial.effects else np.nan,

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from calib.diagnosis.decision_rules import is_convincing, leader, simpler_story
+from calib.diagnosis.decision_rules import is_convincing, leading_fault, rank_candidates
 from calib.diagnosis.explanation import left_in_short
-from calib.diagnosis.residual_tests import Remains
+from calib.diagnosis.residual_tests import ResidualTests
 from calib.diagnosis.screening import Screening
 
 KINDS = ("add", "ambiguous", "done", "outliers", "unknown")
@@ -24,12 +24,12 @@ class Advice:
     words: str
 
 
-def advise(screening: Screening, remains: Remains) -> Advice:
-    """What the ranking and the remains of one fit suggest."""
+def advise(screening: Screening, residual_tests: ResidualTests) -> Advice:
+    """What the ranking and the residual_tests of one fit suggest."""
     convincing = [c for c in screening.candidates if is_convincing(c)]
     # What an effect explains may look like a story outside the catalogue too: with one at hand the pattern is told.
-    left = f"What is left: {left_in_short(replace(remains, fault=None) if convincing else remains)}."
-    simpler = simpler_story(screening) if convincing else None
+    left = f"What is left: {left_in_short(replace(residual_tests, fault=None) if convincing else residual_tests)}."
+    simpler = leading_fault(screening) if convincing else None
     if simpler is not None:
         return Advice(
             "unknown",
@@ -38,7 +38,7 @@ def advise(screening: Screening, remains: Remains) -> Advice:
             "before you add anything.",
         )
     if convincing:
-        best, margin, tied = leader(screening)
+        best, margin, tied = rank_candidates(screening)
         if tied:
             names = tuple(c.name for c in tied)
             return Advice(
@@ -53,14 +53,14 @@ def advise(screening: Screening, remains: Remains) -> Advice:
             (best.name,),
             f"{left} {best.name} is missing: its evidence is {best.log_evidence:.0f} (3 would do){lead}. Add it.",
         )
-    if remains.fault or remains.structured or remains.too_large:
+    if residual_tests.fault or residual_tests.structured or residual_tests.too_large:
         return Advice(
             "unknown",
             (),
             f"{left} No effect in the ranking explains it. Look at it in the tab Where it fails; a loose part, a hose "
             "or a slip would show so. An effect of your own can be tested with --effects-file.",
         )
-    if remains.outlier_poses:
+    if residual_tests.outlier_poses:
         return Advice(
             "outliers",
             (),

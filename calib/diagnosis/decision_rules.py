@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.calibration.result import Calibration
-from calib.diagnosis.fault_models import LocalFault, best_fault
-from calib.diagnosis.residual_tests import Remains
+from calib.diagnosis.fault_models import JointFault, best_bump_or_jump
+from calib.diagnosis.residual_tests import ResidualTests
 from calib.diagnosis.screening import Candidate, Screening
 
 LEVEL = 0.01
-MARGIN = 3.0
-FLOOR = 3.0
+MIN_LEAD = 3.0
+MIN_LOG_EVIDENCE = 3.0
 WORSE = 2.0  # standard errors by which a named effect may not raise the test poses' squared error
 RIVAL = 0.5  # share of what one effect explains that another must be able to make to be in its way
 
@@ -22,10 +22,10 @@ VERDICTS = ("adequate", "named", "ambiguous", "unexplained", "outliers")
 
 def is_convincing(candidate: Candidate) -> bool:
     """Whether a candidate beats noise: the F test over all that were tried, and the evidence floor."""
-    return candidate.p_holm < LEVEL and candidate.log_evidence > FLOOR
+    return candidate.p_holm < LEVEL and candidate.log_evidence > MIN_LOG_EVIDENCE
 
 
-def leader(screening: Screening) -> tuple[Candidate, float | None, tuple[Candidate, ...]]:
+def rank_candidates(screening: Screening) -> tuple[Candidate, float | None, tuple[Candidate, ...]]:
     """The best candidate, its lead over the best rival, and the set that cannot be told apart, () where it leads.
 
     A rival is real if it could make most of what the best one explains. One that explains something else is no rival:
@@ -36,15 +36,15 @@ def leader(screening: Screening) -> tuple[Candidate, float | None, tuple[Candida
     rivals = [c for c in others if best.overlaps.get(c.name, 0.0) > RIVAL]
     nearest = (*rivals, *others)[:1]
     margin = best.log_evidence - nearest[0].log_evidence if nearest else None
-    tied = [c for c in rivals if best.log_evidence - c.log_evidence <= MARGIN and c.log_evidence > 0.0]
+    tied = [c for c in rivals if best.log_evidence - c.log_evidence <= MIN_LEAD and c.log_evidence > 0.0]
     return best, margin, (best, *tied) if tied else ()
 
 
-def simpler_story(screening: Screening) -> LocalFault | None:
+def leading_fault(screening: Screening) -> JointFault | None:
     """A dent or a slip of one joint, where that says more than the best candidate by the margin that any lead needs."""
-    fault = best_fault(screening.leftover)
+    fault = best_bump_or_jump(screening.projected)
     best = max((c.log_evidence for c in screening.candidates), default=0.0)
-    return fault if fault is not None and fault.log_evidence > best + MARGIN else None
+    return fault if fault is not None and fault.log_evidence > best + MIN_LEAD else None
 
 
 def predicts_worse(before: Calibration, after: Calibration) -> bool:
@@ -63,12 +63,14 @@ def predicts_worse(before: Calibration, after: Calibration) -> bool:
     return bool(change.mean() > WORSE * change.std(ddof=1) / np.sqrt(len(change)))
 
 
-def verdict_of(named: Sequence[str], ambiguous: Sequence[str], doubted: bool, remains: Remains) -> str:
+def verdict_of(
+    named: Sequence[str], ambiguous: Sequence[str], doubted: bool, residual_tests: ResidualTests
+) -> str:
     """One of `VERDICTS`. `doubted`: an effect was refused, or something simpler says more than it."""
     if ambiguous:
         return "ambiguous"
-    if doubted or remains.fault is not None or remains.structured or remains.too_large:
+    if doubted or residual_tests.fault is not None or residual_tests.structured or residual_tests.too_large:
         return "unexplained"
-    if remains.outlier_poses:
+    if residual_tests.outlier_poses:
         return "outliers"
     return "named" if named else "adequate"

@@ -15,8 +15,8 @@ import numpy as np
 from calib.blas_threads import one_blas_thread
 from calib.dataset.dataset import Dataset, without_poses
 from calib.diagnosis.decision_rules import verdict_of
-from calib.diagnosis.projected_residual import leftover_of
-from calib.diagnosis.residual_tests import examine
+from calib.diagnosis.projected_residual import project_residual
+from calib.diagnosis.residual_tests import run_residual_tests
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.stepwise import SearchSpace, Tell, search_stepwise
 from calib.effects.catalogue import Family, effects_for, family_of
@@ -50,7 +50,7 @@ def diagnose(
     """
     tell = on_step or (lambda words: None)
     found = _diagnosis(_search_space(dataset, options, effects, own), max_steps, tell)
-    outliers = found.remains.outlier_poses
+    outliers = found.residual_tests.outlier_poses
     if not 0 < len(outliers) <= max(2, FEW * len(np.unique(found.calibration.after.pose))):
         return found
     # Only now, with the effects in: a few wrong points bend the fit and hide or feign a pattern in all others.
@@ -70,20 +70,20 @@ def _diagnosis(space: SearchSpace, max_steps: int, tell: Tell) -> Diagnosis:
     """The search, and what its last fit leaves over."""
     search = search_stepwise(space, max_steps=max_steps, tell=tell)
     tell("judging what is left")
-    remains = examine(space.dataset, leftover_of(search.calibration))
+    residual_tests = run_residual_tests(space.dataset, project_residual(search.calibration))
     if search.ambiguous:  # then the residual holds the cause that was left open: a fault would be a guess
-        remains = replace(remains, fault=None)
+        residual_tests = replace(residual_tests, fault=None)
     missing = tuple(candidate.name for candidate in search.chosen)
-    doubted = bool(search.refused or search.simpler or search.implausible)
+    doubted = bool(search.refused or search.leading_fault or search.implausible)
     return Diagnosis(
-        verdict=verdict_of(missing, search.ambiguous, doubted, remains),
+        verdict=verdict_of(missing, search.ambiguous, doubted, residual_tests),
         missing=missing,
         ambiguous_set=search.ambiguous,
         steps=search.steps,
         screenings=search.screenings,
-        remains=remains,
+        residual_tests=residual_tests,
         refused=search.refused,
-        simpler=search.simpler,
+        leading_fault=search.leading_fault,
     )
 
 
@@ -92,10 +92,10 @@ def _of_all_poses(found: Diagnosis, rest: Diagnosis, outliers: tuple[str, ...]) 
     clean = rest.verdict in ("adequate", "named", "outliers") and set(found.missing) <= set(rest.missing)
     if not clean:
         return found
-    all_outliers = tuple(dict.fromkeys([*outliers, *rest.remains.outlier_poses]))
+    all_outliers = tuple(dict.fromkeys([*outliers, *rest.residual_tests.outlier_poses]))
     return replace(
         rest,
         verdict="outliers",
-        remains=replace(rest.remains, outlier_poses=all_outliers),
+        residual_tests=replace(rest.residual_tests, outlier_poses=all_outliers),
         steps=tuple(replace(step, left_out=outliers) for step in rest.steps),
     )

@@ -16,18 +16,18 @@ from calib.distributions import f_sf
 
 Array = NDArray[np.float64]
 
-_SIZES = np.geomspace(
+_SCALES = np.geomspace(
     1e-3, 1e4, 57
 )  # of a member's coefficients, in units that make its columns one sigma each
 _GAIN = 0.5  # a further member has to raise the log evidence by this, beyond what choosing it costs
-_LAWFUL = 0.9  # how sure it is that a coefficient has the sign that nature gives it
+_SIGN_PRIOR = 0.9  # how sure it is that a coefficient has the sign that nature gives it
 
 
 @dataclass(frozen=True)
-class Problem:
+class FamilyColumns:
     """What is missing (R,), measured minus predicted, and a family's columns, a group (R, K_g) a member; projected.
 
-    Columns are those of a coefficient of the parameter's usual size. `positive`: whether nature lets a member's
+    Columns are those of a coefficient of the parameter's usual scale. `positive`: whether nature lets a member's
     coefficients have no other sign, one flag a group; none of them where it is empty.
     """
 
@@ -39,17 +39,17 @@ class Problem:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a family is worth. `log_evidence` is against noise alone, sizes chosen to be most favourable."""
+    """What a family is worth. `log_evidence` is against noise alone, scales chosen to be most favourable."""
 
     p_value: float  # F test of the whole family or of its best member, whichever is smaller, paid for
     log_evidence: float
-    sizes: Array  # (G,) of each member's coefficients; zero where it is not needed
+    scales: Array  # (G,) of each member's coefficients; zero where it is not needed
     coefficients: tuple[Array, ...]  # posterior means, one array a member
     explained: Array  # (R,) the part of the residual that they make
     rank: int
 
 
-def weigh(problem: Problem) -> Evidence:
+def evaluate_family(family: FamilyColumns) -> Evidence:
     """F test and evidence of a family.
 
     Evidence: coefficients of member g are N(0, s_g^2), noise N(0, sigma^2) with sigma unknown,
@@ -61,39 +61,39 @@ def weigh(problem: Problem) -> Evidence:
     a link that would have to be a thousand times softer than links are is no explanation. So do coefficients of a sign
     that nature does not have, see `_coefficients`.
     """
-    y, rest, triangle, bounds = _reduce(problem.residual, problem.groups)
+    y, rest, triangle, bounds = _reduce(family.residual, family.groups)
     total = rest + float(y @ y)
     if triangle.shape[1] == 0 or total <= 0.0:
-        nothing = tuple(np.zeros(g.shape[1]) for g in problem.groups)
-        return Evidence(1.0, 0.0, np.zeros(len(bounds)), nothing, np.zeros_like(problem.residual), 0)
-    p_value, rank = _gate(y, rest, triangle, bounds, problem.freedom)
+        nothing = tuple(np.zeros(g.shape[1]) for g in family.groups)
+        return Evidence(1.0, 0.0, np.zeros(len(bounds)), nothing, np.zeros_like(family.residual), 0)
+    p_value, rank = _gate(y, rest, triangle, bounds, family.freedom)
     together = np.ones(len(bounds), dtype=bool)
-    shared_value, shared_size = _best_size(
-        y, rest, triangle, np.zeros(triangle.shape[1]), together, bounds, problem.freedom
+    shared_value, shared_scale = _best_scale(
+        y, rest, triangle, np.zeros(triangle.shape[1]), together, bounds, family.freedom
     )
-    tried = [(shared_value, np.full(len(bounds), shared_size))]
+    tried = [(shared_value, np.full(len(bounds), shared_scale))]
     if len(bounds) > 1:
-        sparse_sizes, sparse_value = _choose_members(y, rest, triangle, bounds, problem.freedom)
-        tried.append((sparse_value, sparse_sizes))
+        sparse_scales, sparse_value = _choose_members(y, rest, triangle, bounds, family.freedom)
+        tried.append((sparse_value, sparse_scales))
     widths = [b - a for a, b in bounds]
-    one_sided = np.repeat(problem.positive or [False] * len(bounds), widths)
+    one_sided = np.repeat(family.positive or [False] * len(bounds), widths)
     found = []
-    for found_value, found_sizes in tried:
-        spread = np.repeat(found_sizes, widths)
-        weights, gain = _coefficients(y, rest, triangle, spread, one_sided, problem.freedom)
-        found.append((found_value + gain, found_sizes, weights))
-    value, sizes, weights = max(found, key=lambda one: one[0])
-    explained = np.concatenate(problem.groups, axis=1) @ weights
+    for found_value, found_scales in tried:
+        spread = np.repeat(found_scales, widths)
+        weights, gain = _coefficients(y, rest, triangle, spread, one_sided, family.freedom)
+        found.append((found_value + gain, found_scales, weights))
+    value, scales, weights = max(found, key=lambda one: one[0])
+    explained = np.concatenate(family.groups, axis=1) @ weights
     coefficients = tuple(weights[a:b] for a, b in bounds)
-    return Evidence(p_value, max(value, 0.0), sizes, coefficients, explained, rank)
+    return Evidence(p_value, max(value, 0.0), scales, coefficients, explained, rank)
 
 
 def evidence_of(residual: Array, columns: Array, freedom: int) -> float:
-    """The log evidence that `weigh` gives a family of one member (R, K), without the rest of it."""
+    """The log evidence that `evaluate_family` gives a family of one member (R, K), without the rest of it."""
     total = float(residual @ residual)
     if columns.shape[1] == 0 or total <= 0.0:
         return 0.0
-    values = _by_size(*_spectrum(columns, residual), total, total, freedom)
+    values = _by_scale(*_spectrum(columns, residual), total, total, freedom)
     return max(float(np.max(values)), 0.0)
 
 
@@ -103,7 +103,7 @@ def _coefficients(
     """Posterior means (K,), and what their signs add to the log evidence.
 
     With a one-sided prior the evidence is multiplied by P(all >= 0 | data) / P(all >= 0) = 2^k P(all >= 0 | data) for k
-    one-sided coefficients. Nature's sign is believed to `_LAWFUL`, so that a convention turned round, or a
+    one-sided coefficients. Nature's sign is believed to `_SIGN_PRIOR`, so that a convention turned round, or a
     cause that pushes the other way, costs a little and is not hidden.
     """
     from scipy.stats import multivariate_normal  # loads for a second: a page is to be seen before that
@@ -127,7 +127,7 @@ def _coefficients(
         np.zeros(count), correlation, allow_singular=True, seed=0, maxpts=5000 * count
     )  # type: ignore[call-overload]
     share = float(np.clip(lawful.cdf(mean[shown] / scale), 0.0, 1.0))
-    return weights, float(np.log(_LAWFUL * 2.0**count * share + 1.0 - _LAWFUL))
+    return weights, float(np.log(_SIGN_PRIOR * 2.0**count * share + 1.0 - _SIGN_PRIOR))
 
 
 def _reduce(residual: Array, groups: tuple[Array, ...]) -> tuple[Array, float, Array, list[tuple[int, int]]]:
@@ -162,7 +162,7 @@ def _gate(
     return min(1.0, 2.0 * min(whole, len(bounds) * single)), rank
 
 
-def _best_size(
+def _best_scale(
     y: Array,
     rest: float,
     triangle: Array,
@@ -171,13 +171,13 @@ def _best_size(
     bounds: list[tuple[int, int]],
     freedom: int,
 ) -> tuple[float, float]:
-    """The best common size of the chosen members beside others of the given spread, and the log evidence there."""
+    """The best common scale of the chosen members beside others of the given spread, and the log evidence there."""
     of = np.repeat(chosen, [b - a for a, b in bounds])
     z, columns, fixed = _beside(y, triangle[:, of], triangle, np.where(of, 0.0, spread))
     lam, h2 = _spectrum(columns, z)
-    values = fixed + _by_size(lam, h2, rest + float(z @ z), rest + float(y @ y), freedom)
+    values = fixed + _by_scale(lam, h2, rest + float(z @ z), rest + float(y @ y), freedom)
     best = int(np.argmax(values))
-    return float(values[best]), float(_SIZES[best])
+    return float(values[best]), float(_SCALES[best])
 
 
 def _beside(y: Array, columns: Array, triangle: Array, spread: Array) -> tuple[Array, Array, float]:
@@ -192,25 +192,25 @@ def _beside(y: Array, columns: Array, triangle: Array, spread: Array) -> tuple[A
     return whitened[:, 0], whitened[:, 1:], -float(np.sum(np.log(np.diag(root))))
 
 
-def _best_sizes(
+def _best_scales(
     y: Array, rest: float, triangle: Array, spread: Array, width: int, freedom: int
 ) -> tuple[Array, Array]:
-    """As `_best_size` of each member alone, all `width` columns wide, beside those that have a spread: (G,), (G,)."""
+    """As `_best_scale` of each member alone, all `width` columns wide, beside those that have a spread: (G,), (G,)."""
     z, columns, fixed = _beside(y, triangle, triangle, spread)
     members = columns.T.reshape(-1, width, len(y))
     u, s, _ = np.linalg.svd(np.swapaxes(members, 1, 2), full_matrices=False)
     h2 = np.einsum("grk,r->gk", u, z)[:, None, :] ** 2
-    values = fixed + _by_size(s[:, None, :] ** 2, h2, rest + float(z @ z), rest + float(y @ y), freedom)
+    values = fixed + _by_scale(s[:, None, :] ** 2, h2, rest + float(z @ z), rest + float(y @ y), freedom)
     best = np.argmax(values, axis=1)
-    return np.take_along_axis(values, best[:, None], axis=1)[:, 0], _SIZES[best]
+    return np.take_along_axis(values, best[:, None], axis=1)[:, 0], _SCALES[best]
 
 
-def _by_size(lam: Array, h2: Array, left: float, total: float, freedom: int) -> Array:
-    """Log evidence at each of `_SIZES`; `left` is the residual's square over the other members, `total` without any."""
-    grow = 1.0 + _SIZES[:, None] ** 2 * lam  # (..., sizes, K)
+def _by_scale(lam: Array, h2: Array, left: float, total: float, freedom: int) -> Array:
+    """Log evidence at each of `_SCALES`; `left` is the residual's square beside the other members, `total` alone."""
+    grow = 1.0 + _SCALES[:, None] ** 2 * lam  # (..., scales, K)
     quadratic = left - np.sum(h2 * (1.0 - 1.0 / grow), axis=-1)
     fit = -0.5 * freedom * np.log(quadratic / total)
-    return np.asarray(fit - 0.5 * np.sum(np.log(grow), axis=-1) + _unusual(_SIZES))
+    return np.asarray(fit - 0.5 * np.sum(np.log(grow), axis=-1) + _unusual(_SCALES))
 
 
 def _spectrum(columns: Array, z: Array) -> tuple[Array, Array]:
@@ -222,50 +222,50 @@ def _spectrum(columns: Array, z: Array) -> tuple[Array, Array]:
     return s**2, (u.T @ z) ** 2
 
 
-def _unusual(sizes: Array) -> Array:
-    """What sizes above the usual one cost in log evidence: ten times as large is one standard deviation off."""
-    return np.asarray(-0.5 * np.maximum(np.log10(sizes), 0.0) ** 2)
+def _unusual(scales: Array) -> Array:
+    """What scales above the usual one cost in log evidence: ten times as large is one standard deviation off."""
+    return np.asarray(-0.5 * np.maximum(np.log10(scales), 0.0) ** 2)
 
 
 def _choose_members(
     y: Array, rest: float, triangle: Array, bounds: list[tuple[int, int]], freedom: int
 ) -> tuple[Array, float]:
-    """Members added one by one while the evidence grows, sizes polished; the evidence after paying for the choice."""
+    """Members added one by one while the evidence grows, scales polished; the evidence after paying for the choice."""
     count = len(bounds)
     cost = float(np.log(count))
-    sizes, value = np.zeros(count), 0.0
+    scales, value = np.zeros(count), 0.0
 
     def best(member: int) -> tuple[float, float]:
-        """The evidence with a member at its best size beside the others at theirs, and that size."""
+        """The evidence with a member at its best scale beside the others at theirs, and that scale."""
         alone = np.arange(count) == member
-        spread = np.repeat(sizes, [b - a for a, b in bounds])
-        found, size = _best_size(y, rest, triangle, spread, alone, bounds, freedom)
-        others = sizes[~alone & (sizes > 0.0)]
-        return found + float(np.sum(_unusual(others))), size
+        spread = np.repeat(scales, [b - a for a, b in bounds])
+        found, scale = _best_scale(y, rest, triangle, spread, alone, bounds, freedom)
+        others = scales[~alone & (scales > 0.0)]
+        return found + float(np.sum(_unusual(others))), scale
 
     widths = {b - a for a, b in bounds}
 
     def each() -> list[tuple[float, float, int]]:
         """`best` of every member that is not chosen yet."""
-        free = np.flatnonzero(sizes == 0.0).tolist()
+        free = np.flatnonzero(scales == 0.0).tolist()
         if len(widths) > 1 or not free:
             return [(*best(g), g) for g in free]
         width = min(widths)
-        values, found = _best_sizes(y, rest, triangle, np.repeat(sizes, width), width, freedom)
-        values = values + float(np.sum(_unusual(sizes[sizes > 0.0])))
+        values, found = _best_scales(y, rest, triangle, np.repeat(scales, width), width, freedom)
+        values = values + float(np.sum(_unusual(scales[scales > 0.0])))
         return [(float(values[g]), float(found[g]), g) for g in free]
 
     for _ in range(count):
         tried = each()
         if not tried or max(tried)[0] < value + cost + _GAIN:
             break
-        value, best_size, newest = max(tried)
-        sizes[newest] = best_size
+        value, best_scale, newest = max(tried)
+        scales[newest] = best_scale
         for member in map(
-            int, np.flatnonzero(sizes)
-        ):  # once around: earlier sizes were chosen without this one
-            value, sizes[member] = best(member)
-    return sizes, value - cost * int(np.count_nonzero(sizes))
+            int, np.flatnonzero(scales)
+        ):  # once around: earlier scales were chosen without this one
+            value, scales[member] = best(member)
+    return scales, value - cost * int(np.count_nonzero(scales))
 
 
 def holm(p_values: list[float]) -> list[float]:

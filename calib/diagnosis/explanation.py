@@ -7,11 +7,11 @@ import numpy as np
 from calib.calibration.noise_check import is_declared
 from calib.calibration.plausibility import does_not_belong
 from calib.calibration.result import Calibration
-from calib.diagnosis.decision_rules import MARGIN
+from calib.diagnosis.decision_rules import MIN_LEAD
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.parameter_meaning import meaning
 from calib.diagnosis.pose_recommendation import in_words, splitting_poses
-from calib.diagnosis.residual_tests import Remains
+from calib.diagnosis.residual_tests import ResidualTests
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import Candidate, Screening
 from calib.effects.effect import parameters_by_name
@@ -31,12 +31,12 @@ def explain(diagnosis: Diagnosis) -> str:
             f"{diagnosis.refused} explains the training poses well, but with it the test poses are predicted worse: it was "
             "not added. Either it stands in for another cause, or the test poses differ from the others."
         )
-    if diagnosis.simpler is not None:
+    if diagnosis.leading_fault is not None:
         parts.append(
-            f"Outside the catalogue a simpler story says more than any effect in it, by {MARGIN:g} in log evidence at least: "
-            f"{diagnosis.simpler.words}. No effect was named in its place."
+            f"Outside the catalogue a simpler story says more than any effect in it, by {MIN_LEAD:g} in log evidence at least: "
+            f"{diagnosis.leading_fault.words}. No effect was named in its place."
         )
-    parts.append(remains_words(diagnosis.remains))
+    parts.append(remains_words(diagnosis.residual_tests))
     parts.append(verdict_words(diagnosis))
     return "\n\n".join(part for part in parts if part)
 
@@ -146,49 +146,49 @@ def input_in_words(name: str) -> str:
     }.get(name, name)
 
 
-def left_in_short(remains: Remains) -> str:
+def left_in_short(residual_tests: ResidualTests) -> str:
     """What a fit leaves, in a few words: noise, a pattern and against what, or more than noise."""
-    if remains.fault is not None:
-        return remains.fault.words
-    if remains.structured:
-        more = len(remains.structured) - 3
-        named = ", ".join(input_in_words(name) for name in remains.structured[:3])
+    if residual_tests.fault is not None:
+        return residual_tests.fault.words
+    if residual_tests.structured:
+        more = len(residual_tests.structured) - 3
+        named = ", ".join(input_in_words(name) for name in residual_tests.structured[:3])
         return f"a pattern against {named}" + (f" and {more} more" if more > 0 else "")
-    if remains.too_large:
+    if residual_tests.too_large:
         return "more than noise, without a pattern"
-    if remains.outlier_poses:
-        return f"noise, apart from single poses ({', '.join(remains.outlier_poses)})"
+    if residual_tests.outlier_poses:
+        return f"noise, apart from single poses ({', '.join(residual_tests.outlier_poses)})"
     return "noise"
 
 
-def remains_words(remains: Remains) -> str:
+def remains_words(residual_tests: ResidualTests) -> str:
     """What a fit leaves, with the figures that it was judged by."""
     source = {
         "repeats": "by repeated measurements",
         "dataset": "as dataset.toml declares it, believed to 25 %",
         "fit": "which no one declared",
-    }[remains.noise_from]
-    words = f"What is left is {remains.residual_mm:.4g} mm a coordinate; the noise is {remains.noise_mm:.4g} mm, {source}."
-    if remains.structured:
-        first = remains.inputs[0]
+    }[residual_tests.noise_from]
+    words = f"What is left is {residual_tests.residual_mm:.4g} mm a coordinate; the noise is {residual_tests.noise_mm:.4g} mm, {source}."
+    if residual_tests.structured:
+        first = residual_tests.inputs[0]
         place = (
             f"the motion of {first.where}"
             if first.where.startswith("joint")
             else f"the {first.where} of the scanner's frame"
         )
         words += (
-            f" It has order against {', '.join(remains.structured)} (p = {first.p_value:.2g}), most in {place} against "
+            f" It has order against {', '.join(residual_tests.structured)} (p = {first.p_value:.2g}), most in {place} against "
             f"{first.input}: it is not noise."
         )
-    elif remains.inputs:
-        closest = remains.inputs[0]
-        words += f" It shows no order against any of {len(remains.inputs)} inputs (closest: {closest.input}, p = {closest.p_value:.2g})."
-    if remains.too_large:
+    elif residual_tests.inputs:
+        closest = residual_tests.inputs[0]
+        words += f" It shows no order against any of {len(residual_tests.inputs)} inputs (closest: {closest.input}, p = {closest.p_value:.2g})."
+    if residual_tests.too_large:
         words += " It is more than noise."
-    if remains.fault is not None:
-        words += f" It looks as if {remains.fault.words} (log evidence {remains.fault.log_evidence:.0f})."
-    if remains.outlier_poses:
-        words += f" Single poses stand out: {', '.join(remains.outlier_poses)}."
+    if residual_tests.fault is not None:
+        words += f" It looks as if {residual_tests.fault.words} (log evidence {residual_tests.fault.log_evidence:.0f})."
+    if residual_tests.outlier_poses:
+        words += f" Single poses stand out: {', '.join(residual_tests.outlier_poses)}."
     return words
 
 
@@ -225,11 +225,11 @@ def verdict_words(diagnosis: Diagnosis) -> str:
         )
         + (
             "what is left tells of something else, said above. Look at that joint."
-            if diagnosis.simpler or diagnosis.remains.fault
+            if diagnosis.leading_fault or diagnosis.residual_tests.fault
             else "something with a pattern is left. Look at the inputs named above; a loose part or a hose would show so."
-            if diagnosis.remains.structured
+            if diagnosis.residual_tests.structured
             else "more than noise is left, without a pattern against any input."
-            if diagnosis.remains.too_large
+            if diagnosis.residual_tests.too_large
             else "what was found makes the test poses worse."
         ),
         "outliers": "Verdict: outliers. "

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.dataset.dataset import Poses
-from calib.diagnosis.evidence import Problem, evidence_of, weigh
-from calib.diagnosis.projected_residual import Leftover, joint_directions
+from calib.diagnosis.evidence import FamilyColumns, evaluate_family, evidence_of
+from calib.diagnosis.projected_residual import ProjectedResidual, joint_directions
 from calib.kinematics.robot import Robot
 
 Array = NDArray[np.float64]
@@ -32,7 +32,7 @@ _GAINS = np.geomspace(1e-2, 1e6, 60)  # of one column: its prior variance over t
 
 
 @dataclass(frozen=True)
-class LocalFault:
+class JointFault:
     """The likeliest of its kind. `log_evidence` is the whole kind's: all joints, widths and places equally likely."""
 
     kind: str  # "bump", "jump" or "smooth"
@@ -60,55 +60,55 @@ class LocalFault:
         return f"{joint} moves by about {size[1:]} in a way that changes smoothly with the arm's attitude"
 
 
-def best_fault(leftover: Leftover) -> LocalFault | None:
+def best_bump_or_jump(projected: ProjectedResidual) -> JointFault | None:
     """The likeliest bump or jump of one joint; None where no joint shows in what is measured."""
-    poses = leftover.residuals.observed.used_poses[0]
-    robot = leftover.state.robot
-    found: list[tuple[float, LocalFault]] = []
-    for joint, direction in enumerate(joint_directions(leftover)):
+    poses = projected.residuals.observed.used_poses[0]
+    robot = projected.state.robot
+    found: list[tuple[float, JointFault]] = []
+    for joint, direction in enumerate(joint_directions(projected)):
         if np.any(direction):
             for shapes, faults in (*_bumps(robot, poses, joint), *_jumps(robot, poses, joint)):
-                found.append(_likeliest(leftover, leftover.motion_columns(direction, shapes), faults))
+                found.append(_likeliest(projected, projected.motion_columns(direction, shapes), faults))
     return _of_all(found)
 
 
-def unknown_motion(leftover: Leftover) -> LocalFault | None:
+def smooth_motion(projected: ProjectedResidual) -> JointFault | None:
     """A joint that moves smoothly with its own angle or with the first three joints, in whatever way.
 
     Gaussian processes of two correlation lengths over each; the evidence is of all together. None where no joint shows.
     """
-    poses = leftover.residuals.observed.used_poses[0]
-    robot = leftover.state.robot
+    poses = projected.residuals.observed.used_poses[0]
+    robot = projected.state.robot
     revolute = [j for j in range(robot.n_joints) if robot.joints[j].is_revolute]
     arm = poses.q[:, [j for j in revolute if j < 3]]
     spans = [_smooth(arm, length_rad) for length_rad in _ARM_RAD] if arm.shape[1] else []
-    directions = joint_directions(leftover)
+    directions = joint_directions(projected)
     tried: list[tuple[float, int, Array]] = []
     for joint in revolute:
         if not np.any(directions[joint]):
             continue
         for span in (*spans, *(_smooth(poses.q[:, [joint]], length_rad) for length_rad in _OWN_RAD)):
-            columns = leftover.motion_columns(directions[joint], _USUAL * span)
-            tried.append((evidence_of(-leftover.residual, columns, leftover.freedom), joint, span))
+            columns = projected.motion_columns(directions[joint], _USUAL * span)
+            tried.append((evidence_of(-projected.residual, columns, projected.freedom), joint, span))
     if not tried:
         return None
     _, joint, span = max(tried, key=lambda one: one[0])
-    columns = leftover.motion_columns(directions[joint], _USUAL * span)
-    weighed = weigh(Problem(-leftover.residual, (columns,), leftover.freedom))
+    columns = projected.motion_columns(directions[joint], _USUAL * span)
+    weighed = evaluate_family(FamilyColumns(-projected.residual, (columns,), projected.freedom))
     size = _USUAL * float(np.sqrt(np.mean((span @ weighed.coefficients[0]) ** 2)))
     total = _mean_likelihood(np.array([value for value, _, _ in tried]))
-    return LocalFault("smooth", joint, total, size, "rad")
+    return JointFault("smooth", joint, total, size, "rad")
 
 
-def fault_of(leftover: Leftover, floor: float) -> LocalFault | None:
+def best_supported_fault(projected: ProjectedResidual, floor: float) -> JointFault | None:
     """What of all this is left in a residual beyond `floor` in log evidence; the more definite story first."""
-    definite, smooth = best_fault(leftover), unknown_motion(leftover)
+    definite, smooth = best_bump_or_jump(projected), smooth_motion(projected)
     if definite is not None and definite.log_evidence > max(floor, smooth.log_evidence if smooth else floor):
         return definite
     return smooth if smooth is not None and smooth.log_evidence > floor else None
 
 
-def _of_all(found: list[tuple[float, LocalFault]]) -> LocalFault | None:
+def _of_all(found: list[tuple[float, JointFault]]) -> JointFault | None:
     """The best, with the evidence of all: the mean of their likelihoods."""
     if not found:
         return None
@@ -122,13 +122,16 @@ def _mean_likelihood(log_evidence: Array) -> float:
     return top + float(np.log(np.mean(np.exp(log_evidence - top))))
 
 
-def _likeliest(leftover: Leftover, columns: Array, faults: list[LocalFault]) -> tuple[float, LocalFault]:
+def _likeliest(
+    projected: ProjectedResidual, columns: Array, faults: list[JointFault]
+) -> tuple[float, JointFault]:
     """Mean likelihood of single columns (R, K) as a log evidence, and the best of them with its size.
 
-    As `evidence.weigh` for one column each: -1/2 log(1 + g) - nu/2 log(1 - share g / (1 + g)) at the best g, which is
-    its coefficient's prior variance times |column|^2 over the noise's; share is that of the residual along the column.
+    As `evidence.evaluate_family` for one column each: -1/2 log(1 + g) - nu/2 log(1 - share g / (1 + g)) at the best g,
+    which is its coefficient's prior variance times |column|^2 over the noise's; share is that of the residual along the
+    column.
     """
-    missing = -leftover.residual
+    missing = -projected.residual
     square = np.sum(columns**2, axis=0)
     along = columns.T @ missing
     seen = square > 1e-9 * max(float(square.max()), 1e-300)
@@ -136,7 +139,7 @@ def _likeliest(leftover: Leftover, columns: Array, faults: list[LocalFault]) -> 
         float(missing @ missing), 1e-300
     )
     kept = share * (_GAINS / (1.0 + _GAINS))[:, None]  # (gains, K)
-    values = -0.5 * np.log1p(_GAINS)[:, None] - 0.5 * leftover.freedom * np.log1p(
+    values = -0.5 * np.log1p(_GAINS)[:, None] - 0.5 * projected.freedom * np.log1p(
         -np.minimum(kept, 1.0 - 1e-12)
     )
     each = np.max(values, axis=0)
@@ -145,7 +148,7 @@ def _likeliest(leftover: Leftover, columns: Array, faults: list[LocalFault]) -> 
     return _mean_likelihood(each), replace(faults[best], size=size)
 
 
-def _bumps(robot: Robot, poses: Poses, joint: int) -> list[tuple[Array, list[LocalFault]]]:
+def _bumps(robot: Robot, poses: Poses, joint: int) -> list[tuple[Array, list[JointFault]]]:
     """For each width the bumps (N, K) along a revolute joint's range that several poses show."""
     if not robot.joints[joint].is_revolute:
         return []
@@ -157,12 +160,12 @@ def _bumps(robot: Robot, poses: Poses, joint: int) -> list[tuple[Array, list[Loc
         shapes = np.exp(-0.5 * (off_rad / width) ** 2)
         shown = np.sum(shapes, axis=0) > _FEWEST
         if shown.any():
-            faults = [LocalFault("bump", joint, 0.0, 0.0, "rad", float(p), width) for p in places[shown]]
+            faults = [JointFault("bump", joint, 0.0, 0.0, "rad", float(p), width) for p in places[shown]]
             out.append((shapes[:, shown], faults))
     return out
 
 
-def _jumps(robot: Robot, poses: Poses, joint: int) -> list[tuple[Array, list[LocalFault]]]:
+def _jumps(robot: Robot, poses: Poses, joint: int) -> list[tuple[Array, list[JointFault]]]:
     """Steps (N, K) between poses in the order of measuring."""
     count = len(poses)
     order = np.arange(count) if poses.time_s is None else np.argsort(poses.time_s, kind="stable")
@@ -174,7 +177,7 @@ def _jumps(robot: Robot, poses: Poses, joint: int) -> list[tuple[Array, list[Loc
     shapes = (rank[:, None] >= firsts).astype(float)
     unit = "rad" if robot.joints[joint].is_revolute else "mm"
     return [
-        (shapes, [LocalFault("jump", joint, 0.0, 0.0, unit, pose_id=poses.ids[order[k]]) for k in firsts])
+        (shapes, [JointFault("jump", joint, 0.0, 0.0, unit, pose_id=poses.ids[order[k]]) for k in firsts])
     ]
 
 

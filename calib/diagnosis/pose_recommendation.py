@@ -21,14 +21,14 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class NextPose:
+class DiscriminatingPose:
     """A joint vector, and how far apart the causes put the tool there: the least difference of any two."""
 
     q: Array  # (n,) rad or mm
     separation_mm: float
 
 
-def splitting_poses(diagnosis: Diagnosis, *, count: int = 5) -> tuple[NextPose, ...]:
+def splitting_poses(diagnosis: Diagnosis, *, count: int = 5) -> tuple[DiscriminatingPose, ...]:
     """Poses that best split the ambiguous set of a diagnosis, far from each other; () where nothing is ambiguous.
 
     Each cause is fitted by itself; at random joint vectors within the range of the measured ones, the fitted models
@@ -36,12 +36,12 @@ def splitting_poses(diagnosis: Diagnosis, *, count: int = 5) -> tuple[NextPose, 
     """
     ranking = diagnosis.screenings[-1].candidates
     doubted = [c for c in ranking if c.name in diagnosis.ambiguous_set]
-    return poses_between(diagnosis.calibration, doubted, count=count)
+    return discriminating_poses(diagnosis.calibration, doubted, count=count)
 
 
-def poses_between(
+def discriminating_poses(
     calibration: Calibration, causes: Sequence[Candidate], *, count: int = 5, tried: int = 400
-) -> tuple[NextPose, ...]:
+) -> tuple[DiscriminatingPose, ...]:
     """As `splitting_poses`, for any causes beyond a calibration's model; () for fewer than two that show at all.
 
     What was asked of the calibration is asked of each cause's fit too.
@@ -81,7 +81,7 @@ def _places(calibration: Calibration, candidate: Candidate, q: Array) -> Array:
     return frames.apply(scanner_T_base, fitted.model.predict(fitted.fit.x, poses))
 
 
-def _spread(q: Array, apart: Array, count: int) -> tuple[NextPose, ...]:
+def _spread(q: Array, apart: Array, count: int) -> tuple[DiscriminatingPose, ...]:
     """The best poses, each at least a tenth of the joints' range from those before it."""
     span = np.maximum(np.ptp(q, axis=0), 1e-9)
     chosen: list[int] = []
@@ -90,10 +90,10 @@ def _spread(q: Array, apart: Array, count: int) -> tuple[NextPose, ...]:
             chosen.append(int(i))
         if len(chosen) == count:
             break
-    return tuple(NextPose(q[i], float(apart[i])) for i in chosen)
+    return tuple(DiscriminatingPose(q[i], float(apart[i])) for i in chosen)
 
 
-def in_words(poses: Sequence[NextPose], is_revolute: NDArray[np.bool_]) -> str:
+def in_words(poses: Sequence[DiscriminatingPose], is_revolute: NDArray[np.bool_]) -> str:
     """The poses as a person types them: degrees, or mm for prismatic joints."""
     lines = []
     for pose in poses:

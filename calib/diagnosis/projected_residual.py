@@ -22,7 +22,7 @@ _KNOWN = 0.1  # a direction counts as fitted where the data know it ten times wo
 
 
 @dataclass(frozen=True)
-class Leftover:
+class ProjectedResidual:
     """What a fit left over, in whitened units, and the directions that it could have absorbed."""
 
     residuals: PositionResiduals
@@ -55,7 +55,7 @@ class Leftover:
         return self.project(moved.reshape(-1, motion.shape[1]))
 
 
-def leftover_of(calibration: Calibration) -> Leftover:
+def project_residual(calibration: Calibration) -> ProjectedResidual:
     """What a calibration left over, seen as positions whatever residual it was fitted by.
 
     Raises FitError where no degree of freedom is left.
@@ -81,7 +81,7 @@ def leftover_of(calibration: Calibration) -> Leftover:
     poses = observed.used_poses[0]
     targets = list(map(str, np.unique(observed.points.target)))
     states = {target: model.state(x, poses, observed.seen(target)) for target in targets}
-    return Leftover(
+    return ProjectedResidual(
         residuals=residuals,
         x=x,
         states=states,
@@ -93,7 +93,7 @@ def leftover_of(calibration: Calibration) -> Leftover:
     )
 
 
-def joint_directions(leftover: Leftover) -> list[Array]:
+def joint_directions(projected: ProjectedResidual) -> list[Array]:
     """For each joint (M, 3): how its motion moves the measured points, whitened, mm (or mm/rad) over sigma."""
-    residuals = leftover.residuals
-    return directions_at(residuals.model, leftover.x, residuals.observed, leftover.base_to_residual)
+    residuals = projected.residuals
+    return directions_at(residuals.model, projected.x, residuals.observed, projected.base_to_residual)

@@ -19,8 +19,8 @@ from calib.blas_threads import one_blas_thread
 from calib.calibration.input_variables import inputs_at
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import find_repeats, pooled_sigma_mm
-from calib.diagnosis.fault_models import LocalFault, fault_of
-from calib.diagnosis.projected_residual import Leftover, joint_directions
+from calib.diagnosis.fault_models import JointFault, best_supported_fault
+from calib.diagnosis.projected_residual import ProjectedResidual, joint_directions
 from calib.distributions import chi2_sf, f_sf
 
 Array = NDArray[np.float64]
@@ -45,7 +45,7 @@ class InputTest:
 
 
 @dataclass(frozen=True)
-class Remains:
+class ResidualTests:
     """What the last fit left over, judged."""
 
     lack_of_fit_p: (
@@ -56,7 +56,7 @@ class Remains:
     residual_mm: float  # a coordinate's sigma of the residual
     inputs: tuple[InputTest, ...]  # the most structured first
     outlier_poses: tuple[str, ...]
-    fault: LocalFault | None = None  # a simple story, outside the catalogue, that what is left tells
+    fault: JointFault | None = None  # a simple story, outside the catalogue, that what is left tells
 
     @property
     def structured(self) -> tuple[str, ...]:
@@ -69,86 +69,88 @@ class Remains:
         return self.lack_of_fit_p is not None and self.lack_of_fit_p < 0.01
 
 
-def inputs_of(leftover: Leftover) -> dict[str, Array]:
+def inputs_of(projected: ProjectedResidual) -> dict[str, Array]:
     """Everything a residual may depend on, by name, one value a used pose (N,)."""
-    poses, _ = leftover.residuals.observed.used_poses
-    return inputs_at(leftover.residuals.model.robot, poses, leftover.state)
+    poses, _ = projected.residuals.observed.used_poses
+    return inputs_at(projected.residuals.model.robot, poses, projected.state)
 
 
 @one_blas_thread()
-def examine(dataset: Dataset, leftover: Leftover, *, draws: int = DRAWS) -> Remains:
+def run_residual_tests(
+    dataset: Dataset, projected: ProjectedResidual, *, draws: int = DRAWS
+) -> ResidualTests:
     """Outliers first; then structure, with the outliers left out; then the size of what remains."""
-    noise = _noise_again(leftover, draws)
-    outliers = _outliers(leftover, noise)
-    lack, noise_mm, source, residual_mm = _lack_of_fit(dataset, leftover)
-    poses, row = leftover.residuals.observed.used_poses
-    return Remains(
+    noise = _noise_again(projected, draws)
+    outliers = _outliers(projected, noise)
+    lack, noise_mm, source, residual_mm = _lack_of_fit(dataset, projected)
+    poses, row = projected.residuals.observed.used_poses
+    return ResidualTests(
         lack_of_fit_p=lack,
         noise_mm=noise_mm,
         noise_from=source,
         residual_mm=residual_mm,
-        inputs=_structure(leftover, outliers[row], noise),
+        inputs=_structure(projected, outliers[row], noise),
         outlier_poses=tuple(poses.ids[i] for i in np.flatnonzero(outliers)),
-        fault=fault_of(_without(leftover, outliers[row]), FAULT_EVIDENCE),
+        fault=best_supported_fault(_without(projected, outliers[row]), FAULT_EVIDENCE),
     )
 
 
-def _noise(leftover: Leftover, draws: int) -> Iterator[Array]:
+def _noise(projected: ProjectedResidual, draws: int) -> Iterator[Array]:
     """Simulated noise (R, D) that went through the same fit, as large as the residual; `draws` in all, in blocks.
 
     The same data give the same noise and so the same verdict.
     """
     rng = np.random.default_rng(0)
-    rows, size = len(leftover.residual), float(np.linalg.norm(leftover.residual))
+    rows, size = len(projected.residual), float(np.linalg.norm(projected.residual))
     block = max(_BLOCK // rows, 1)
     for first in range(0, draws, block):
-        noise = leftover.project(rng.standard_normal((rows, min(block, draws - first))))
+        noise = projected.project(rng.standard_normal((rows, min(block, draws - first))))
         yield noise * (size / np.linalg.norm(noise, axis=0))
 
 
-def _noise_again(leftover: Leftover, draws: int) -> Callable[[], Iterable[Array]]:
+def _noise_again(projected: ProjectedResidual, draws: int) -> Callable[[], Iterable[Array]]:
     """`_noise` as often as it is asked for: kept where it is one block, else drawn again."""
-    if draws * len(leftover.residual) > _BLOCK:
-        return lambda: _noise(leftover, draws)
-    kept = list(_noise(leftover, draws))
+    if draws * len(projected.residual) > _BLOCK:
+        return lambda: _noise(projected, draws)
+    kept = list(_noise(projected, draws))
     return lambda: kept
 
 
-def _without(leftover: Leftover, outlier: NDArray[np.bool_]) -> Leftover:
+def _without(projected: ProjectedResidual, outlier: NDArray[np.bool_]) -> ProjectedResidual:
     """Nothing left at the points (M,) that stand out: one wrong pose must not pass for a dent."""
-    residual = leftover.residual.copy()
+    residual = projected.residual.copy()
     residual[np.repeat(outlier, 3)] = 0.0
-    return replace(leftover, residual=residual)
+    return replace(projected, residual=residual)
 
 
-def _outliers(leftover: Leftover, noise: Callable[[], Iterable[Array]]) -> NDArray[np.bool_]:
+def _outliers(projected: ProjectedResidual, noise: Callable[[], Iterable[Array]]) -> NDArray[np.bool_]:
     """(N,) poses whose residual is larger than the largest of a whole dataset of noise should be."""
-    of_pose = _sum_by_pose(leftover)
+    of_pose = _sum_by_pose(projected)
     numbers = 3.0 * np.asarray(of_pose.sum(axis=1))  # (N, 1) coordinates at each pose
 
     def mean_square(values: Array) -> Array:
         return np.asarray(of_pose @ np.sum(values.reshape(of_pose.shape[1], 3, -1) ** 2, axis=1) / numbers)
 
-    ours = mean_square(leftover.residual)[:, 0]
+    ours = mean_square(projected.residual)[:, 0]
     largest = [np.max(theirs / np.median(theirs, axis=0), axis=0) for theirs in map(mean_square, noise())]
     # A large outlier swells the common scale, so each is compared with the median of its own dataset.
     limit = np.quantile(np.concatenate(largest), 1.0 - OUTLIER_LEVEL)
     return np.asarray(ours / np.median(ours) > limit)
 
 
-def _sum_by_pose(leftover: Leftover) -> csr_matrix:
+def _sum_by_pose(projected: ProjectedResidual) -> csr_matrix:
     """(N, M) sums what the points of a pose say."""
-    poses, row = leftover.residuals.observed.used_poses
+    poses, row = projected.residuals.observed.used_poses
     points = np.arange(len(row))
     return csr_matrix((np.ones(len(row)), (row, points)), shape=(len(poses), len(row)))
 
 
 def _structure(
-    leftover: Leftover, outlier: NDArray[np.bool_], noise: Callable[[], Iterable[Array]]
+    projected: ProjectedResidual, outlier: NDArray[np.bool_], noise: Callable[[], Iterable[Array]]
 ) -> tuple[InputTest, ...]:
     """Westfall-Young corrected p of each input."""
-    look = _Look.at(leftover, outlier)
-    ours = look.scores(leftover.residual[:, None])
+    look = _ScanStatistic.at(projected, outlier)
+    ours = look.scores(projected.residual[:, None])
     blocks = [look.scores(block) for block in noise()]
     standard, where = {}, {}
     for name, channels in look.channels_of.items():
@@ -170,7 +172,7 @@ def _structure(
 
 
 @dataclass(frozen=True)
-class _Look:
+class _ScanStatistic:
     """Where structure is looked for: bumps over each input, laid against scalars a pose ("channels").
 
     Channels are the three axes and each joint's apparent motion.
@@ -183,16 +185,16 @@ class _Look:
     channels_of: dict[str, list[str]]  # by input
 
     @classmethod
-    def at(cls, leftover: Leftover, outlier: NDArray[np.bool_]) -> _Look:
+    def at(cls, projected: ProjectedResidual, outlier: NDArray[np.bool_]) -> _ScanStatistic:
         directions = {}
         for axis, name in enumerate("xyz"):
             directions[name] = np.broadcast_to(np.eye(3)[axis], (len(outlier), 3))
-        for j, direction in enumerate(joint_directions(leftover)):
+        for j, direction in enumerate(joint_directions(projected)):
             size = max(float(np.sqrt(np.mean(direction**2))), 1e-300)
             directions[f"joint {j + 1}"] = direction / size
-        inputs = inputs_of(leftover)
+        inputs = inputs_of(projected)
         return cls(
-            _sum_by_pose(leftover),
+            _sum_by_pose(projected),
             np.where(np.repeat(outlier, 3), 0.0, 1.0)[:, None],
             directions,
             {name: _bumps(values) for name, values in inputs.items()},
@@ -247,23 +249,23 @@ def _relevant(name: str, channels: Iterable[str]) -> list[str]:
 COPY_MM = 1e-9  # repeats that scatter less are rows written twice, which tell nothing of the noise
 
 
-def _lack_of_fit(dataset: Dataset, leftover: Leftover) -> tuple[float | None, float, str, float]:
+def _lack_of_fit(dataset: Dataset, projected: ProjectedResidual) -> tuple[float | None, float, str, float]:
     """p of the residual's size, the noise it was held against, where that came from, and the residual's sigma; mm."""
-    observed = leftover.residuals.observed
+    observed = projected.residuals.observed
     declared_mm = float(np.sqrt(np.mean(np.trace(observed.covariance_mm2, axis1=1, axis2=2)) / 3.0))
-    residual_mm = leftover.sigma * declared_mm
-    square = float(leftover.residual @ leftover.residual)
+    residual_mm = projected.sigma * declared_mm
+    square = float(projected.residual @ projected.residual)
     repeats = find_repeats(dataset)
     freedom = sum(3 * (r.count - 1) for r in repeats)
     noise_mm = pooled_sigma_mm(repeats) if freedom >= 12 else 0.0
     if noise_mm > COPY_MM:
         # Repeats are part of the residual; what exceeds them is compared with them.
         pure = freedom * (noise_mm / declared_mm) ** 2
-        left = leftover.freedom - freedom
+        left = projected.freedom - freedom
         if left > 0:
             ratio = max(square - pure, 0.0) / left / (noise_mm / declared_mm) ** 2
             return f_sf(ratio, left, freedom), noise_mm, "repeats", residual_mm
     if observed.points.covariance_mm2 is not None or dataset.scanner.point_sigma_mm is not None:
         doubted = square / SIGMA_DOUBT**2
-        return chi2_sf(doubted, leftover.freedom), declared_mm, "dataset", residual_mm
+        return chi2_sf(doubted, projected.freedom), declared_mm, "dataset", residual_mm
     return None, residual_mm, "fit", residual_mm

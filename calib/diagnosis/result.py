@@ -8,8 +8,8 @@ import pandas as pd
 
 from calib.calibration.result import Calibration
 from calib.diagnosis.effect_selection import GEOMETRY, FitStep
-from calib.diagnosis.fault_models import LocalFault
-from calib.diagnosis.residual_tests import Remains
+from calib.diagnosis.fault_models import JointFault
+from calib.diagnosis.residual_tests import ResidualTests
 from calib.diagnosis.screening import Candidate, Screening, Untestable
 
 
@@ -22,9 +22,11 @@ class Diagnosis:
     ambiguous_set: tuple[str, ...]  # effects that these data cannot tell apart
     steps: tuple[FitStep, ...]  # the link errors, then one for each effect that was added
     screenings: tuple[Screening, ...]  # one a step: of every effect that is not in its model
-    remains: Remains  # what the last fit left over
+    residual_tests: ResidualTests  # what the last fit left over
     refused: str = ""  # an effect that would have been named, but made the test poses worse
-    simpler: LocalFault | None = None  # a fault outside the catalogue with more evidence than the next effect
+    leading_fault: JointFault | None = (
+        None  # a fault outside the catalogue with more evidence than the next effect
+    )
 
     @property
     def calibration(self) -> Calibration:

@@ -1,6 +1,6 @@
 """Hold every candidate effect against what a fit left over.
 
-The fitted directions (parameters the data know, and the scanner's frames) are projected out of the residual and of each
+The fitted directions (parameters the data know, and the scanner's frames) are visible out of the residual and of each
 candidate's columns: what remains is all that the data can say about it. A candidate of which nothing remains is
 untestable with these poses.
 """
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
-from calib.diagnosis.evidence import Evidence, Problem, holm, weigh
-from calib.diagnosis.projected_residual import Leftover, leftover_of
+from calib.diagnosis.evidence import Evidence, FamilyColumns, evaluate_family, holm
+from calib.diagnosis.projected_residual import ProjectedResidual, project_residual
 from calib.effects.effect import Effect, Family, full_name
 from calib.fitting.model import effect_columns
 
@@ -44,7 +44,7 @@ class Candidate:
     p_value: float
     p_holm: float
     log_evidence: float
-    explained_share: float  # of the leftover sum of squares
+    explained_share: float  # of the residual's sum of squares
     cv_rmse_mm: float  # error a coordinate of each pose predicted from the others, linearised
     members: tuple[Effect, ...]  # those that carry it
     values: tuple[Value, ...]
@@ -72,7 +72,7 @@ class Untestable:
 class Screening:
     """All families against one fit, the best first."""
 
-    leftover: Leftover
+    projected: ProjectedResidual
     candidates: tuple[Candidate, ...]
     untestable: tuple[Untestable, ...]
     cv_rmse_mm: float  # of the fit without any candidate
@@ -91,22 +91,22 @@ class Screening:
         )
 
 
-def member_columns(leftover: Leftover, member: Effect) -> Array:
+def member_columns(projected: ProjectedResidual, member: Effect) -> Array:
     """(R, K) derivative of the whitened residual by a member's parameters at zero, before projection."""
-    observed = leftover.residuals.observed
+    observed = projected.residuals.observed
     _, row = observed.used_poses
     columns = np.empty((len(observed.points), 3, len(member.parameters)))
-    for target, state in leftover.states.items():
-        by_value = effect_columns(leftover.by_state[target], member, state, np.zeros(columns.shape[-1]))
+    for target, state in projected.states.items():
+        by_value = effect_columns(projected.by_state[target], member, state, np.zeros(columns.shape[-1]))
         of_target = observed.points.target == target
         columns[of_target] = by_value[row[of_target]]
-    return (leftover.base_to_residual @ columns).reshape(-1, columns.shape[-1])
+    return (projected.base_to_residual @ columns).reshape(-1, columns.shape[-1])
 
 
 @one_blas_thread()
 def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
     """Test every family that is not yet in the model; see `Candidate`."""
-    leftover = leftover_of(calibration)
+    projected = project_residual(calibration)
     present = set(calibration.model.family_names)
     untestable, tested, columns, evidence = [], [], [], []
     for family in families:
@@ -115,7 +115,7 @@ def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
         if family.why_not or not family.members:
             untestable.append(Untestable(family.name, family.why_not, family.would_help))
             continue
-        groups = tuple(_visible(leftover, member) for member in family.members)
+        groups = tuple(_visible(projected, member) for member in family.members)
         if not any(np.any(group) for group in groups):
             untestable.append(
                 Untestable(
@@ -128,49 +128,51 @@ def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
         tested.append(family)
         columns.append(groups)
         positive = tuple(all(p.positive for p in member.parameters) for member in family.members)
-        evidence.append(weigh(Problem(-leftover.residual, groups, leftover.freedom, positive)))
+        evidence.append(
+            evaluate_family(FamilyColumns(-projected.residual, groups, projected.freedom, positive))
+        )
     corrected = holm([e.p_value for e in evidence])
     spans = {family.name: _span(groups) for family, groups in zip(tested, columns, strict=True)}
     candidates = [
-        _candidate(leftover, family, groups, e, p, spans)
+        _candidate(projected, family, groups, e, p, spans)
         for family, groups, e, p in zip(tested, columns, evidence, corrected, strict=True)
     ]
     candidates.sort(key=lambda c: (-c.log_evidence, c.p_value))
-    plain = _cross_validated(leftover, np.zeros((len(leftover.residual), 0)), np.zeros(0))
-    return Screening(leftover, tuple(candidates), tuple(untestable), plain)
+    plain = _cross_validated(projected, np.zeros((len(projected.residual), 0)), np.zeros(0))
+    return Screening(projected, tuple(candidates), tuple(untestable), plain)
 
 
-def _visible(leftover: Leftover, member: Effect) -> Array:
-    """(R, K) a member's projected columns, for coefficients of usual size; zero where geometry does the same."""
+def _visible(projected: ProjectedResidual, member: Effect) -> Array:
+    """(R, K) a member's visible columns, for coefficients of usual size; zero where geometry does the same."""
     scales = np.array([p.scale for p in member.parameters])
-    raw = member_columns(leftover, member) * scales
-    projected = leftover.project(raw)
+    raw = member_columns(projected, member) * scales
+    visible = projected.project(raw)
     size = np.linalg.norm(raw, axis=0)
-    hidden = np.linalg.norm(projected, axis=0) <= np.maximum(_HIDDEN * size, 1e-9)
-    projected[:, hidden] = 0.0
-    return projected
+    hidden = np.linalg.norm(visible, axis=0) <= np.maximum(_HIDDEN * size, 1e-9)
+    visible[:, hidden] = 0.0
+    return visible
 
 
 def _candidate(
-    leftover: Leftover,
+    projected: ProjectedResidual,
     family: Family,
     groups: tuple[Array, ...],
     evidence: Evidence,
     p_holm: float,
     spans: Mapping[str, Array],
 ) -> Candidate:
-    active = [i for i, size in enumerate(evidence.sizes) if size > 0.0 and np.any(groups[i])]
+    active = [i for i, size in enumerate(evidence.scales) if size > 0.0 and np.any(groups[i])]
     columns = (
         np.concatenate([groups[i] for i in active], axis=1)
         if active
-        else np.zeros((len(leftover.residual), 0))
+        else np.zeros((len(projected.residual), 0))
     )
     spread = (
-        np.concatenate([np.full(groups[i].shape[1], evidence.sizes[i]) for i in active])
+        np.concatenate([np.full(groups[i].shape[1], evidence.scales[i]) for i in active])
         if active
         else np.zeros(0)
     )
-    information = columns.T @ columns / leftover.sigma**2 + np.diag(1.0 / np.maximum(spread, 1e-9) ** 2)
+    information = columns.T @ columns / projected.sigma**2 + np.diag(1.0 / np.maximum(spread, 1e-9) ** 2)
     sigma = np.sqrt(np.maximum(np.diag(np.linalg.inv(information)), 0.0)) if active else np.zeros(0)
     values: list[Value] = []
     prior_sigmas: dict[str, float] = {}
@@ -185,16 +187,16 @@ def _candidate(
                     name, float(coefficient) * scale, float(sigma[len(prior_sigmas)]) * scale, parameter.unit
                 )
             )
-            prior_sigmas[name] = float(evidence.sizes[i]) * scale
-    total = float(leftover.residual @ leftover.residual)
-    left = leftover.residual + evidence.explained  # the residual is predicted minus measured
+            prior_sigmas[name] = float(evidence.scales[i]) * scale
+    total = float(projected.residual @ projected.residual)
+    left = projected.residual + evidence.explained  # the residual is predicted minus measured
     return Candidate(
         family=family,
         p_value=evidence.p_value,
         p_holm=p_holm,
         log_evidence=evidence.log_evidence,
         explained_share=1.0 - float(left @ left) / total if total > 0.0 else 0.0,
-        cv_rmse_mm=_cross_validated(leftover, columns, spread),
+        cv_rmse_mm=_cross_validated(projected, columns, spread),
         members=tuple(family.members[i] for i in active),
         values=tuple(values),
         prior_sigmas=prior_sigmas,
@@ -219,17 +221,17 @@ def _overlap(explained: Array, span: Array) -> float:
     return float(np.sum((span.T @ explained) ** 2)) / size if size > 0.0 else 0.0
 
 
-def _cross_validated(leftover: Leftover, columns: Array, spread: Array) -> float:
+def _cross_validated(projected: ProjectedResidual, columns: Array, spread: Array) -> float:
     """RMS of a coordinate, mm, when each pose is predicted from all others (leave one pose out, linearised).
 
     e_i = (1 - H_ii)^-1 r_i for each pose's block of the hat matrix H of fitted directions and candidate; exact for a
     linear model with fixed sizes of the candidate's coefficients.
     """
-    residual = leftover.residual
+    residual = projected.residual
     shrunk = columns * spread
     inner = np.linalg.inv(np.eye(shrunk.shape[1]) + shrunk.T @ shrunk)
     left = residual - shrunk @ (inner @ (shrunk.T @ residual))
-    observed = leftover.residuals.observed
+    observed = projected.residuals.observed
     sigma_mm = np.sqrt(np.trace(observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
     order = np.argsort(observed.points.pose, kind="stable")
     counts = np.unique(observed.points.pose, return_counts=True)[1]
@@ -238,7 +240,7 @@ def _cross_validated(leftover: Leftover, columns: Array, spread: Array) -> float
     for count in np.unique(counts):  # all poses with this many points at once
         points = order[starts[counts == count][:, None] + np.arange(count)]  # (poses, count)
         rows = (3 * points[:, :, None] + np.arange(3)).reshape(len(points), -1)
-        fitted, extra = leftover.basis[rows], shrunk[rows]
+        fitted, extra = projected.basis[rows], shrunk[rows]
         hat = fitted @ np.swapaxes(fitted, 1, 2) + extra @ inner @ np.swapaxes(extra, 1, 2)
         # A pose that alone decides a direction leaves nothing to predict it by: the floor keeps it large, not infinite.
         error = np.linalg.solve((1.0 + 1e-9) * np.eye(rows.shape[1]) - hat, left[rows][..., None])[..., 0]

@@ -1,8 +1,8 @@
 """Stepwise selection of missing effects: fit, screen, add the best, fit again, until no candidate is convincing.
 
 A candidate is added only if its family beats noise (F test with Holm's correction, and the evidence floor), leads the
-second by more than `MARGIN` in log evidence, has no less evidence than a dent or a slip of one joint, and does not make
-the test poses worse.
+second by more than `MIN_LEAD` in log evidence, has no less evidence than a dent or a slip of one joint, and does not
+make the test poses worse.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from calib.calibration.plausibility import does_not_belong
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.decision_rules import (
-    FLOOR,
-    MARGIN,
+    MIN_LEAD,
+    MIN_LOG_EVIDENCE,
     is_convincing,
-    leader,
+    leading_fault,
     predicts_worse,
-    simpler_story,
+    rank_candidates,
 )
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect, calibrate_with, first_step
-from calib.diagnosis.fault_models import LocalFault
+from calib.diagnosis.fault_models import JointFault
 from calib.diagnosis.screening import Candidate, Screening, screen
 from calib.effects.effect import Effect, Family
 from calib.options import FitOptions
@@ -64,7 +64,9 @@ class Search:
     implausible: bool = False  # points and poses do not belong together: no effect is their cause
     ambiguous: tuple[str, ...] = ()  # effects that these data cannot tell apart
     refused: str = ""  # an effect that makes the test poses worse
-    simpler: LocalFault | None = None  # a fault outside the catalogue with more evidence than any effect
+    leading_fault: JointFault | None = (
+        None  # a fault outside the catalogue with more evidence than any effect
+    )
 
     @property
     def calibration(self) -> Calibration:
@@ -99,10 +101,10 @@ def _next_step(space: SearchSpace, search: Search, tell: Tell) -> Search:
     screening, before = search.screenings[-1], search.calibration
     if not any(is_convincing(candidate) for candidate in screening.candidates):
         return replace(search, ended=True)
-    best, margin, tied = leader(screening)
-    simpler = simpler_story(screening)
-    if simpler is not None:
-        return replace(search, ended=True, simpler=simpler)
+    best, margin, tied = rank_candidates(screening)
+    fault = leading_fault(screening)
+    if fault is not None:
+        return replace(search, ended=True, leading_fault=fault)
     if tied:
         tell(f"looking one step ahead of {', '.join(c.name for c in tied)}")
         ahead = _look_ahead(space, search, tied)
@@ -134,7 +136,7 @@ def _look_ahead(
         totals.append(candidate.log_evidence + (following[0].log_evidence if following else 0.0))
     order = np.argsort(totals)[::-1]
     lead = totals[order[0]] - totals[order[1]]
-    return (tied[int(order[0])], float(lead)) if followed and lead > MARGIN else None
+    return (tied[int(order[0])], float(lead)) if followed and lead > MIN_LEAD else None
 
 
 def _revised(
@@ -182,7 +184,7 @@ def _still_needed(space: SearchSpace, search: Search) -> tuple[Candidate, ...]:
             found = screen(space.fit(others, search.calibration), [one.family]).candidates
             evidence.append(found[0].log_evidence if found else -np.inf)
         weakest = int(np.argmin(evidence))
-        if evidence[weakest] > FLOOR:
+        if evidence[weakest] > MIN_LOG_EVIDENCE:
             break
         del kept[weakest]
     return tuple(kept)

@@ -188,12 +188,12 @@ class ModelController:
     def _judge(self) -> LongWork:
         """Judge what is left, where that is not known yet; the ranking is on show meanwhile."""
         session = self._session
-        if session.screening is None or session.remains is not None:
+        if session.screening is None or session.residual_tests is not None:
             return
         yield
         judged = yield from self._beside(lambda: sessions.with_judgement(session), session)
         if judged is not None and self._session.screening is session.screening:
-            self._state.keep(replace(self._session, remains=judged.remains))
+            self._state.keep(replace(self._session, residual_tests=judged.residual_tests))
             self._panels.learn.advise(self._session)
             self._panels.failure.update(self._state.now)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.explanation import explain
-from calib.diagnosis.fault_models import LocalFault
+from calib.diagnosis.fault_models import JointFault
 from calib.diagnosis.pose_recommendation import splitting_poses
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import Candidate
@@ -16,7 +16,7 @@ from calib.effects.catalogue import descriptions
 
 def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
     """What `diagnose --json` prints: the verdict, the steps, the ranking and what is left."""
-    remains = diagnosis.remains
+    residual_tests = diagnosis.residual_tests
     return {
         "dataset": diagnosis.calibration.dataset.name,
         "verdict": diagnosis.verdict,
@@ -29,15 +29,15 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
             {"effect": u.name, "why": u.why, "would_help": u.would_help} for u in diagnosis.untestable
         ],
         "leftover": {
-            "lack_of_fit_p": remains.lack_of_fit_p,
-            "noise_mm": remains.noise_mm,
-            "noise_from": remains.noise_from,
-            "residual_mm": remains.residual_mm,
-            "inputs": [asdict(test) for test in remains.inputs],
-            "outlier_poses": remains.outlier_poses,
-            "fault": _fault(remains.fault),
+            "lack_of_fit_p": residual_tests.lack_of_fit_p,
+            "noise_mm": residual_tests.noise_mm,
+            "noise_from": residual_tests.noise_from,
+            "residual_mm": residual_tests.residual_mm,
+            "inputs": [asdict(test) for test in residual_tests.inputs],
+            "outlier_poses": residual_tests.outlier_poses,
+            "fault": _fault(residual_tests.fault),
         },
-        "simpler": _fault(diagnosis.simpler),
+        "simpler": _fault(diagnosis.leading_fault),
         "measure_next": [
             {"q": pose.q, "separation_mm": pose.separation_mm} for pose in splitting_poses(diagnosis)
         ],
@@ -45,7 +45,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _fault(fault: LocalFault | None) -> dict[str, Any] | None:
+def _fault(fault: JointFault | None) -> dict[str, Any] | None:
     """A dent, a slip or an unknown motion of one joint, counted from 1 as in the words."""
     if fault is None:
         return None

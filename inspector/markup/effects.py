@@ -13,7 +13,7 @@ from calib.diagnosis.advice import Advice
 from calib.diagnosis.decision_rules import is_convincing
 from calib.diagnosis.explanation import explain, left_in_short, verdict_words
 from calib.diagnosis.parameter_meaning import meaning
-from calib.diagnosis.pose_recommendation import NextPose
+from calib.diagnosis.pose_recommendation import DiscriminatingPose
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import Candidate, Screening, Untestable, Value
 from calib.effects.effect import (
@@ -86,7 +86,7 @@ def verdict_html(diagnosis: Diagnosis | None) -> str:
     """The verdict of a diagnosis, in a line or two."""
     if diagnosis is None:
         return ""
-    said = f"What is left: {left_in_short(diagnosis.remains)}. {verdict_words(diagnosis)}"
+    said = f"What is left: {left_in_short(diagnosis.residual_tests)}. {verdict_words(diagnosis)}"
     if diagnosis.ambiguous_set:
         either = words.listing(diagnosis.ambiguous_set, "or")
         said = said.replace("The set above", f"These data cannot tell which: {either}. This set")
@@ -228,7 +228,9 @@ def parameter_row(
     return short, f"{value:.3g} ± {sigma:.1g} {unit}".strip(), tables.wrapping(means)
 
 
-def next_html(name: str, rival: str, poses: Sequence[NextPose], robot: Robot, noise_mm: float) -> str:
+def next_html(
+    name: str, rival: str, poses: Sequence[DiscriminatingPose], robot: Robot, noise_mm: float
+) -> str:
     """The poses at which an effect and its nearest rival differ most."""
     if not poses:
         return ""

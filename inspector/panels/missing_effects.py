@@ -95,8 +95,8 @@ class LearnPanel:
         """The verdict where the program looked by itself; else what is left, and what to do next, with its button."""
         self._advised = ""
         self._advice.content = html.verdict_html(session.diagnosis)
-        if session.diagnosis is None and session.screening is not None and session.remains is not None:
-            advice = advise(session.screening, session.remains)
+        if session.diagnosis is None and session.screening is not None and session.residual_tests is not None:
+            advice = advise(session.screening, session.residual_tests)
             self._advice.content = html.advice_html(advice)
             self._advised = advice.effects[0] if advice.kind == "add" else ""
         self.follow.visible = bool(self._advised)
@@ -146,7 +146,7 @@ class LearnPanel:
                 self._chosen.content += html.fitted_html(session.calibration, name)
         if candidate is not None and candidate.members:
             self._variable.figure = added_variable(
-                candidate.explained, screening.leftover.residual, name, dark=view.dark
+                candidate.explained, screening.projected.residual, name, dark=view.dark
             )
 
     def update_next(self, view: View) -> None:

@@ -114,10 +114,10 @@ class FailurePanel:
         """Show where the pattern is clearest, as long as nobody has chosen anything else."""
         if view.session.dataset.name != self._dataset:
             self._dataset, self._chose = view.session.dataset.name, False
-        remains = view.session.remains
-        if self._chose or remains is None or not remains.structured:
+        residual_tests = view.session.residual_tests
+        if self._chose or residual_tests is None or not residual_tests.structured:
             return
-        first = remains.inputs[0]
+        first = residual_tests.inputs[0]
         put(self.against, next((t for t, name in inputs.items() if name == first.input), self.against.value))
         shown_by = {f"joint {j + 1}": title for title, j in joints.items()}
         shown_by |= {"xyz"[k]: title for title, k in AXES.items()}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from calib.calibration.pose_errors import Failure, failure_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.residual_tests import Remains, examine
+from calib.diagnosis.residual_tests import ResidualTests, run_residual_tests
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import Screening
 from calib.identifiability.redundancy import Redundancy
@@ -21,7 +21,7 @@ class ModelResidual:
 
     title: str  # the model, see `model_name`
     failure: Failure
-    remains: Remains
+    residual_tests: ResidualTests
 
 
 @dataclass(frozen=True)
@@ -54,14 +54,14 @@ def report_of(session: Session) -> Report:
     assert analysis is not None
     model = model_name(calibration)
     found = session.diagnosis
-    remains = session.remains or examine(calibration.dataset, ranking.leftover)
-    residuals = [ModelResidual(model, session.failure or failure_of(calibration), remains)]
+    residual_tests = session.residual_tests or run_residual_tests(calibration.dataset, ranking.projected)
+    residuals = [ModelResidual(model, session.failure or failure_of(calibration), residual_tests)]
     ranking_of = model
     if found is not None:
         first = found.steps[0]
         ranking, ranking_of = found.screenings[0], model_name(first.calibration)
         if len(found.steps) > 1:
-            before = examine(first.calibration.dataset, ranking.leftover)
+            before = run_residual_tests(first.calibration.dataset, ranking.projected)
             residuals.insert(0, ModelResidual(ranking_of, failure_of(first.calibration), before))
     return Report(session, calibration, ranking, ranking_of, tuple(residuals), analysis)
 

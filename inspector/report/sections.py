@@ -139,7 +139,7 @@ def _likeness(candidate: Candidate) -> str:
 
 def model_residual(report: Report, model: ModelResidual) -> list[Block]:
     """What a fit leaves over against the inputs that it has most order in."""
-    inputs = [test for test in model.remains.inputs if test.input in model.failure.inputs]
+    inputs = [test for test in model.residual_tests.inputs if test.input in model.failure.inputs]
     if not inputs:
         return [Paragraph(f"{model.title}: no input varies that the residual could follow.")]
     rows = [

@@ -11,8 +11,8 @@ from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
-from calib.diagnosis.pose_recommendation import NextPose
-from calib.diagnosis.residual_tests import Remains
+from calib.diagnosis.pose_recommendation import DiscriminatingPose
+from calib.diagnosis.residual_tests import ResidualTests
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import Screening
 from calib.effects.effect import Family
@@ -38,7 +38,7 @@ class Separation:
     """Where to measure to tell a candidate of the screening from the one most like it."""
 
     rival: str
-    poses: tuple[NextPose, ...]
+    poses: tuple[DiscriminatingPose, ...]
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,9 @@ class Session:
     screening: Screening | None = None  # of everything not in this calibration's model
     failure: Failure | None = None  # where the calibration is off; known with the screening
     separations: Mapping[str, Separation] = field(default_factory=dict)  # by candidate, as far as asked for
-    remains: Remains | None = None  # what the calibration left over, judged; known soon after the screening
+    residual_tests: ResidualTests | None = (
+        None  # of what the calibration leaves over; known soon after the screening
+    )
     diagnosis: Diagnosis | None = None  # where it led to this calibration
     steps: tuple[FitStep, ...] = ()  # the link errors, then each change of the model
     own: tuple[Family, ...] = ()  # the user's effects beyond the catalogue

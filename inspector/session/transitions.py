@@ -20,8 +20,8 @@ from calib.diagnosis.effect_selection import (
     proposed,
     recalled,
 )
-from calib.diagnosis.pose_recommendation import nearest_rival, poses_between
-from calib.diagnosis.residual_tests import examine
+from calib.diagnosis.pose_recommendation import discriminating_poses, nearest_rival
+from calib.diagnosis.residual_tests import run_residual_tests
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import screen
 from calib.effects.catalogue import effects_for
@@ -109,15 +109,15 @@ def with_ranking(session: Session) -> Session:
     calibration = _calibrated(session)
     screening = screen(calibration, (*effects_for(session.measured), *session.own))
     failure = failure_of(calibration)
-    return replace(session, screening=screening, failure=failure, remains=None, separations={})
+    return replace(session, screening=screening, failure=failure, residual_tests=None, separations={})
 
 
 def with_judgement(session: Session) -> Session:
     """The second half: what is left over, judged; nothing new where that is known or nothing was ranked."""
-    if session.screening is None or session.remains is not None:
+    if session.screening is None or session.residual_tests is not None:
         return session
-    remains = examine(_calibrated(session).dataset, session.screening.leftover)
-    return replace(session, remains=remains)
+    residual_tests = run_residual_tests(_calibrated(session).dataset, session.screening.projected)
+    return replace(session, residual_tests=residual_tests)
 
 
 def separation(session: Session, name: str) -> Separation | None:
@@ -132,7 +132,7 @@ def separation(session: Session, name: str) -> Separation | None:
     rival = nearest_rival(screening, name)
     if chosen is None or rival is None:
         return None
-    poses = poses_between(_calibrated(session), (chosen, rival), count=SEPARATING_POSES)
+    poses = discriminating_poses(_calibrated(session), (chosen, rival), count=SEPARATING_POSES)
     return Separation(rival.name, poses)
 
 
@@ -194,7 +194,7 @@ def with_found(session: Session, found: Diagnosis) -> Session:
         with_steps(session, found.steps),
         screening=found.screenings[-1],
         failure=failure_of(found.calibration),
-        remains=found.remains,
+        residual_tests=found.residual_tests,
         diagnosis=found,
     )
 
@@ -228,5 +228,5 @@ def start_of(last: FitStep, effects: Sequence[SelectedEffect]) -> Calibration | 
 
 def _unjudged(session: Session) -> Session:
     """A new fit, of which nothing more is known yet."""
-    unknown = replace(session, screening=None, failure=None, remains=None, diagnosis=None)
+    unknown = replace(session, screening=None, failure=None, residual_tests=None, diagnosis=None)
     return replace(unknown, separations={}, versions=())

@@ -14,7 +14,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.pose_recommendation import poses_between
+from calib.diagnosis.pose_recommendation import discriminating_poses
 from calib.diagnosis.screening import Candidate, screen
 from calib.effects.catalogue import effects_for
 from calib.errors import FitError
@@ -82,7 +82,7 @@ def test_poses_are_recommended_by_fits_as_was_asked(dataset: Dataset, asked: Fit
         at_mm = fitted.model.predict(fitted.fit.x, conditions_at(dataset.poses, q))
         return frames.apply(next(iter(fitted.after.scanner_T_base.values())), at_mm)
 
-    poses = poses_between(result, (first, second), count=3)
+    poses = discriminating_poses(result, (first, second), count=3)
     q = np.array([pose.q for pose in poses])
     apart = np.linalg.norm(places(first, q) - places(second, q), axis=1)
     np.testing.assert_allclose([pose.separation_mm for pose in poses], apart, rtol=1e-9)

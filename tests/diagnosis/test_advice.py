@@ -14,9 +14,9 @@ from calib.diagnosis.advice import advise
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.explanation import input_in_words, left_in_short
 from calib.diagnosis.parameter_meaning import meaning
-from calib.diagnosis.pose_recommendation import nearest_rival, poses_between
-from calib.diagnosis.projected_residual import leftover_of
-from calib.diagnosis.residual_tests import Remains, examine
+from calib.diagnosis.pose_recommendation import discriminating_poses, nearest_rival
+from calib.diagnosis.projected_residual import project_residual
+from calib.diagnosis.residual_tests import ResidualTests, run_residual_tests
 from calib.diagnosis.screening import Screening, screen
 from calib.effects.catalogue import effects_for
 from calib.effects.compliance import JointCompliance, ToolSag
@@ -29,7 +29,7 @@ from calib.kinematics.chain import target_jacobian
 from calib.simulation.simulate import simulate_dataset
 
 
-def fitted(*effects: str, seed: int = 4) -> tuple[Calibration, Screening, Remains]:
+def fitted(*effects: str, seed: int = 4) -> tuple[Calibration, Screening, ResidualTests]:
     dataset = simulate_dataset(
         builtin_robot("rb5"),
         rng=np.random.default_rng(seed),
@@ -38,71 +38,75 @@ def fitted(*effects: str, seed: int = 4) -> tuple[Calibration, Screening, Remain
         poses=50,
     ).dataset
     result = calibrate(dataset)
-    return result, screen(result, effects_for(dataset)), examine(dataset, leftover_of(result))
+    return result, screen(result, effects_for(dataset)), run_residual_tests(dataset, project_residual(result))
 
 
 @pytest.fixture(scope="module")
-def hidden() -> tuple[Calibration, Screening, Remains]:
+def hidden() -> tuple[Calibration, Screening, ResidualTests]:
     return fitted("transmission_error")
 
 
 @pytest.fixture(scope="module")
-def clean() -> tuple[Calibration, Screening, Remains]:
+def clean() -> tuple[Calibration, Screening, ResidualTests]:
     return fitted(seed=8)
 
 
-def test_the_effect_that_leads_is_to_be_added(hidden: tuple[Calibration, Screening, Remains]) -> None:
-    _, screening, remains = hidden
-    advice = advise(screening, remains)
+def test_the_effect_that_leads_is_to_be_added(hidden: tuple[Calibration, Screening, ResidualTests]) -> None:
+    _, screening, residual_tests = hidden
+    advice = advise(screening, residual_tests)
     assert (advice.kind, advice.effects) == ("add", ("transmission_error",))
     assert "a pattern against" in advice.words
 
 
-def test_noise_is_the_end(clean: tuple[Calibration, Screening, Remains]) -> None:
-    _, screening, remains = clean
-    assert advise(screening, remains).kind == "done"
-    assert left_in_short(remains) == "noise"
+def test_noise_is_the_end(clean: tuple[Calibration, Screening, ResidualTests]) -> None:
+    _, screening, residual_tests = clean
+    assert advise(screening, residual_tests).kind == "done"
+    assert left_in_short(residual_tests) == "noise"
 
 
-def test_the_end_says_what_could_not_be_tested(clean: tuple[Calibration, Screening, Remains]) -> None:
-    _, screening, remains = clean
+def test_the_end_says_what_could_not_be_tested(clean: tuple[Calibration, Screening, ResidualTests]) -> None:
+    _, screening, residual_tests = clean
     only_scale = tuple(u for u in screening.untestable if u.name == "scanner_scale")
     assert only_scale
-    assert advise(replace(screening, untestable=only_scale), remains).words.endswith(
+    assert advise(replace(screening, untestable=only_scale), residual_tests).words.endswith(
         "nothing more is missing."
     )
     blind = (*only_scale, replace(only_scale[0], name="backlash"))
-    assert "cannot test 1 of the effects" in advise(replace(screening, untestable=blind), remains).words
-    assert "can test none" in advise(replace(screening, candidates=(), untestable=blind), remains).words
+    assert (
+        "cannot test 1 of the effects" in advise(replace(screening, untestable=blind), residual_tests).words
+    )
+    assert (
+        "can test none" in advise(replace(screening, candidates=(), untestable=blind), residual_tests).words
+    )
 
 
-def test_each_kind_of_remains_has_its_words(clean: tuple[Calibration, Screening, Remains]) -> None:
-    _, screening, remains = clean
-    first = replace(remains.inputs[0], input="torque4", p_value=1e-4)
-    pattern = replace(remains, inputs=(first, *remains.inputs[1:]))
-    large = replace(remains, lack_of_fit_p=1e-6)
-    lone = replace(remains, outlier_poses=("p07",))
+def test_each_kind_of_remains_has_its_words(clean: tuple[Calibration, Screening, ResidualTests]) -> None:
+    _, screening, residual_tests = clean
+    first = replace(residual_tests.inputs[0], input="torque4", p_value=1e-4)
+    pattern = replace(residual_tests, inputs=(first, *residual_tests.inputs[1:]))
+    large = replace(residual_tests, lack_of_fit_p=1e-6)
+    lone = replace(residual_tests, outlier_poses=("p07",))
     assert left_in_short(pattern) == "a pattern against gravity's torque on joint 4"
     assert "more than noise" in left_in_short(large)
     assert "p07" in left_in_short(lone)
     assert [advise(screening, r).kind for r in (pattern, large, lone)] == ["unknown", "unknown", "outliers"]
 
 
-def test_causes_that_are_alike_are_not_decided(hidden: tuple[Calibration, Screening, Remains]) -> None:
-    _, screening, remains = hidden
+def test_causes_that_are_alike_are_not_decided(hidden: tuple[Calibration, Screening, ResidualTests]) -> None:
+    _, screening, residual_tests = hidden
     best = screening.candidates[0]
     twin = replace(
         best, family=replace(best.family, name="twin"), log_evidence=best.log_evidence - 1.0, overlaps={}
     )
     doubled = replace(best, overlaps={"twin": 0.9})
-    advice = advise(replace(screening, candidates=(doubled, twin)), remains)
+    advice = advise(replace(screening, candidates=(doubled, twin)), residual_tests)
     assert (advice.kind, advice.effects) == ("ambiguous", ("transmission_error", "twin"))
 
 
 def test_the_page_and_the_diagnosis_judge_alike() -> None:
-    result, _, remains = fitted("joint_compliance", seed=3)
+    result, _, residual_tests = fitted("joint_compliance", seed=3)
     found = diagnose(result.dataset, max_steps=0)
-    assert found.remains == remains
+    assert found.residual_tests == residual_tests
 
 
 @pytest.mark.parametrize(
@@ -117,7 +121,7 @@ def test_inputs_in_words(name: str, words: str) -> None:
     assert input_in_words(name) == words
 
 
-def test_parameters_say_what_they_do_on_the_arm(hidden: tuple[Calibration, Screening, Remains]) -> None:
+def test_parameters_say_what_they_do_on_the_arm(hidden: tuple[Calibration, Screening, ResidualTests]) -> None:
     result = hidden[0]
     poses = result.dataset.poses
 
@@ -148,16 +152,18 @@ def test_parameters_say_what_they_do_on_the_arm(hidden: tuple[Calibration, Scree
     assert said(TransmissionError(0, 1), 0.0) == ""
 
 
-def test_where_two_causes_differ_most_they_do_differ(hidden: tuple[Calibration, Screening, Remains]) -> None:
+def test_where_two_causes_differ_most_they_do_differ(
+    hidden: tuple[Calibration, Screening, ResidualTests],
+) -> None:
     result, screening, _ = hidden
     rival = nearest_rival(screening, "transmission_error")
     assert rival is not None
     assert rival.name != "transmission_error"
     best = screening.candidates[0]
-    poses = poses_between(result, (best, rival), count=3, tried=200)
-    few = poses_between(result, (best, rival), count=3, tried=20)
+    poses = discriminating_poses(result, (best, rival), count=3, tried=200)
+    few = discriminating_poses(result, (best, rival), count=3, tried=20)
     assert poses[0].separation_mm >= few[0].separation_mm  # more tries are never worse
-    assert poses_between(result, (best,), count=3) == ()
+    assert discriminating_poses(result, (best,), count=3) == ()
     assert nearest_rival(screening, "no such effect") is None
     reach = np.linalg.norm(target_jacobian(result.dataset.robot, result.dataset.poses.q), axis=1).max()
     assert poses[0].separation_mm < 0.02 * reach  # hundredths of a radian at the arm's reach, not more

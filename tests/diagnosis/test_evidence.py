@@ -5,28 +5,30 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.diagnosis.evidence import Problem, holm, weigh
+from calib.diagnosis.evidence import FamilyColumns, evaluate_family, holm
 
 
 def test_evidence_and_gate_are_blind_to_the_noises_size_and_order() -> None:
     rng = np.random.default_rng(0)
     columns = tuple(rng.normal(size=(100, 2)) for _ in range(4))
     residual = rng.normal(size=100) + columns[2] @ [0.8, -0.5]
-    one = weigh(Problem(residual, columns, 100))
-    scaled = weigh(Problem(7.0 * residual, tuple(7.0 * c for c in columns), 100))
-    turned = weigh(Problem(residual, columns[::-1], 100))
+    one = evaluate_family(FamilyColumns(residual, columns, 100))
+    scaled = evaluate_family(FamilyColumns(7.0 * residual, tuple(7.0 * c for c in columns), 100))
+    turned = evaluate_family(FamilyColumns(residual, columns[::-1], 100))
     assert one.p_value < 1e-6
     assert scaled.p_value == pytest.approx(one.p_value)
     assert scaled.log_evidence == pytest.approx(one.log_evidence, abs=0.1)  # sizes come from a grid
     assert turned.log_evidence == pytest.approx(one.log_evidence)
-    assert np.flatnonzero(one.sizes).tolist() == [2]
+    assert np.flatnonzero(one.scales).tolist() == [2]
     np.testing.assert_allclose(one.coefficients[2], [0.8, -0.5], atol=0.35)
 
 
 def test_p_values_of_pure_noise_are_uniform_or_larger() -> None:
     rng = np.random.default_rng(1)
     columns = tuple(rng.normal(size=(60, 2)) for _ in range(5))
-    p = np.array([weigh(Problem(rng.normal(size=60), columns, 60)).p_value for _ in range(400)])
+    p = np.array(
+        [evaluate_family(FamilyColumns(rng.normal(size=60), columns, 60)).p_value for _ in range(400)]
+    )
     assert np.mean(p < 0.05) < 0.08
     assert np.mean(p < 0.01) < 0.03
 
@@ -35,9 +37,9 @@ def test_a_size_far_above_the_usual_one_costs_as_the_prior_says() -> None:
     rng = np.random.default_rng(2)
     column = rng.normal(size=(200, 1))
     residual = rng.normal(size=200) + column @ [1.0]  # as large as usual
-    usual = weigh(Problem(residual, (column,), 200))
-    thousand = weigh(
-        Problem(residual, (1e-3 * column,), 200)
+    usual = evaluate_family(FamilyColumns(residual, (column,), 200))
+    thousand = evaluate_family(
+        FamilyColumns(residual, (1e-3 * column,), 200)
     )  # the same signal, of a thousand times the usual size
     # 1/2 (log10 1000)^2 = 4.5 for the size that suits the data best; the shift of that size gains a little back.
     assert 3.0 < usual.log_evidence - thousand.log_evidence < 5.0
@@ -49,8 +51,8 @@ def test_a_coefficient_of_natures_sign_gains_and_the_other_loses_at_most_so_much
     rng = np.random.default_rng(3)
     columns = tuple(rng.normal(size=(120, 1)) for _ in range(3))
     residual = rng.normal(size=120) + sign * sum(c[:, 0] for c in columns)
-    free = weigh(Problem(residual, columns, 120))
-    bound = weigh(Problem(residual, columns, 120, positive=(True, True, True)))
+    free = evaluate_family(FamilyColumns(residual, columns, 120))
+    bound = evaluate_family(FamilyColumns(residual, columns, 120, positive=(True, True, True)))
     gain = bound.log_evidence - free.log_evidence
     # All three clearly of one sign: 2^3 times as likely, believed to 0.9; or a tenth of the belief is left.
     assert gain == pytest.approx(np.log(0.9 * 8.0 + 0.1) if sign > 0 else np.log(0.1), abs=0.02)
@@ -61,8 +63,10 @@ def test_signs_say_nothing_about_columns_that_do_not_show() -> None:
     rng = np.random.default_rng(4)
     shown, hidden = rng.normal(size=(80, 1)), np.zeros((80, 1))
     residual = rng.normal(size=80) + shown[:, 0]
-    alone = weigh(Problem(residual, (shown,), 80, positive=(True,)))
-    beside = weigh(Problem(residual, (np.column_stack([shown, hidden]),), 80, positive=(True,)))
+    alone = evaluate_family(FamilyColumns(residual, (shown,), 80, positive=(True,)))
+    beside = evaluate_family(
+        FamilyColumns(residual, (np.column_stack([shown, hidden]),), 80, positive=(True,))
+    )
     assert beside.log_evidence == pytest.approx(alone.log_evidence)
 
 

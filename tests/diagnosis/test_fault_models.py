@@ -9,12 +9,12 @@ import pytest
 
 from calib.calibration.calibrate import calibrate
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.decision_rules import MARGIN, simpler_story
+from calib.diagnosis.decision_rules import MIN_LEAD, leading_fault
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.explanation import explain
-from calib.diagnosis.fault_models import best_fault, unknown_motion
-from calib.diagnosis.projected_residual import leftover_of
-from calib.diagnosis.residual_tests import FAULT_EVIDENCE, examine
+from calib.diagnosis.fault_models import best_bump_or_jump, smooth_motion
+from calib.diagnosis.projected_residual import project_residual
+from calib.diagnosis.residual_tests import FAULT_EVIDENCE, run_residual_tests
 from calib.diagnosis.screening import screen
 from calib.effects.catalogue import effects_for
 from calib.simulation.measured_dataset import Simulation
@@ -47,7 +47,7 @@ def test_a_dent_is_found_at_its_joint_and_place_and_no_harmonic_is_named_in_its_
     result = diagnose(simulation.dataset)
     assert result.verdict == "unexplained"
     assert not result.missing
-    fault = result.simpler
+    fault = result.leading_fault
     assert fault is not None
     assert (fault.kind, fault.joint) == ("bump", joint)
     assert np.remainder(fault.place_rad - true.place_rad[joint] + np.pi, 2 * np.pi) - np.pi == pytest.approx(
@@ -63,7 +63,7 @@ def test_a_slip_is_found_at_its_joint_and_pose(robot: str, seed: int) -> None:
     (true,) = simulation.truth.effects
     assert isinstance(true, Slip)
     (joint,) = np.flatnonzero(true.offset_rad)
-    fault = best_fault(leftover_of(calibrate(simulation.dataset)))
+    fault = best_bump_or_jump(project_residual(calibrate(simulation.dataset)))
     assert fault is not None
     assert (fault.kind, fault.joint) == ("jump", joint)
     # Test poses, which no fit sees, may lie between the jump and the first pose that shows it.
@@ -76,15 +76,15 @@ def test_a_slip_is_found_at_its_joint_and_pose(robot: str, seed: int) -> None:
 def test_a_hose_that_pulls_is_an_unknown_motion() -> None:
     told = 0
     for seed in range(4):
-        found = unknown_motion(leftover_of(calibrate(simulated(("hose_pull",), seed=seed).dataset)))
+        found = smooth_motion(project_residual(calibrate(simulated(("hose_pull",), seed=seed).dataset)))
         told += found is not None and found.log_evidence > FAULT_EVIDENCE
     assert told >= 3
 
 
 def test_noise_tells_no_story() -> None:
     for seed in range(12):
-        left = leftover_of(calibrate(simulated(seed=seed, robot=("rb5", "panda")[seed % 2]).dataset))
-        for found in (best_fault(left), unknown_motion(left)):
+        left = project_residual(calibrate(simulated(seed=seed, robot=("rb5", "panda")[seed % 2]).dataset))
+        for found in (best_bump_or_jump(left), smooth_motion(left)):
             assert found is not None
             assert found.log_evidence < FAULT_EVIDENCE
 
@@ -93,11 +93,11 @@ def test_noise_tells_no_story() -> None:
 def test_an_effect_of_the_catalogue_says_more_than_a_dent_or_a_slip(effect: str) -> None:
     dataset = simulated((effect,), seed=11).dataset
     screening = screen(calibrate(dataset), effects_for(dataset))
-    fault = best_fault(screening.leftover)
+    fault = best_bump_or_jump(screening.projected)
     assert screening.candidates[0].name == effect
     assert fault is not None
-    assert fault.log_evidence < screening.candidates[0].log_evidence + MARGIN
-    assert simpler_story(screening) is None
+    assert fault.log_evidence < screening.candidates[0].log_evidence + MIN_LEAD
+    assert leading_fault(screening) is None
 
 
 def test_one_wrong_pose_is_no_dent() -> None:
@@ -107,15 +107,15 @@ def test_one_wrong_pose_is_no_dent() -> None:
     wrong = int(np.flatnonzero(~dataset.poses.is_test)[17])
     xyz[wrong] += [1.0, -1.0, 0.8]
     spoilt = dataset.with_points(replace(dataset.points, xyz_mm=xyz))
-    remains = examine(spoilt, leftover_of(calibrate(spoilt)))
-    assert remains.outlier_poses == (dataset.poses.ids[wrong],)
-    assert remains.fault is None
+    residual_tests = run_residual_tests(spoilt, project_residual(calibrate(spoilt)))
+    assert residual_tests.outlier_poses == (dataset.poses.ids[wrong],)
+    assert residual_tests.fault is None
 
 
 def test_the_story_does_not_depend_on_the_noises_unit() -> None:
-    left = leftover_of(calibrate(simulated(("slip",), seed=4).dataset))
+    left = project_residual(calibrate(simulated(("slip",), seed=4).dataset))
     scaled = replace(left, residual=7.0 * left.residual)
-    one, seven = best_fault(left), best_fault(scaled)
+    one, seven = best_bump_or_jump(left), best_bump_or_jump(scaled)
     assert one is not None
     assert seven is not None
     assert seven.log_evidence == pytest.approx(one.log_evidence)

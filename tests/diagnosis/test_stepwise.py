@@ -18,8 +18,8 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.explanation import explain, verdict_words
 from calib.diagnosis.pose_recommendation import splitting_poses
-from calib.diagnosis.projected_residual import leftover_of
-from calib.diagnosis.residual_tests import examine
+from calib.diagnosis.projected_residual import project_residual
+from calib.diagnosis.residual_tests import run_residual_tests
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.screening import Screening, screen
 from calib.effects.base import Parameter
@@ -82,8 +82,8 @@ def test_white_noise_far_beyond_what_was_declared_is_told() -> None:
     dataset = replace(simulated(seed=1), scanner=Scanner(0.02))
     result = diagnose(dataset)
     assert result.verdict == "unexplained"
-    assert result.remains.too_large
-    assert result.remains.noise_from == "dataset"
+    assert result.residual_tests.too_large
+    assert result.residual_tests.noise_from == "dataset"
 
 
 def bumped(dataset: Dataset, rng: np.random.Generator) -> Dataset:
@@ -94,7 +94,7 @@ def bumped(dataset: Dataset, rng: np.random.Generator) -> Dataset:
     q = dataset.poses.q[dataset.points.pose]
     middle = float(np.median(q[:, 1]))
     error = 2.5e-3 * np.exp(-0.5 * ((q[:, 1] - middle) / 0.15) ** 2)
-    frame = leftover_of(calibrate(dataset)).residuals.scanner_frames(np.zeros(35))[""]
+    frame = project_residual(calibrate(dataset)).residuals.scanner_frames(np.zeros(35))[""]
     column = dataset.robot.parameter_names.index("theta2")
     moved = target_jacobian(dataset.robot, q)[..., column] * error[:, None] @ frame[:3, :3].T
     return dataset.with_points(replace(dataset.points, xyz_mm=dataset.points.xyz_mm + moved))
@@ -115,7 +115,7 @@ def test_single_wrong_points_are_outliers() -> None:
     xyz[wrong] += [[0.9, 0.0, 0.5], [0.0, -0.9, 0.4]]
     result = diagnose(dataset.with_points(replace(dataset.points, xyz_mm=xyz)))
     assert result.verdict == "outliers", explain(result)
-    assert set(result.remains.outlier_poses) == {dataset.poses.ids[i] for i in wrong}
+    assert set(result.residual_tests.outlier_poses) == {dataset.poses.ids[i] for i in wrong}
 
 
 def test_an_extra_column_that_matters_is_found_as_an_input() -> None:
@@ -127,7 +127,7 @@ def test_an_extra_column_that_matters_is_found_as_an_input() -> None:
     poses = replace(dataset.poses, extra=dataset.poses.extra.assign(door_open=door))
     result = diagnose(replace(dataset, poses=poses).with_points(replace(dataset.points, xyz_mm=moved)))
     assert result.verdict == "unexplained"
-    assert "door_open" in result.remains.structured
+    assert "door_open" in result.residual_tests.structured
     assert "door_open" in explain(result)
 
 
@@ -174,7 +174,7 @@ def test_a_users_own_effect_is_tested_named_and_fitted(tmp_path: Path) -> None:
 
     assert dataset.points is not None
     q = dataset.poses.q[dataset.points.pose]
-    frame = leftover_of(calibrate(dataset)).residuals.scanner_frames(np.zeros(35))[""]
+    frame = project_residual(calibrate(dataset)).residuals.scanner_frames(np.zeros(35))[""]
     column = dataset.robot.parameter_names.index("theta3")
     moved = (
         target_jacobian(dataset.robot, q)[..., column]
@@ -313,9 +313,9 @@ def test_rows_written_twice_are_no_repeats_to_judge_by() -> None:
     dataset = simulated(seed=4)
     assert dataset.points is not None
     twice = dataset.with_points(dataset.points.select(np.tile(np.arange(len(dataset.points)), 2)))
-    remains = examine(twice, leftover_of(calibrate(twice)))
-    assert remains.noise_from == "dataset"
-    assert remains.noise_mm == pytest.approx(0.05)
+    residual_tests = run_residual_tests(twice, project_residual(calibrate(twice)))
+    assert residual_tests.noise_from == "dataset"
+    assert residual_tests.noise_mm == pytest.approx(0.05)
 
 
 def test_what_cannot_be_tested_is_not_called_absent() -> None:
@@ -339,7 +339,7 @@ def test_where_it_fails_shows_the_joint_that_fails() -> None:
 
     assert dataset.points is not None
     q = dataset.poses.q[dataset.points.pose]
-    frame = leftover_of(calibrate(dataset)).residuals.scanner_frames(np.zeros(35))[""]
+    frame = project_residual(calibrate(dataset)).residuals.scanner_frames(np.zeros(35))[""]
     column = dataset.robot.parameter_names.index("theta2")
     error = 1e-3 * np.sin(3 * q[:, 1])
     moved = target_jacobian(dataset.robot, q)[..., column] * error[:, None] @ frame[:3, :3].T
@@ -357,8 +357,8 @@ def test_structure_of_pure_noise_is_rarely_found() -> None:
     alarms = 0
     for seed in range(12):
         dataset = simulated(seed=200 + seed)
-        remains = examine(dataset, leftover_of(calibrate(dataset)), draws=199)
-        alarms += bool(remains.structured) or bool(remains.outlier_poses)
+        residual_tests = run_residual_tests(dataset, project_residual(calibrate(dataset)), draws=199)
+        alarms += bool(residual_tests.structured) or bool(residual_tests.outlier_poses)
     assert alarms <= 2
 
 

@@ -166,7 +166,7 @@ def test_the_page_does_not_wait_for_names_and_they_are_worked_out_once(
 ) -> None:
     gate = Gate(monkeypatch)
     with serving(folder / "cell", port=0) as app, WireClient(app.server.get_port()) as page:
-        page.wait(lambda p: app.state.view is not None and session(app).remains is not None, 60.0)
+        page.wait(lambda p: app.state.view is not None and session(app).residual_tests is not None, 60.0)
         shows(page, "pose needs the jig's faces named")
         fit(page, "pose")
         page.wait(lambda p: p.has("Calibrating …"), 30.0)
@@ -191,7 +191,7 @@ def test_another_dataset_meanwhile_is_not_touched(folder: Path, monkeypatch: pyt
     gate = Gate(monkeypatch)
     with serving(folder, port=0) as app, WireClient(app.server.get_port()) as page:
         app.open("cell")
-        page.wait(lambda p: app.state.name == "cell" and session(app).remains is not None, 60.0)
+        page.wait(lambda p: app.state.name == "cell" and session(app).residual_tests is not None, 60.0)
         fit(page, "pose")
         assert gate.begun.wait(IDLE_S)
         page.set("Dataset", "points")

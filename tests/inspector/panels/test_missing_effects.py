@@ -14,7 +14,7 @@ import pytest
 
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.pose_recommendation import nearest_rival, poses_between
+from calib.diagnosis.pose_recommendation import discriminating_poses, nearest_rival
 from calib.diagnosis.screening import Untestable
 from inspector.app.app import App
 from inspector.figures.residual_plots import SELECTED
@@ -158,7 +158,7 @@ def test_the_residual_against_what_the_candidate_makes_of_it(app: App, page: Wir
     figures = [json.loads(text) for text in page.figures() if text]
     points = next(f["data"][0] for f in figures if [t.get("name") for t in f["data"]][1:] == ["agreement"])
     assert points["x"] == pytest.approx(best.explained.tolist())
-    assert points["y"] == pytest.approx(screening.leftover.residual.tolist())
+    assert points["y"] == pytest.approx(screening.projected.residual.tolist())
     assert np.corrcoef(points["x"], points["y"])[0, 1] > 0.9
 
 
@@ -268,9 +268,9 @@ def test_what_is_left_is_judged_after_each_change_without_find(app: App, page: W
     shows(page, "What is left: a pattern against", f"{HIDDEN} is missing", "Add it.")
     page.click(ADD)
     shows(page, f"+ {HIDDEN}: the test error fell", "What is left: noise.", "nothing more is missing")
-    remains = session(app).remains
-    assert remains is not None
-    assert not remains.structured
+    residual_tests = session(app).residual_tests
+    assert residual_tests is not None
+    assert not residual_tests.structured
     page.set("Model", UNDO)
     shows(page, "What is left: a pattern against")
 
@@ -291,7 +291,7 @@ def test_the_ranking_names_gains_parameters_and_what_tells_it_from_the_nearest(
         f"−{fall}\N{NO-BREAK SPACE}%",
         f"To tell {HIDDEN} from {rival.name}, measure here",
     )
-    poses = poses_between(result, (best, rival), count=3)
+    poses = discriminating_poses(result, (best, rival), count=3)
     text = plain(page)
     for pose in poses:
         assert ", ".join(f"{v:.0f}" for v in np.degrees(pose.q)) in text
@@ -338,10 +338,10 @@ def ring(page: WireClient) -> tuple[float, float]:
 def test_the_residual_is_drawn_against_what_is_chosen_test_poses_apart(app: App, page: WireClient) -> None:
     failure = session(app).failure
     assert failure is not None
-    remains = session(app).remains
-    assert remains is not None
-    first = remains.inputs[0]
-    assert remains.structured  # so it opens there
+    residual_tests = session(app).residual_tests
+    assert residual_tests is not None
+    first = residual_tests.inputs[0]
+    assert residual_tests.structured  # so it opens there
     assert page.value("Against") == input_title(first.input, session(app).dataset.robot)
     assert first.where in page.value("Show")  # "joint 2" in "apparent motion of joint 2, millidegrees"
     page.set("Against", "joint 1 angle, °")

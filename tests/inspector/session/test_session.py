@@ -83,13 +83,13 @@ def test_wrong_names_are_refused_in_words(ranked: Session, added: Session, name:
 
 
 def test_a_ranking_is_there_before_its_judgement_and_is_not_judged_twice(ranked: Session) -> None:
-    early = sessions.with_ranking(replace(ranked, screening=None, failure=None, remains=None))
+    early = sessions.with_ranking(replace(ranked, screening=None, failure=None, residual_tests=None))
     assert early.screening is not None
     assert early.failure is not None
-    assert early.remains is None
-    assert sessions.with_judgement(early).remains == ranked.remains
+    assert early.residual_tests is None
+    assert sessions.with_judgement(early).residual_tests == ranked.residual_tests
     assert sessions.with_judgement(ranked) is ranked
-    unranked = replace(ranked, screening=None, remains=None)
+    unranked = replace(ranked, screening=None, residual_tests=None)
     assert sessions.with_judgement(unranked) is unranked
 
 
