@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.jig import FACE_PAIRS, angles_between_deg
 from calib.planes.robust_fit import PlaneFit
 
@@ -30,14 +30,14 @@ _LEAST_MISFIT_MARGIN = (
 class RigidFit:
     """The planes under the certified angles; where those cannot be used, the free planes and a note that says why."""
 
-    moves: NDArray  # (9,) added to (h, s_1, s_2) of each plane; zeros where they are left free
-    covariance: NDArray  # (9, 9)
+    moves: Array  # (9,) added to (h, s_1, s_2) of each plane; zeros where they are left free
+    covariance: Array  # (9, 9)
     misfit: float  # squared, of three angles: 3 on average
     note: str = ""
 
 
 def hold_to_angles(
-    planes: Sequence[PlaneFit], covariance: NDArray, face_angles_deg: tuple[float, float, float]
+    planes: Sequence[PlaneFit], covariance: Array, face_angles_deg: tuple[float, float, float]
 ) -> RigidFit:
     """The planes' moves and their covariance under the certified angles between the faces.
 
@@ -67,7 +67,7 @@ def found_angles_deg(planes: Sequence[PlaneFit]) -> tuple[float, float, float]:
     return angles_between_deg(np.array([plane.normal for plane in planes]))
 
 
-def angle_derivative(planes: Sequence[PlaneFit]) -> NDArray:
+def angle_derivative(planes: Sequence[PlaneFit]) -> Array:
     """J (3, 9) of n_i . n_j for the pairs 1-2, 2-3, 3-1: a slope s_k turns n into n - s_1 e_1 - s_2 e_2."""
     derivative = np.zeros((3, 9))
     for row, (i, j) in enumerate(FACE_PAIRS):
@@ -76,7 +76,7 @@ def angle_derivative(planes: Sequence[PlaneFit]) -> NDArray:
     return derivative
 
 
-def turned_normals(planes: Sequence[PlaneFit], moves: NDArray) -> NDArray:
+def turned_normals(planes: Sequence[PlaneFit], moves: Array) -> Array:
     """Unit normals (3, 3) of the planes with their slopes moved. moves  # (9,)"""
     turned = np.array([p.normal - moves[3 * i + 1 : 3 * i + 3] @ p.axes for i, p in enumerate(planes)])
     return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
@@ -89,7 +89,7 @@ def _angles(angles_deg: tuple[float, float, float], order: tuple[int, ...]) -> t
     return first, second, third
 
 
-def _hold(planes: Sequence[PlaneFit], covariance: NDArray, angles_rad: NDArray) -> RigidFit:
+def _hold(planes: Sequence[PlaneFit], covariance: Array, angles_rad: Array) -> RigidFit:
     derivative = angle_derivative(planes)
     gain = covariance @ derivative.T @ np.linalg.inv(derivative @ covariance @ derivative.T)
     moves, misfit = np.zeros(9), 0.0

@@ -17,8 +17,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array, IndexArray
 from calib.planes.robust_fit import PlaneFit
 
 _PATCHES_AN_EDGE = 6
@@ -34,9 +34,9 @@ class PlaneUncertainty:
     """What the residuals say about the three planes."""
 
     covariance: (
-        NDArray  # (9, 9) of height (mm) and two slopes (rad) of each plane in turn, as in PlaneFit.design
+        Array  # (9, 9) of height (mm) and two slopes (rad) of each plane in turn, as in PlaneFit.design
     )
-    white_covariance: NDArray  # (9, 9) as if all residuals were white noise
+    white_covariance: Array  # (9, 9) as if all residuals were white noise
     correlated_sigma_mm: (
         float  # standard deviation of the correlated part of the error; near 0 where there is none
     )
@@ -47,16 +47,16 @@ class PlaneUncertainty:
 class _Patches:
     """B patches of the three faces."""
 
-    mean_mm: NDArray  # (B,) residual
-    variance_mm2: NDArray  # (B,) of that mean, from white noise
-    design: NDArray  # (B, 9) mean of the design's rows
-    influence: NDArray  # (B, 9) how the nine plane parameters move with each patch's mean
-    face: NDArray  # (B,)
-    centres_mm: NDArray  # (B, 3)
-    spreads_mm2: NDArray  # (B, 3, 3) second central moments of the patch's points
+    mean_mm: Array  # (B,) residual
+    variance_mm2: Array  # (B,) of that mean, from white noise
+    design: Array  # (B, 9) mean of the design's rows
+    influence: Array  # (B, 9) how the nine plane parameters move with each patch's mean
+    face: IndexArray  # (B,) 0, 1, 2
+    centres_mm: Array  # (B, 3)
+    spreads_mm2: Array  # (B, 3, 3) second central moments of the patch's points
 
 
-def plane_uncertainty(planes: Sequence[PlaneFit], edge_mm: float, sight: NDArray) -> PlaneUncertainty:
+def plane_uncertainty(planes: Sequence[PlaneFit], edge_mm: float, sight: Array) -> PlaneUncertainty:
     """Joint covariance of three fitted planes. sight  # (3,) unit, from the scanner to the apex."""
     parts, white = [], np.zeros((9, 9))
     variances = [float(np.sum(p.psi_mm**2)) / p.slope**2 / max(len(p.psi_mm) - 3, 1) for p in planes]
@@ -85,7 +85,7 @@ def plane_uncertainty(planes: Sequence[PlaneFit], edge_mm: float, sight: NDArray
     return PlaneUncertainty(covariance, white, float(np.sqrt(smooth.sum())), length_mm)
 
 
-def _columns(patches: _Patches) -> tuple[NDArray, ...]:
+def _columns(patches: _Patches) -> tuple[Array | IndexArray, ...]:
     return (
         patches.mean_mm, patches.variance_mm2, patches.design, patches.influence, patches.face, patches.centres_mm,
         patches.spreads_mm2,
@@ -94,7 +94,7 @@ def _columns(patches: _Patches) -> tuple[NDArray, ...]:
 
 def _patches(
     planes: Sequence[PlaneFit], face: int, edge_mm: float, other_variance_mm2: float
-) -> tuple[_Patches, NDArray]:
+) -> tuple[_Patches, Array]:
     """Patches of one face, and the covariance (3, 3) of its plane from white noise.
 
     A face of ten points hardly tells its own noise: the largest of the faces' counts as three points more.
@@ -114,7 +114,7 @@ def _patches(
     patch = (np.cumsum(table > 0) - 1)[key]
     count = table[table > 0].astype(float)
 
-    def mean(column: NDArray) -> NDArray:
+    def mean(column: Array) -> Array:
         return np.asarray(np.bincount(patch, column) / count)
 
     means = mean(values)
@@ -134,17 +134,17 @@ def _patches(
             spreads[:, a, b] = spreads[:, b, a] = moment
     within = max(within, 1e-24)
     patches = _Patches(means, within / count, wide, influence, np.full(len(count), face), centres, spreads)
-    return patches, within * normal_matrix
+    return patches, np.asarray(within * normal_matrix, dtype=np.float64)
 
 
-def _seen_kernel(patches: _Patches, planes: Sequence[PlaneFit], sight: NDArray, length_mm: float) -> NDArray:
+def _seen_kernel(patches: _Patches, planes: Sequence[PlaneFit], sight: Array, length_mm: float) -> Array:
     """(B, B) covariance of patch means under an error along the ray of variance 1, smooth across the view."""
     across = np.linalg.svd(sight[None])[2][1:]
     cosine = np.abs(np.array([plane.normal @ sight for plane in planes]))[patches.face]
     return _kernel(patches, across, length_mm, slice(None)) * np.outer(cosine, cosine)
 
 
-def _surface_kernel(patches: _Patches, planes: Sequence[PlaneFit], length_mm: float) -> NDArray:
+def _surface_kernel(patches: _Patches, planes: Sequence[PlaneFit], length_mm: float) -> Array:
     """(B, B) covariance of patch means under unevenness of variance 1 of each face by itself."""
     kernel = np.zeros((len(patches.face), len(patches.face)))
     for face, plane in enumerate(planes):
@@ -153,7 +153,7 @@ def _surface_kernel(patches: _Patches, planes: Sequence[PlaneFit], length_mm: fl
     return kernel
 
 
-def _kernel(patches: _Patches, axes: NDArray, length_mm: float, on: NDArray | slice) -> NDArray:
+def _kernel(patches: _Patches, axes: Array, length_mm: float, on: IndexArray | slice) -> Array:
     """exp(-r^2 / 2 l^2) averaged over pairs of the patches `on`, r measured along the two axes (2, 3).
 
     With patches taken as Gaussian of their own second moments S the average is closed:
@@ -168,7 +168,7 @@ def _kernel(patches: _Patches, axes: NDArray, length_mm: float, on: NDArray | sl
     return np.asarray(length_mm**2 / np.sqrt(determinant) * np.exp(-0.5 * way))
 
 
-def _restricted_likelihood(patches: _Patches, kernel: NDArray) -> tuple[float, float]:
+def _restricted_likelihood(patches: _Patches, kernel: Array) -> tuple[float, float]:
     """Log of the evidence for a smooth part over none, and the mean of its variance w^2, over the grid of sizes.
 
     With the patch means whitened, Q the contrasts that the planes leave and Q^T K Q = U diag(k) U^T, the values

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from calib.array_types import Array, BoolArray
 from calib.jig import Jig
 from calib.planes.robust_fit import TUKEY, PlaneFit
 
@@ -27,7 +27,7 @@ _FARTHEST = 4.0  # standard deviations of the points across a face
 _PEELINGS = 4
 
 
-def along_edges(heights: NDArray, face: int, jig: Jig) -> tuple[NDArray, NDArray]:
+def along_edges(heights: Array, face: int, jig: Jig) -> tuple[Array, Array]:
     """How far points (K, 3) lie from the apex along the two edges of a face, by their heights over the other faces.
 
     Along an edge the heights fall (convex) or rise (concave) away from the apex.
@@ -36,7 +36,7 @@ def along_edges(heights: NDArray, face: int, jig: Jig) -> tuple[NDArray, NDArray
     return (-one, -other) if jig.convex else (one, other)
 
 
-def face_points(heights: NDArray, face: int, band_mm: float, jig: Jig, margin_mm: float) -> NDArray:
+def face_points(heights: Array, face: int, band_mm: float, jig: Jig, margin_mm: float) -> BoolArray:
     """Mask of the points in the band around a face's plane and inside its triangle, the margin taken off all edges.
 
     heights  # (K, 3) over the three planes
@@ -47,7 +47,7 @@ def face_points(heights: NDArray, face: int, band_mm: float, jig: Jig, margin_mm
     return np.asarray(inside & (np.abs(heights[:, face]) <= band_mm))
 
 
-def with_the_rest(along_mm: NDArray) -> NDArray:
+def with_the_rest(along_mm: Array) -> BoolArray:
     """Mask of the points of a face that lie where the others do. along_mm  # (K, 2), from the apex along its edges
 
     Where only a part of a face is seen, a stray point far from it would turn the plane by its lever alone. Measured by
@@ -67,7 +67,7 @@ def with_the_rest(along_mm: NDArray) -> NDArray:
     return kept
 
 
-def flat_margins_mm(heights: Sequence[NDArray], planes: Sequence[PlaneFit], jig: Jig) -> NDArray:
+def flat_margins_mm(heights: Sequence[Array], planes: Sequence[PlaneFit], jig: Jig) -> Array:
     """The least margins (3,) beyond which the faces are flat: no ring of points along the edges lies off the planes.
 
     heights  # of each face's points (K, 3) over all faces. A rounded edge lowers the points beside it, and the ring
@@ -90,14 +90,14 @@ def flat_margins_mm(heights: Sequence[NDArray], planes: Sequence[PlaneFit], jig:
     return np.asarray(margins_mm[np.maximum(common, own)])
 
 
-def _innermost_off(total: NDArray, count: NDArray) -> int:
+def _innermost_off(total: Array, count: Array) -> int:
     """Index of the least margin past the innermost ring whose mean height is no noise."""
     off = np.flatnonzero(np.abs(total[1:-1]) > _RING_SIGMA * np.sqrt(count[1:-1]))
     return int(off[-1]) + 1 if len(off) else 0
 
 
 def outline_shares(
-    along_mm: NDArray, agrees: NDArray, through_mm: NDArray, edge_mm: float, spacing_mm: float = 0.0
+    along_mm: Array, agrees: BoolArray, through_mm: Array, edge_mm: float, spacing_mm: float = 0.0
 ) -> tuple[float, float, float]:
     """Areas, as shares of a face's triangle, that are filled, spilt over, and seen through.
 
@@ -131,7 +131,7 @@ def outline_shares(
     return filled / _TRIANGLE_CELLS, spilt_area, seen_through / _TRIANGLE_CELLS
 
 
-def _between(along_mm: NDArray, edge_mm: float, spacing_mm: float) -> NDArray:
+def _between(along_mm: Array, edge_mm: float, spacing_mm: float) -> BoolArray:
     """Mask (2 cells, 2 cells) of the cells whose middle is as near to a point (K, 2) as points of a surface are."""
     middles = (np.indices((2 * _CELLS, 2 * _CELLS)).reshape(2, -1).T + 0.5) * edge_mm / _CELLS
     near = np.zeros(len(middles), dtype=bool)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array, ByteArray, IndexArray
 from calib.corners.quality import CornerQuality
 
 
@@ -14,29 +14,27 @@ from calib.corners.quality import CornerQuality
 class Face:
     """One face of the jig after refinement: the plane normal . p = offset_mm, fitted to all its inliers."""
 
-    normal: NDArray  # (3,) unit, toward the scanner
+    normal: Array  # (3,) unit, toward the scanner
     offset_mm: float
-    centre_mm: NDArray  # (3,) weighted centroid of the inliers
+    centre_mm: Array  # (3,) weighted centroid of the inliers
     points: int
     rms_mm: float  # robust: of the inliers' heights over the plane
-    inlier_bits: (
-        NDArray  # (N / 8,) uint8: a bit for each of the scan's points, so that many searches can be kept
-    )
+    inlier_bits: ByteArray  # (N / 8,) a bit for each of the scan's points: many searches are kept in memory
     group: int  # index into CornerSearch.groups
-    axes: NDArray  # (2, 3) unit e_1, e_2 in the plane; with the normal they are perpendicular, of either hand
+    axes: Array  # (2, 3) unit e_1, e_2 in the plane; with the normal they are perpendicular, of either hand
     # (3, 3) covariance of (h, s_1, s_2): the plane's height at centre_mm along the normal (mm) and its slopes along the
     # axes (rad; mixed terms mm rad). To first order the true normal is normal - s_1 e_1 - s_2 e_2, and the true height
     # over this plane at centre_mm + u e_1 + v e_2 is h + s_1 u + s_2 v.
-    covariance: NDArray
+    covariance: Array
 
     @property
-    def inliers(self) -> NDArray:
+    def inliers(self) -> IndexArray:
         """(points,) indices into the scan's points."""
         return np.flatnonzero(np.unpackbits(self.inlier_bits))
 
 
-def packed(indices: NDArray, count: int) -> NDArray:
-    """(count / 8,) uint8: which of `count` points are meant, a bit each, as `Face.inlier_bits` has it."""
+def packed(indices: IndexArray, count: int) -> ByteArray:
+    """(count / 8,) which of `count` points are meant, a bit each, as in `Face.inlier_bits`."""
     mask = np.zeros(count, dtype=bool)
     mask[indices] = True
     return np.packbits(mask)
@@ -46,10 +44,10 @@ def packed(indices: NDArray, count: int) -> NDArray:
 class Corner:
     """The jig's apex, the feature point, in the scanner's frame."""
 
-    xyz_mm: NDArray  # (3,)
-    covariance_mm2: NDArray  # (3, 3)
+    xyz_mm: Array  # (3,)
+    covariance_mm2: Array  # (3, 3)
     faces: tuple[Face, Face, Face]
-    plane_covariance: NDArray  # (9, 9) of the faces' (h, s_1, s_2) in turn: a smooth scanner error is shared
+    plane_covariance: Array  # (9, 9) of the faces' (h, s_1, s_2) in turn: a smooth scanner error is shared
     quality: CornerQuality
 
     def sigma_mm(self) -> float:
@@ -57,15 +55,15 @@ class Corner:
         return float(np.sqrt(np.trace(self.covariance_mm2)))
 
 
-def intersect(normals: NDArray, offsets_mm: NDArray) -> NDArray:
+def intersect(normals: Array, offsets_mm: Array) -> Array:
     """The point p with n_i . p = d_i (eq 2): p = N^-1 [d_1 d_2 d_3], the unit normals n_i being the rows of N.
 
     normals  # (..., 3, 3); offsets_mm  # (..., 3), d_i = n_i . p_i for any point p_i of the plane.
     """
-    return np.linalg.solve(normals, offsets_mm[..., None])[..., 0]
+    return np.asarray(np.linalg.solve(normals, offsets_mm[..., None])[..., 0], dtype=np.float64)
 
 
-def intersection_covariance(normals: NDArray, height_covariance_mm2: NDArray) -> NDArray:
+def intersection_covariance(normals: Array, height_covariance_mm2: Array) -> Array:
     """Covariance (3, 3) of the intersection: N^-1 H N^-T.
 
     H (3, 3) is the covariance of the planes' heights **at the apex**, so a plane's tilt is in it with its lever: to

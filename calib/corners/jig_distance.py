@@ -5,14 +5,13 @@ from __future__ import annotations
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from calib import frames
+from calib.array_types import Array, IndexArray
 from calib.corners.intersection import Corner
 from calib.errors import ScanError
 from calib.jig import Jig, jig_geometry
-
-Array = NDArray[np.float64]
 
 REACH = 0.05  # of the jig's edge: points farther from every face are no part of the jig
 RIM = 0.02  # of the jig's edge: how far over a face's rim a point may lie
@@ -46,7 +45,7 @@ def jig_outline(corner: Corner, jig: Jig) -> Array:
     return frames.apply(scanner_T_jig, np.array(faces))
 
 
-def face_distances(points_mm: ArrayLike, corner: Corner, jig: Jig) -> tuple[Array, NDArray[np.int64]]:
+def face_distances(points_mm: ArrayLike, corner: Corner, jig: Jig) -> tuple[Array, IndexArray]:
     """Signed distance (N,) in mm of each point to the nearest of the three estimated planes, and that face (N,).
 
     Positive is outside, towards the scanner. nan (and face -1) where a point is no part of the jig: beside the outline

@@ -14,14 +14,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calib import frames
+from calib.array_types import Array
 from calib.corners.intersection import Corner
 from calib.jig import Jig, jig_normals
-
-Array = NDArray[np.float64]
 
 MOST_MISFIT = 21.1  # squared, of three angles: beyond it once in 10 000 scans of a jig that is as told
 _STEPS = 6

@@ -6,7 +6,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from calib.array_types import Array
 
 HIGH_INCIDENCE_DEG = 75.0
 FEW_POINTS = 50
@@ -106,9 +107,7 @@ class CornerQuality:
         return {**out, "doubts": list(self.doubts())}
 
 
-def angle_errors(
-    angles_deg: tuple[float, float, float], jig_angles_deg: tuple[float, float, float]
-) -> NDArray:
+def angle_errors(angles_deg: tuple[float, float, float], jig_angles_deg: tuple[float, float, float]) -> Array:
     """Measured angles less the jig's (3,), the jig's faces named so that the errors are least.
 
     Turning or mirroring the numbering of three faces permutes the three angles in every possible way.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.jig import Jig
 from calib.planes.normals import finite_rows
 from calib.units import UNITS_MM
@@ -17,7 +17,7 @@ _LEAST_EDGES = 0.5  # what is smaller than a face is not searched either
 _USUAL_EDGES = (1.0, 200.0)
 
 
-def extent_of(points_mm: NDArray) -> float:
+def extent_of(points_mm: Array) -> float:
     """The longest side of the box about points (N, 3), the outer 2 % left out: stray points do not tell the unit.
 
     Zero where there are none.
@@ -30,7 +30,7 @@ def extent_of(points_mm: NDArray) -> float:
     return float(np.max(high - low))
 
 
-def failure_with_unit(failure: str, points_mm: NDArray, jig: Jig, is_found: Callable[[NDArray], bool]) -> str:
+def failure_with_unit(failure: str, points_mm: Array, jig: Jig, is_found: Callable[[Array], bool]) -> str:
     """Why a scan (N, 3) has no corner, with what its size says of its unit.
 
     Of a scan that is smaller than the jig or far larger, the other units are tried in which its size would do;

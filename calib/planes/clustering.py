@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array, BoolArray, IndexArray
 from calib.planes.filters import SampleSets
 
 _NARROWING = (20.0, 8.0, 5.0)  # height tolerances of the three rounds after the founder's, in units of sigma
@@ -22,9 +22,9 @@ _NARROWING = (20.0, 8.0, 5.0)  # height tolerances of the three rounds after the
 class PlaneGroup:
     """One plane, normal . p = offset_mm, and the sets on it."""
 
-    sets: NDArray  # (K,) indices into the SampleSets
-    centre_mm: NDArray  # (3,)
-    normal: NDArray  # (3,) unit, toward the scanner
+    sets: IndexArray  # (K,) indices into the SampleSets
+    centre_mm: Array  # (3,)
+    normal: Array  # (3,) unit, toward the scanner
     offset_mm: float
 
 
@@ -40,19 +40,19 @@ class ClusterTolerances:
     sigma_mm: float  # noise along the normal: the unit of the later rounds' tolerances
 
 
-def process_1(normal: NDArray, normals: NDArray, parallel_rad: float) -> NDArray:
+def process_1(normal: Array, normals: Array, parallel_rad: float) -> BoolArray:
     """True where a set's normal is parallel to the group's: n . n_k >= cos(tolerance). normals  # (K, 3)"""
     return normals @ normal >= np.cos(parallel_rad)
 
 
 def process_2(
-    centre_mm: NDArray,
-    normal: NDArray,
-    centroids_mm: NDArray,
-    normals: NDArray,
+    centre_mm: Array,
+    normal: Array,
+    centroids_mm: Array,
+    normals: Array,
     in_plane_rad: float,
     height_mm: float,
-) -> NDArray:
+) -> BoolArray:
     """True where the way v from the group's centre to the set's is perpendicular to both normals.
 
     |v . n| <= |v| sin(tolerance), and the same for the set's own normal. Over a short way the noise of the centres
@@ -63,7 +63,7 @@ def process_2(
     return (np.abs(v @ normal) <= allowed) & (np.abs(np.sum(v * normals, axis=1)) <= allowed)
 
 
-def process_3(centre_mm: NDArray, normal: NDArray, centroids_mm: NDArray, height_mm: float) -> NDArray:
+def process_3(centre_mm: Array, normal: Array, centroids_mm: Array, height_mm: float) -> BoolArray:
     """True where the height difference h = |n . (c_k - c)| (eq 1) lies inside the band. centroids_mm  # (K, 3)"""
     return np.abs((centroids_mm - centre_mm) @ normal) <= height_mm
 
@@ -84,7 +84,7 @@ def cluster(sets: SampleSets, tolerances: ClusterTolerances) -> tuple[PlaneGroup
     return tuple(sorted(groups, key=lambda g: -len(g.sets)))
 
 
-def _found_group(sets: SampleSets, free: NDArray, tolerances: ClusterTolerances) -> PlaneGroup:
+def _found_group(sets: SampleSets, free: IndexArray, tolerances: ClusterTolerances) -> PlaneGroup:
     founder = free[0]
     centre, normal = sets.centroids_mm[founder], sets.normals[founder]
     heights = [tolerances.height_mm, *(k * tolerances.sigma_mm for k in _NARROWING)]
@@ -104,7 +104,7 @@ def _found_group(sets: SampleSets, free: NDArray, tolerances: ClusterTolerances)
     return PlaneGroup(members, centre, normal, float(normal @ centre))
 
 
-def fit_plane(points_mm: NDArray, toward: NDArray) -> tuple[NDArray, NDArray]:
+def fit_plane(points_mm: Array, toward: Array) -> tuple[Array, Array]:
     """Centre and unit normal of the total-least-squares plane through (N, 3) points, on the side of `toward`."""
     centre = points_mm.mean(axis=0)
     centred = points_mm - centre

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from calib.array_types import Array, BoolArray, ByteArray, IndexArray
 
 PASSED = 0
 SHORT_WALK, LONG_WALK = 2, 8  # steps from neighbour to neighbour: as far as 36 and 160 nearest points reach
@@ -25,17 +26,15 @@ _TRIANGLES = tuple(combinations(range(4), 3))
 class SampleSets:
     """M sample sets with their fate."""
 
-    points_mm: NDArray  # (M, 4, 3)
-    centroids_mm: NDArray  # (M, 3)
-    normals: (
-        NDArray  # (M, 3) unit: mean of the four triangles' normals, on the side of the points' own normals
-    )
-    rejected_by: NDArray  # (M,) uint8: 0 = passed, 1, 2, 3 = the filter that rejected it
+    points_mm: Array  # (M, 4, 3)
+    centroids_mm: Array  # (M, 3)
+    normals: Array  # (M, 3) unit: mean of the four triangles' normals, on the side of the points' own normals
+    rejected_by: ByteArray  # (M,) 0 = passed, 1, 2, 3 = the filter that rejected it
 
     def __len__(self) -> int:
         return len(self.rejected_by)
 
-    def passed(self) -> NDArray:
+    def passed(self) -> IndexArray:
         """Indices of the sets that passed all filters."""
         return np.flatnonzero(self.rejected_by == PASSED)
 
@@ -52,13 +51,13 @@ class FilterTolerances:
 
 
 def draw_sample_sets(
-    neighbours: NDArray,
+    neighbours: IndexArray,
     count: int,
     rng: np.random.Generator,
     *,
     long_walk: int = LONG_WALK,
     local: bool = True,
-) -> NDArray:
+) -> IndexArray:
     """Indices (count, 4) of the points of each set.
 
     neighbours  # (V, k) indices of each point's nearest points. `local` draws each set around a random point, by four
@@ -86,20 +85,20 @@ def walk_for(distance_mm: float, step_mm: float) -> int:
     return int(np.clip(2 * (distance_mm / max(step_mm, 1e-9)) ** 2, LONG_WALK, _LONGEST_WALK))
 
 
-def filter_1(points_mm: NDArray, distance_mm: tuple[float, float]) -> NDArray:
+def filter_1(points_mm: Array, distance_mm: tuple[float, float]) -> BoolArray:
     """True where each point's distance from the set's centroid lies inside the range. points_mm  # (M, 4, 3)."""
     distance = np.linalg.norm(points_mm - points_mm.mean(axis=1, keepdims=True), axis=2)
     return np.all((distance >= distance_mm[0]) & (distance <= distance_mm[1]), axis=1)
 
 
-def filter_2(point_normals: NDArray, tolerance_rad: float) -> NDArray:
+def filter_2(point_normals: Array, tolerance_rad: float) -> BoolArray:
     """True where the four points' own normals agree pairwise: n_i . n_j >= cos(tolerance). # (M, 4, 3)"""
     gram = np.matmul(point_normals, point_normals.transpose(0, 2, 1))
     least = np.min([gram[:, i, j] for i, j in _PAIRS], axis=0)
     return least >= np.cos(tolerance_rad)
 
 
-def filter_3(triangles: NDArray, point_normals: NDArray, tolerance_rad: float) -> NDArray:
+def filter_3(triangles: Array, point_normals: Array, tolerance_rad: float) -> BoolArray:
     """True where all four triangles' normals agree with the mean of the point normals: |t_i . n| >= cos(tolerance).
 
     It catches points on two parallel faces, whose own normals agree. triangles, point_normals  # (M, 4, 3) unit.
@@ -109,13 +108,13 @@ def filter_3(triangles: NDArray, point_normals: NDArray, tolerance_rad: float) -
     return np.all(np.abs(dots) >= np.cos(tolerance_rad), axis=1)
 
 
-def triangle_normals(points_mm: NDArray) -> NDArray:
+def triangle_normals(points_mm: Array) -> Array:
     """Unit normals (M, 4, 3) of the four triangles that each set's points form; zero for a triangle without area."""
     corners = [points_mm[:, list(t)] for t in _TRIANGLES]
     return _unit(np.stack([np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]) for c in corners], axis=1))
 
 
-def apply_filters(points_mm: NDArray, point_normals: NDArray, tolerances: FilterTolerances) -> SampleSets:
+def apply_filters(points_mm: Array, point_normals: Array, tolerances: FilterTolerances) -> SampleSets:
     """All sets through filters 1, 2 and 3 in that order; each records the first filter that rejected it.
 
     points_mm, point_normals  # (M, 4, 3)
@@ -135,7 +134,7 @@ def apply_filters(points_mm: NDArray, point_normals: NDArray, tolerances: Filter
     return SampleSets(points_mm, points_mm.mean(axis=1), normals, rejected_by)
 
 
-def _unit(vectors: NDArray) -> NDArray:
+def _unit(vectors: Array) -> Array:
     """Vectors of length 1 along the last axis; those of no length stay zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 1e-12)

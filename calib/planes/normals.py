@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from calib.array_types import Array, BoolArray, IndexArray
 
 NEIGHBOURS = 20
 TRIM_KEPT = 0.7  # share of the neighbours that the second and third PCA see
@@ -31,14 +32,14 @@ _STRAY_SHARE = 0.04  # a face at 78 deg incidence has a twelfth of the points of
 class Neighbourhoods:
     """Thinned points, each with the plane through its neighbours."""
 
-    points_mm: NDArray  # (V, 3)
-    normals: NDArray  # (V, 3) unit, toward the scanner
-    thickness_mm: NDArray  # (V,) noise along the normal, as the neighbours show it
-    normal_sigma_rad: NDArray  # (V,) the normal's own uncertainty
-    neighbours: NDArray  # (V, k) indices of the nearest points, the point itself first
-    radius_mm: NDArray  # (V,) distance of the farthest of the neighbours
+    points_mm: Array  # (V, 3)
+    normals: Array  # (V, 3) unit, toward the scanner
+    thickness_mm: Array  # (V,) noise along the normal, as the neighbours show it
+    normal_sigma_rad: Array  # (V,) the normal's own uncertainty
+    neighbours: IndexArray  # (V, k) indices of the nearest points, the point itself first
+    radius_mm: Array  # (V,) distance of the farthest of the neighbours
 
-    def spacing_mm(self, some: NDArray) -> float:
+    def spacing_mm(self, some: IndexArray | BoolArray) -> float:
         """Median distance between neighbouring points on the surfaces, of `some` of the points (indices or mask)."""
         return float(np.median(self.radius_mm[some]) * np.sqrt(np.pi / self.neighbours.shape[1]))
 
@@ -50,7 +51,7 @@ class Neighbourhoods:
         return float(np.quantile(self.thickness_mm, 0.25)) * 1.1
 
 
-def thin_to_voxels(points_mm: NDArray, voxel_mm: float) -> NDArray:
+def thin_to_voxels(points_mm: Array, voxel_mm: float) -> IndexArray:
     """Indices of one point per occupied voxel, voxel by voxel; those that hold stray points are left out.
 
     points_mm  # (N, 3). Stray points (flying pixels, reflections) fill space thinly where surfaces fill it densely. A
@@ -66,7 +67,7 @@ def thin_to_voxels(points_mm: NDArray, voxel_mm: float) -> NDArray:
     return _occupied(points_mm, voxel_mm)[0]
 
 
-def _occupied(points_mm: NDArray, voxel_mm: float) -> tuple[NDArray, NDArray]:
+def _occupied(points_mm: Array, voxel_mm: float) -> tuple[IndexArray, IndexArray]:
     """First point of each voxel that is no stray one's, and how many points the voxel holds."""
     finite = np.flatnonzero(finite_rows(points_mm))
     if not len(finite):
@@ -95,13 +96,13 @@ def _occupied(points_mm: NDArray, voxel_mm: float) -> tuple[NDArray, NDArray]:
     return finite[first[kept]], count[kept]
 
 
-def _keys(cell: NDArray) -> NDArray:
+def _keys(cell: IndexArray) -> IndexArray:
     """One integer a cell. cell  # (N, 3) from 0"""
     size = cell.max(axis=0) + 1
     return np.asarray((cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2])
 
 
-def _first_of_each(key: NDArray) -> tuple[NDArray, NDArray]:
+def _first_of_each(key: IndexArray) -> tuple[IndexArray, IndexArray]:
     """Where each value of `key` occurs first, in the order of the values, and how often."""
     bits = len(key).bit_length()
     if int(key.max()).bit_length() + bits > 63:
@@ -114,13 +115,13 @@ def _first_of_each(key: NDArray) -> tuple[NDArray, NDArray]:
     return packed[start] & ((1 << bits) - 1), np.diff(start, append=len(key))
 
 
-def finite_rows(points_mm: NDArray) -> NDArray:
+def finite_rows(points_mm: Array) -> BoolArray:
     """True where a point has three finite coordinates. points_mm  # (N, 3)"""
     with np.errstate(invalid="ignore", over="ignore"):
         return np.asarray(np.isfinite(points_mm @ np.ones(3)))  # a sum is quicker than all(axis=1)
 
 
-def estimate_normals(points_mm: NDArray, neighbours: int = NEIGHBOURS) -> Neighbourhoods:
+def estimate_normals(points_mm: Array, neighbours: int = NEIGHBOURS) -> Neighbourhoods:
     """Trimmed PCA: the plane through the nearest `neighbours`, twice fitted again to the best 70 % of them.
 
     points_mm  # (V, 3), V >= 4. The trimming keeps a normal near an edge on its own side of the edge.
@@ -147,7 +148,7 @@ def estimate_normals(points_mm: NDArray, neighbours: int = NEIGHBOURS) -> Neighb
     )
 
 
-def _trimmed_planes(columns: NDArray, near: NDArray, start: int, kept: int) -> _Planes:
+def _trimmed_planes(columns: Array, near: IndexArray, start: int, kept: int) -> _Planes:
     """Planes through the neighbourhoods of the points from `start` on. columns  # (3, V), near  # (V, k)"""
     stop = start + _AT_A_TIME
     local = np.stack([x[near[start:stop]] - x[start:stop, None] for x in columns])  # (3, B, k)
@@ -162,12 +163,12 @@ def _trimmed_planes(columns: NDArray, near: NDArray, start: int, kept: int) -> _
 class _Planes(NamedTuple):
     """Planes n . p = d through V neighbourhoods."""
 
-    normals: NDArray  # (V, 3)
-    offsets: NDArray  # (V,)
-    variances: NDArray  # (V, 2) along the normal, and the smaller one within the plane
+    normals: Array  # (V, 3)
+    offsets: Array  # (V,)
+    variances: Array  # (V, 2) along the normal, and the smaller one within the plane
 
 
-def _fit_planes(local: NDArray, weights: NDArray) -> _Planes:
+def _fit_planes(local: Array, weights: Array) -> _Planes:
     """Weighted PCA of V neighbourhoods at once. local  # (3, V, k), weights  # (V, k)
 
     The eigenvalues of each 3 x 3 scatter matrix S come in closed form (Smith 1961); the adjugate of S - l I, l the
@@ -201,5 +202,5 @@ def _fit_planes(local: NDArray, weights: NDArray) -> _Planes:
     return _Planes(normals, np.einsum("cv,vc->v", mean, normals), variances)
 
 
-def _determinant(xx: NDArray, xy: NDArray, xz: NDArray, yy: NDArray, yz: NDArray, zz: NDArray) -> NDArray:
+def _determinant(xx: Array, xy: Array, xz: Array, yy: Array, yz: Array, zz: Array) -> Array:
     return xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from calib.array_types import Array, IndexArray
 
 TUKEY = 6.0  # 98 % efficiency for normal residuals; 95 % at the usual 4.685
 MAD_TO_SIGMA = 1.4826
@@ -18,22 +19,22 @@ _LEAST_SIGMA_MM = 1e-9  # of a scan without noise
 class PlaneFit:
     """One face's robust fit, in coordinates around some origin near the apex."""
 
-    normal: NDArray  # (3,) unit, toward the scanner
+    normal: Array  # (3,) unit, toward the scanner
     offset_mm: float
-    centre_mm: NDArray  # (3,) weighted
-    axes: NDArray  # (2, 3) two directions in the plane
-    indices: NDArray  # (K,) into the scan, of the inliers: points with a weight
-    points_mm: NDArray  # (K, 3)
-    psi_mm: NDArray  # (K,) heights over the plane, pulled in by Tukey's weight
+    centre_mm: Array  # (3,) weighted
+    axes: Array  # (2, 3) two directions in the plane
+    indices: IndexArray  # (K,) into the scan, of the inliers: points with a weight
+    points_mm: Array  # (K, 3)
+    psi_mm: Array  # (K,) heights over the plane, pulled in by Tukey's weight
     slope: float  # mean of psi': a height enters the fit as psi / slope
     sigma_mm: float  # 1.4826 MAD of the heights
 
-    def design(self, points_mm: NDArray) -> NDArray:
+    def design(self, points_mm: Array) -> Array:
         """Rows (K, 3) of a = (1, u, v): how the plane's height and its two slopes move its height at each point."""
         return np.column_stack([np.ones(len(points_mm)), (points_mm - self.centre_mm) @ self.axes.T])
 
 
-def fit_plane_robustly(points: NDArray, indices: NDArray, normal: NDArray, offset: float) -> PlaneFit:
+def fit_plane_robustly(points: Array, indices: IndexArray, normal: Array, offset: float) -> PlaneFit:
     """Total least squares with Tukey's weights, again and again, from the plane normal . p = offset. points  # (K, 3)
 
     The scale s is the MAD of the heights h over the plane before; a weight is (1 - (h / 6 s)^2)^2, beyond that 0.
@@ -64,5 +65,5 @@ def fit_plane_robustly(points: NDArray, indices: NDArray, normal: NDArray, offse
     return PlaneFit(normal, offset, centre, axes[1:], indices[inlier], points[inlier], psi, slope, sigma)
 
 
-def _tukey(heights: NDArray, sigma_mm: float) -> NDArray:
+def _tukey(heights: Array, sigma_mm: float) -> Array:
     return np.clip(1 - (heights / (TUKEY * sigma_mm)) ** 2, 0, None) ** 2

@@ -8,8 +8,8 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array, BoolArray
 from calib.errors import ScanError
 from calib.scans.readers.by_suffix import READERS
 
@@ -22,8 +22,8 @@ class Scan:
     """Points in the scanner's frame: the scanner at the origin, millimetres."""
 
     name: str
-    points_mm: NDArray  # (N, 3) float64
-    normals: NDArray | None = None  # (N, 3) unit, or None
+    points_mm: Array  # (N, 3) float64
+    normals: Array | None = None  # (N, 3) unit, or None
     dropped: int = 0  # rows without a value, left out on loading
 
 
@@ -88,7 +88,7 @@ def _content(path: Path) -> bytes:
     return path.read_bytes()
 
 
-def _with_value(points: NDArray) -> NDArray:
+def _with_value(points: Array) -> BoolArray:
     """(N,) whether a row of points (N, 3) is a place, and not a scanner's sign for "nothing seen here"."""
     usable = np.all(np.abs(points) < _BEYOND_ANY_LENGTH_MM, axis=1)  # NaN is not below it either
     at_scanner = np.all(points == 0, axis=1)

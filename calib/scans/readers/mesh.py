@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.array_types import Array
 from calib.errors import ScanError
 from calib.scans.readers.parsing import PointsAndNormals, doubles, numbers, text_lines, truncated
 
@@ -29,7 +30,7 @@ def read_stl(path: Path, content: bytes) -> PointsAndNormals:
     return _once(doubles(table["vertices"].reshape(-1, 3))), None
 
 
-def _read_text_stl(path: Path, content: bytes) -> np.ndarray:
+def _read_text_stl(path: Path, content: bytes) -> Array:
     words = [line.split() for line in text_lines(content)]
     vertices = [" ".join(w[1:4]) for w in words if w[0] == "vertex"]
     if not vertices or words[-1][0] != "endsolid" or len(vertices) != 3 * sum(w[0] == "facet" for w in words):
@@ -48,7 +49,7 @@ def read_obj(path: Path, content: bytes) -> PointsAndNormals:
     return numbers(path, vertices, [0, 1, 2]), None
 
 
-def _once(points: np.ndarray) -> np.ndarray:
+def _once(points: Array) -> Array:
     """Each point once; those without a value stay as they are, to be counted."""
     with_value = np.all(np.isfinite(points), axis=1)
     return np.vstack([np.unique(points[with_value], axis=0), points[~with_value]])

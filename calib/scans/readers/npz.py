@@ -8,8 +8,8 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.errors import ScanError
 from calib.scans.readers.parsing import PointsAndNormals, doubles, one_line, truncated
 
@@ -42,7 +42,7 @@ def read_npz(path: Path, content: bytes) -> PointsAndNormals:
     return points, normals
 
 
-def _array(path: Path, archive: zipfile.ZipFile, name: str) -> NDArray:
+def _array(path: Path, archive: zipfile.ZipFile, name: str) -> Array:
     """(N, 3) float64, once the header of the array is seen to agree with the bytes that there are."""
     info = archive.getinfo(f"{name}.npy")
     if info.file_size > _MOST_BYTES:

@@ -10,12 +10,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.errors import ScanError
 
 MOST_HEADER_BYTES = 65536
-PointsAndNormals = tuple[NDArray, NDArray | None]
+PointsAndNormals = tuple[Array, Array | None]
 """Points (N, 3), rows without a value included, and normals (N, 3) or None."""
 Reader = Callable[[Path, bytes], PointsAndNormals]
 
@@ -33,7 +33,7 @@ def text_lines(content: bytes) -> list[str]:
 
 def numbers(
     path: Path, lines: Sequence[str], columns: Sequence[int], *, delimiter: str | None = None
-) -> NDArray:
+) -> Array:
     """(len(lines), len(columns)) float64. Raises ScanError where a line has no number in one of the columns."""
     if not lines:
         return np.zeros((0, len(columns)))
@@ -61,13 +61,13 @@ def columns_of(path: Path, names: Sequence[str]) -> tuple[list[int], bool]:
     return columns, False
 
 
-def doubles(values: NDArray) -> NDArray:
+def doubles(values: np.ndarray) -> Array:
     """As float64. Any bits are a float32, also the NaN that signals, which need not be warned of here."""
     with np.errstate(invalid="ignore"):
         return values.astype(np.float64)
 
 
-def split(rows: NDArray, has_normals: bool) -> PointsAndNormals:
+def split(rows: Array, has_normals: bool) -> PointsAndNormals:
     """Rows of three or six columns as points and normals."""
     return rows[:, :3], rows[:, 3:6] if has_normals else None
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.errors import ScanError
 from calib.scans.readers.parsing import (
     MOST_HEADER_BYTES,
@@ -82,7 +82,7 @@ def read_ply(path: Path, content: bytes) -> PointsAndNormals:
     return split(_stack(table, columns), has_normals)
 
 
-def _stack(table: NDArray, columns: list[int]) -> NDArray:
+def _stack(table: np.ndarray, columns: list[int]) -> Array:
     return np.stack([doubles(table[f"f{i}"]) for i in columns], axis=1)
 
 
