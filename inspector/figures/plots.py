@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from inspector.figures.style import SIGNED_SCALE, distinct_labels, figure, shortened
+from calib.array_types import Array
+from inspector.figures.style import SIGNED_SCALE, distinct_labels, figure, shortened, strong_ink
 from inspector.markup.numbers import parameter_label
-from inspector.markup.palette import ROLE_COLOURS, ROLE_WORDS, role_colour
+from inspector.markup.palette import ROLE_COLOURS, ROLE_WORDS, UNKNOWN, role_colour
 
-NO_INFLUENCE = "#8A8F98"
 MOST_TICKS = 16
 
 
@@ -28,7 +28,7 @@ def correlation_heatmap(
     r = np.asarray(pearson, dtype=float)
     labels = [parameter_label(name) for name in names]
     missing = np.isnan(r)
-    silent = [name for name in names if name in set(no_influence)] or [
+    without = [name for name in names if name in set(no_influence)] or [
         name for i, name in enumerate(names) if missing[i].all()
     ]
     traces: list[dict[str, Any]] = []
@@ -37,8 +37,8 @@ def correlation_heatmap(
             {
                 "type": "heatmap", "z": np.where(missing, 0.0, np.nan).tolist(), "x": labels, "y": labels,
                 "showscale": False, "xgap": 1, "ygap": 1, "zmin": -1, "zmax": 1,
-                "colorscale": [(0, NO_INFLUENCE), (1, NO_INFLUENCE)],
-                "hoverongaps": False, "customdata": _why_missing(names, silent),
+                "colorscale": [(0, UNKNOWN), (1, UNKNOWN)],
+                "hoverongaps": False, "customdata": _why_missing(names, without),
                 "hovertemplate": "%{y} – %{x}<br>no influence: %{customdata}<extra></extra>",
             }
         )  # fmt: skip
@@ -67,11 +67,12 @@ def correlation_heatmap(
     )
 
 
-def _why_missing(names: Sequence[str], silent: Sequence[str]) -> list[list[str]]:
-    quiet = set(silent)
+def _why_missing(names: Sequence[str], no_influence: Sequence[str]) -> list[list[str]]:
+    """For each pair, which of the two parameters has no influence."""
+    without = set(no_influence)
     return [
         [
-            " and ".join(dict.fromkeys(n for n in (row, column) if n in quiet)) or "a column does not vary"
+            " and ".join(dict.fromkeys(n for n in (row, column) if n in without)) or "a column does not vary"
             for column in names
         ]
         for row in names
@@ -111,7 +112,7 @@ def convergence(
     )
 
 
-def _curve(role: str, x: list[int], y: NDArray) -> dict[str, Any]:
+def _curve(role: str, x: list[int], y: Array) -> dict[str, Any]:
     return {
         "type": "scatter", "mode": "lines+markers", "name": ROLE_WORDS[role], "x": x, "y": y.tolist(),
         "line": {"color": ROLE_COLOURS[role], "width": 2},
@@ -149,7 +150,7 @@ def pose_residuals(
         traces.append(
             {
                 "type": "bar", "x": [names[i] for i in at], "y": values[at].tolist(), "name": word,
-                "marker": {"color": role_colour(role), "line": {"color": "#FFFFFF" if dark else "#111111"}},
+                "marker": {"color": role_colour(role), "line": {"color": strong_ink(dark)}},
                 "hovertemplate": f"pose %{{x}} ({word})<br>{what} %{{y:.4f}} mm<extra></extra>",
             }
         )  # fmt: skip
@@ -203,7 +204,7 @@ def error_history(
         traces.append(
             {
                 "type": "scatter", "mode": "lines", "name": "noise alone", "x": [-0.3, len(labels) - 0.7],
-                "y": [floor_mm, floor_mm], "line": {"color": "#8A8F98", "width": 2, "dash": "dash"},
+                "y": [floor_mm, floor_mm], "line": {"color": UNKNOWN, "width": 2, "dash": "dash"},
                 "hovertemplate": f"noise alone: {floor_mm:.4g} mm<extra></extra>",
             }
         )  # fmt: skip

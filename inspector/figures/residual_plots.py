@@ -1,4 +1,4 @@
-"""Figures of what a model leaves over: against an input, over the work space, and against what an effect would make.
+"""Figures of residuals: against an input, over the work space, and against what an effect would explain.
 
 Numbers in, plotly figures out; style and labels are in `inspector.figures.style`. The selected pose is a trace of its
 own, so that going from pose to pose changes that one (`select`) and draws nothing anew.
@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from inspector.figures.style import SIGNED_SCALE, figure, shortened
+from calib.array_types import Array, IndexArray
+from inspector.figures.style import SIGNED_SCALE, figure, ink, shortened, strong_ink
 from inspector.markup.palette import ROLE_COLOURS, ROLE_WORDS
 
 SELECTED = "selected pose"
@@ -84,7 +85,7 @@ def residual_against(
     return select(fig, selected)
 
 
-def _line(x: NDArray, y: NDArray) -> dict[str, Any]:
+def _line(x: Array, y: Array) -> dict[str, Any]:
     known = np.isfinite(x)
     lone = known & ~np.append(known[1:], False) & ~np.insert(known[:-1], 0, False)
     return {
@@ -124,7 +125,6 @@ def place_views(
         "title": {"text": escape(title), "side": "right"}, "thickness": 10, "len": 0.9, "outlinewidth": 0,
         "tickfont": {"size": 10}, "xpad": 4,
     }  # fmt: skip
-    edge = "#E8EAED" if dark else "#24292F"
     traces: list[dict[str, Any]] = []
     for axis, letter in ((1, "y"), (2, "y2")):
         first = letter == "y"
@@ -137,7 +137,7 @@ def place_views(
                     "customdata": [escape(ids[i]) for i in rows], "text": [f"{v:.4g}" for v in shown[rows]],
                     "marker": {
                         **colour, **scale, "size": 9, "symbol": _SYMBOLS[role], "color": _listed(shown[rows]),
-                        "line": {"color": edge, "width": 0.7},
+                        "line": {"color": ink(dark), "width": 0.7},
                     },
                     "hovertemplate": f"pose %{{customdata}} ({ROLE_WORDS[role]})<br>{escape(title)} %{{text}}<br>"
                     f"x %{{x:.0f}} mm, {'xyz'[axis]} %{{y:.0f}} mm<extra></extra>",
@@ -172,7 +172,10 @@ def select(fig: go.Figure, pose_id: str | None) -> go.Figure:
 
 
 def added_variable(explained: ArrayLike, residual: ArrayLike, name: str, *, dark: bool = False) -> go.Figure:
-    """What is left over against what an effect makes of it, in noise sigmas, with the line on which they agree. (R,)"""
+    """Added-variable plot of an effect: residual against what the effect explains, with the line of agreement.
+
+    explained, residual  # (R,) in sigmas of the noise
+    """
     x, y = np.asarray(explained, dtype=float), np.asarray(residual, dtype=float)
     ends = [float(x.min(initial=0.0)), float(x.max(initial=0.0))]
     traces = [
@@ -195,14 +198,14 @@ def added_variable(explained: ArrayLike, residual: ArrayLike, name: str, *, dark
     )
 
 
-def _roles(is_test: ArrayLike) -> list[tuple[str, NDArray[np.intp]]]:
+def _roles(is_test: ArrayLike) -> list[tuple[str, IndexArray]]:
     test = np.asarray(is_test, dtype=bool)
     rows = (("train", np.flatnonzero(~test)), ("test", np.flatnonzero(test)))
     return [(role, at) for role, at in rows if len(at)]
 
 
 def _ring(dark: bool, yaxis: str | None = None) -> dict[str, Any]:
-    edge = "#FFFFFF" if dark else "#111111"
+    edge = strong_ink(dark)
     return {
         "type": "scatter", "mode": "markers", "name": SELECTED, "x": [None], "y": [None], "hoverinfo": "skip",
         "showlegend": False,
@@ -211,6 +214,6 @@ def _ring(dark: bool, yaxis: str | None = None) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _listed(values: NDArray) -> list[float | None]:
-    """Plain numbers; None where nothing is known, which is what ends a line."""
+def _listed(values: Array) -> list[float | None]:
+    """Plain numbers; None for NaN, where plotly interrupts a line."""
     return [float(v) if np.isfinite(v) else None for v in values]

@@ -22,8 +22,18 @@ SIGNED_SCALE = (
 )
 
 
+def ink(dark: bool) -> str:
+    """The colour of text and thin lines."""
+    return "#E8EAED" if dark else "#24292F"
+
+
+def strong_ink(dark: bool) -> str:
+    """The colour of what marks the selected pose: the strongest contrast to the page."""
+    return "#FFFFFF" if dark else "#111111"
+
+
 def shortened(name: str, most: int = 22) -> str:
-    """A name for an axis, where a long one would leave the figure no room: its beginning and its end, escaped."""
+    """A name for an axis, escaped; one of more than `most` characters is cut in the middle: "transmi…error"."""
     if len(name) > most:
         end = (most - 1) // 2
         name = f"{name[: most - 1 - end]}…{name[-end:]}"
@@ -31,7 +41,7 @@ def shortened(name: str, most: int = 22) -> str:
 
 
 def distinct_labels(names: Sequence[str], most: int = 12) -> list[str]:
-    """Names for an axis, `shortened`; of long ones without what all begin and end with: "…17…"."""
+    """Names for an axis, `shortened`; long ones without their common prefix and suffix: "…17…"."""
     start = end = 0
     if max(map(len, names), default=0) > most and len(names) > 1:
         start = _common_prefix_length(names)
@@ -59,7 +69,6 @@ def figure(
     Plotly's templates and its check of every value take fifty milliseconds a figure, which would be felt at each turn
     of a page; so there is no template, and the tests check the values.
     """
-    text = "#E8EAED" if dark else "#24292F"
     grid = "rgba(255,255,255,0.14)" if dark else "rgba(0,0,0,0.10)"
     zero = "rgba(255,255,255,0.45)" if dark else "rgba(0,0,0,0.40)"
     axes = {"gridcolor": grid, "linecolor": grid, "zerolinecolor": zero}
@@ -78,7 +87,7 @@ def figure(
         "paper_bgcolor": "rgba(0,0,0,0)",
         "plot_bgcolor": "rgba(0,0,0,0)",
         "margin": {"l": left, "r": right, "t": top, "b": bottom},
-        "font": {"size": 11, "color": text},
+        "font": {"size": 11, "color": ink(dark)},
         "legend": {"orientation": "h", "x": 0, "y": 1.02, "xanchor": "left", "yanchor": "bottom", "font": {"size": 11}},
         "hoverlabel": {"font": {"size": 12}},
         "dragmode": False,

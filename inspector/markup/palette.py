@@ -23,7 +23,7 @@ REJECTED = "#5F6B7A"  # what the choice of planes left out; darker than face 3, 
 FILTER_COLOURS = ("#17BECF", "#7E57C2", "#8D6E3F")  # sets that filter 1, 2, 3 rejected; no face has these
 DOUBT = "#E69F00"  # a corner, or a verdict, that deserves a second look
 SCAN_ON_LIGHT, SCAN_ON_DARK = "#5F6B7A", "#C9D1DC"  # points of the selected scan that are on no face
-UNKNOWN = "#8A8F98"  # a role or pose of which nothing is known
+UNKNOWN = "#8A8F98"  # of which nothing is known: a role, a pose; what noise alone leaves
 FAILED = "#B3261E"
 # Viser makes lighter shades of this and writes with them: #0072B2 on a light page, the colour itself on a dark one.
 BRAND_ON_LIGHT, BRAND_ON_DARK = "#003654", "#40A1DF"
