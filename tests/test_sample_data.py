@@ -125,6 +125,7 @@ def test_seed_gives_the_same_poses_and_truth(
         np.testing.assert_allclose(stored["apex_mm"][pose_id], apex_mm, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "pose"), [("rb5_jang", 0), ("rb5_jang", 63), ("rb5_repeats", 17)])
 def test_seed_gives_the_same_scan(name: str, pose: int, made: dict[str, Simulation]) -> None:
     """Compared point by neighbour, because a ray that grazes an edge may fall either way on another processor."""

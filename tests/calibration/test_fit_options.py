@@ -72,6 +72,7 @@ def test_comparison_takes_no_fit_that_was_asked_otherwise(dataset: Dataset, aske
     assert not fits_same_points(calibrate(dataset), calibrate(dataset, asked))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", ASKED, ids=str)
 def test_poses_are_recommended_by_fits_as_was_asked(dataset: Dataset, asked: FitOptions) -> None:
     result = calibrate(dataset, asked)

@@ -75,6 +75,7 @@ def held_to_the_truth(result: Correction, true: Robot) -> None:
     assert [bool(reason) for reason in result.reasons] == (~reached).tolist()
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(joints=st.integers(2, 8), slide=st.integers(-1, 7), seed=st.integers(0, 999))
 def test_the_true_arm_stands_where_the_nominal_one_was_meant_to(joints: int, slide: int, seed: int) -> None:

@@ -84,6 +84,7 @@ EXECUTORS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", EXECUTORS)
 def test_the_same_to_the_bit_on_any_executor(dataset: Any, alone: dict[str, CornerSearch], kind: str) -> None:
     steps: list[tuple[int, int, str]] = []
@@ -98,6 +99,7 @@ def test_the_same_to_the_bit_on_any_executor(dataset: Any, alone: dict[str, Corn
     assert {step[2] for step in steps} == set(alone)
 
 
+@pytest.mark.slow
 def test_another_name_changes_nothing_and_more_blas_threads_only_the_covariances_last_digits(
     dataset: Any, alone: dict[str, CornerSearch], tmp_path: Path
 ) -> None:
@@ -122,6 +124,7 @@ def test_another_name_changes_nothing_and_more_blas_threads_only_the_covariances
     np.testing.assert_allclose(covariance, corner.covariance_mm2, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_what_is_only_looked_at_may_stay_away(dataset: Any, alone: dict[str, CornerSearch]) -> None:
     with ProcessPoolExecutor(1, mp_context=SPAWN) as executor:
         brief = find_corners(dataset, executor=executor, intermediate=False)
@@ -138,6 +141,7 @@ def _die(path: Path, **_: Any) -> None:
     os._exit(3)
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_is_told(dataset: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("calib.corners.batch.search_file", _die)
     with ProcessPoolExecutor(1, mp_context=SPAWN) as executor, pytest.raises(CornerError, match="fewer proc"):
@@ -203,6 +207,7 @@ def test_an_early_end_cancels_what_waits(how: str) -> None:
     assert sum(future.cancelled() for future in executor.futures) > 40
 
 
+@pytest.mark.slow
 def test_the_command_finds_the_same_with_any_number_of_processes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

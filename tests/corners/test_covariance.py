@@ -69,6 +69,7 @@ def free() -> list[Corner]:
     return [corner(np.random.default_rng(seed), Jig()) for seed in range(50)]
 
 
+@pytest.mark.slow
 def test_white_noise_is_taken_for_white(free: list[Corner]) -> None:
     assert (
         2.1 < np.mean([squared(f) for f in free]) < 4.0
@@ -76,6 +77,7 @@ def test_white_noise_is_taken_for_white(free: list[Corner]) -> None:
     assert np.median([f.quality.smooth_factor for f in free]) < 1.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("length_mm", [5.0, 15.0])
 def test_the_covariance_holds_under_a_smooth_error(length_mm: float) -> None:
     """Within a factor of 2 of 3; counting points as independent gives 20 and more."""
@@ -106,6 +108,7 @@ def test_plane_covariance_is_what_repeats_show(free: list[Corner]) -> None:
     assert np.mean(found) == pytest.approx(3.0, abs=0.5)
 
 
+@pytest.mark.slow
 def test_a_certified_jig_gains_what_its_covariance_says(free: list[Corner]) -> None:
     rigid = [corner(np.random.default_rng(s), Jig(certified=True)) for s in range(len(free))]
     assert all(r.quality.rigid for r in rigid)

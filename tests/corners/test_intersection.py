@@ -162,6 +162,7 @@ def mahalanobis_squared(sigma_mm: float, waves_mm: float, stray: float, count: i
     return np.array(found)
 
 
+@pytest.mark.slow
 def test_covariance_holds_for_white_noise() -> None:
     found = mahalanobis_squared(0.02, 0.0, 0.0, count=45)
     assert 2.0 < found.mean() < 4.1  # ideal 3; the mean of 45 has a sigma of 0.37 itself

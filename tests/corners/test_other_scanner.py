@@ -35,6 +35,7 @@ REFUSED = (
 )
 
 
+@pytest.mark.slow
 def test_corners_lie_near_the_bound_and_the_covariance_says_so() -> None:
     ratios, squares = [], []
     for name, seed in FOUND:
@@ -50,6 +51,7 @@ def test_corners_lie_near_the_bound_and_the_covariance_says_so() -> None:
     assert 0.7 < np.mean(squares) < 8  # ideal 3; blurred edges and heavy tails are in no model
 
 
+@pytest.mark.slow
 def test_a_sticker_moves_the_corner_no_farther_than_the_covariance_says() -> None:
     for seed in (0, 1):
         made, jig, sigma_mm = KINDS["sticker 0.3"].scan("sticker 0.3", seed)
@@ -60,6 +62,7 @@ def test_a_sticker_moves_the_corner_no_farther_than_the_covariance_says() -> Non
         assert np.linalg.norm(error) < 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "seed"), REFUSED)
 def test_no_corner_where_three_faces_of_a_jig_are_not_seen(name: str, seed: int) -> None:
     made, jig, sigma_mm = KINDS[name].scan(name, seed)

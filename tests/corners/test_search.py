@@ -44,6 +44,7 @@ def errors(scenes: list[SceneScan], jig: Jig = JIG) -> tuple[NDArray, NDArray]:
     return np.array(ratios), np.array(mahalanobis)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rays", "count"), [(8_000, 6), (50_000, 5)])
 def test_error_is_near_the_bound_and_the_covariance_says_so(rays: int, count: int) -> None:
     ratios, mahalanobis = errors([make_scene(np.random.default_rng(seed), rays) for seed in range(count)])
@@ -57,6 +58,7 @@ def test_the_given_noise_need_not_be_known_and_three_times_more_is_found_out() -
     assert ratios.max() < 4
 
 
+@pytest.mark.slow
 def test_concave_jig() -> None:
     scenes = [make_scene(np.random.default_rng(seed), 12_000, convex=False) for seed in range(2)]
     ratios, _ = errors(scenes, Jig(convex=False))
@@ -90,6 +92,7 @@ def test_stray_points_are_left_out_of_the_thinning(count: int, most: float) -> N
     assert len(cells) > 0.95 * 40**2  # the plane is there as a whole
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [30, 38, 46, 60])
 @pytest.mark.parametrize("seed", range(2))
 def test_a_box_alone_is_not_taken_for_the_jig(size: float, seed: int) -> None:
@@ -138,12 +141,14 @@ def test_stray_points_far_from_a_strip_do_not_turn_its_plane(seed: int, rays: in
     assert np.linalg.norm(found.corner.xyz_mm - scene.apex_mm) < 2.5 * scene.bound_mm
 
 
+@pytest.mark.slow
 def test_stray_points_are_not_taken_for_a_face_that_is_missing() -> None:
     scene = CASES["50 % outliers"].scene("50 % outliers", 3, 40_000)
     found = search(scene.scan.points_mm[scene.label != 0])
     assert found.corner is None
 
 
+@pytest.mark.slow
 def test_a_face_that_is_not_seen_is_not_made_up() -> None:
     for seed in range(2):
         scene = make_scene(
@@ -154,6 +159,7 @@ def test_a_face_that_is_not_seen_is_not_made_up() -> None:
         assert found.failure
 
 
+@pytest.mark.slow
 @settings(max_examples=4, deadline=None)
 @given(seed=st.integers(0, 1000), turn=st.tuples(*[st.floats(-3, 3)] * 3), shift=st.floats(-20, 20))
 def test_a_rigid_motion_of_the_scan_moves_the_corner_rigidly(
@@ -243,6 +249,7 @@ def test_a_scan_without_a_corner_fails_with_a_reason(case: str) -> None:
     assert found.summary().startswith("scan: no corner: ")
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     count=st.integers(0, 300),
@@ -276,6 +283,7 @@ def in_a_hall(size_mm: float) -> SceneScan:
     return replace(scene, scan=Scan("hall", np.concatenate([scene.scan.points_mm, walls])))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("unit", "in_mm", "hall_mm"),
     [
@@ -298,6 +306,7 @@ def test_a_scan_in_another_unit_is_told_and_not_scaled(
     assert np.linalg.norm(search(scene.scan.points_mm).corner.xyz_mm - scene.apex_mm) < 0.1  # type: ignore[union-attr]
 
 
+@pytest.mark.slow
 def test_a_small_scan_without_a_jig_is_given_no_unit_but_a_doubt() -> None:
     scene = make_scene(np.random.default_rng(1), 12_000)
     away = scene.scan.points_mm[~np.isin(scene.label, FACE_LABELS)]
@@ -310,6 +319,7 @@ def test_a_small_scan_without_a_jig_is_given_no_unit_but_a_doubt() -> None:
     assert "or correct edge_mm" in search(scene.scan.points_mm, Jig(edge_mm=0.06)).failure
 
 
+@pytest.mark.slow
 def test_the_wrong_edge_is_told() -> None:
     scene = make_scene(np.random.default_rng(4), 12_000)
     for edge_mm in (25.0, 150.0):

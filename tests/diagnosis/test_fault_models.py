@@ -81,6 +81,7 @@ def test_a_hose_that_pulls_is_an_unknown_motion() -> None:
     assert told >= 3
 
 
+@pytest.mark.slow
 def test_noise_tells_no_story() -> None:
     for seed in range(12):
         left = project_residual(calibrate(simulated(seed=seed, robot=("rb5", "panda")[seed % 2]).dataset))

@@ -85,6 +85,7 @@ def without_masses(robot: Robot) -> Robot:
     return replace(robot, joints=bare)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("arm", "masses"), [("rb5", True), ("panda", True), ("panda", False)])
 def test_springs_in_the_joints_are_named(arm: str, masses: bool) -> None:
     result = diagnose(measured(arm, 1, compliance_rad_per_nm=1e-4, masses=masses))
@@ -96,6 +97,7 @@ def test_springs_in_the_joints_are_named(arm: str, masses: bool) -> None:
     assert result.calibration.sigma_mm < 1.3 * NOISE_MM
 
 
+@pytest.mark.slow
 def test_springs_and_an_uneven_gear_are_both_named() -> None:
     result = diagnose(measured("rb5", 2, compliance_rad_per_nm=1e-4, gear_rad=8e-4))
     assert set(result.missing) == {"joint_compliance", "transmission_error"}, explain(result)

@@ -48,6 +48,7 @@ def simulated(
 NAMEABLE = tuple(name for name in catalogue_names() if name != "scanner_scale")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", NAMEABLE)
 def test_a_hidden_effect_is_named_and_the_held_out_error_falls(effect: str) -> None:
     result = diagnose(simulated([effect], seed=3, sigmas=4.0))
@@ -68,6 +69,7 @@ def test_two_hidden_effects_are_both_named() -> None:
     assert [step.effect for step in result.steps] == [None, *result.missing]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("declared_mm", [0.05, 0.04, 0.06])
 def test_nothing_hidden_is_adequate_whatever_sigma_was_declared(declared_mm: float) -> None:
     verdicts = []
@@ -100,6 +102,7 @@ def bumped(dataset: Dataset, rng: np.random.Generator) -> Dataset:
     return dataset.with_points(replace(dataset.points, xyz_mm=dataset.points.xyz_mm + moved))
 
 
+@pytest.mark.slow
 def test_a_cause_outside_the_catalogue_is_not_called_adequate() -> None:
     rng = np.random.default_rng(0)
     verdicts = [diagnose(bumped(simulated(seed=s, poses=100), rng)).verdict for s in range(4)]
@@ -353,6 +356,7 @@ def test_where_it_fails_shows_the_joint_that_fails() -> None:
     assert failure.worst(3)[0] == frame_of.sort_values("error_mm").iloc[-1]["pose"]
 
 
+@pytest.mark.slow
 def test_structure_of_pure_noise_is_rarely_found() -> None:
     alarms = 0
     for seed in range(12):
@@ -370,6 +374,7 @@ def test_the_explanation_says_what_an_engineer_asks() -> None:
     assert {u.name for u in result.untestable} >= {"scanner_scale"}
 
 
+@pytest.mark.slow
 def test_an_ambiguous_set_comes_with_poses_that_split_it() -> None:
     """Bending and joint compliance at half a sigma: measured where advised, the right one is told from the other."""
     result = next(

@@ -12,6 +12,7 @@ from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "effect",
     ["link_bending", "axis_wobble", "base_compliance", "joint_coupling", "scanner_drift", "tool_sag"],

@@ -215,6 +215,7 @@ def test_steps_that_shrink_slowly_are_followed_to_their_limit() -> None:
         assert np.abs(real - x).min() < 1e-3
 
 
+@pytest.mark.slow
 def test_estimates_lie_within_their_sigmas() -> None:
     """What the data can know: normalised errors of parameters that are not redundant, over 40 arms."""
     robot = park_arm("rb5")

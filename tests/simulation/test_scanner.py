@@ -83,6 +83,7 @@ def test_impossible_corner_is_refused() -> None:
         jig_geometry(Jig(face_angles_deg=(20.0, 20.0, 20.0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("apex_mm", APEXES_MM)
 def test_face_points_scatter_as_declared(apex_mm: tuple[float, ...]) -> None:
     simulated = scan(apex_mm)
@@ -177,6 +178,7 @@ def test_outliers_replace_their_share() -> None:
     assert np.all(np.isfinite(simulated.scan.points_mm))
 
 
+@pytest.mark.slow
 def test_waviness_has_its_size_and_does_not_average_out() -> None:
     waves = {"scan_sigma_mm": 0.0, "correlated_sigma_mm": 0.1, "points": 50_000}
     short = [range_errors(scan(seed=s, correlation_length_mm=3.0, **waves), 1)[0] for s in range(6)]

@@ -102,6 +102,7 @@ def test_poses_spread_farther_than_the_first_ones() -> None:
     assert closest(q[chosen]) > 1.5 * closest(q[:30])
 
 
+@pytest.mark.slow
 def test_wanted_apexes_are_reached() -> None:
     robot = builtin_robot("rb5")
     rng = np.random.default_rng(9)
@@ -147,6 +148,7 @@ def test_noise_and_repeats_are_as_asked() -> None:
     assert set(simulation.dataset.poses.payload_kg) == {0.0, 2.5}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scans", [True, False])
 def test_seed_makes_the_dataset(scans: bool) -> None:
     def once(seed: int) -> NDArray:
@@ -165,6 +167,7 @@ def test_seed_makes_the_dataset(scans: bool) -> None:
     assert np.all(np.abs(once(1) - once(2)).max(axis=1) > 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", [*SIMULATED_EFFECTS, *OUTSIDE_EFFECTS])
 def test_every_effect_is_simulated_by_its_name_alone(effect: str) -> None:
     """With the conditions that it needs, and 0.2 to 0.5 mm large."""
@@ -235,6 +238,7 @@ def test_incidence_is_simulated_where_the_jig_faces_the_scanner() -> None:
     assert np.degrees(np.arccos(np.sum(T[:, :3, 2] * ray, axis=1))).max() < 76.0
 
 
+@pytest.mark.slow
 def test_written_simulation_comes_back_with_its_truth(tmp_path: Path) -> None:
     simulation = simulate_dataset(
         builtin_robot("panda"), rng=np.random.default_rng(13), poses=3, scans=True, effects=SOME
@@ -277,6 +281,7 @@ def test_jig_needs_a_tool_row_that_reaches_it() -> None:
     assert rb5.tool.d_mm == -88.0
 
 
+@pytest.mark.slow
 def test_arm_that_cannot_show_the_jig_says_so() -> None:
     rb5 = builtin_robot("rb5")
     stiff = replace(rb5, joints=tuple(replace(joint, min=-0.05, max=0.05) for joint in rb5.joints))

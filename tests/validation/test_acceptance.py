@@ -43,6 +43,7 @@ def finding(of: tuple[Finding, ...], name: str) -> Finding:
     return found
 
 
+@pytest.mark.slow
 def test_a_test_error_of_a_multiple_of_the_training_error_is_a_warning() -> None:
     """That names the worst pose; without a bound an improvement passes all the same, with one the bound decides."""
     good = finding(check(measured()).findings, "test against training")

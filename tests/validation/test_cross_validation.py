@@ -174,6 +174,7 @@ def test_setups_and_several_points_a_pose() -> None:
     assert set(repeated.to_frame()["points"]) == {2}
 
 
+@pytest.mark.slow
 def test_noise_alone_and_missing_physics_are_told_apart() -> None:
     good, bad = simulated(), bent(simulated())
     result = cross_validate(good)
@@ -248,6 +249,7 @@ def test_the_extrapolation_by_hand() -> None:
     assert rising.gain == pytest.approx(0.0)
 
 
+@pytest.mark.slow
 def test_the_interval_of_sigma_covers_the_truth() -> None:
     """95 % of intervals hold the true sigma; here 60 fits of 16 poses, so 50 at least."""
     covered = 0
@@ -305,6 +307,7 @@ def run_json(capsys: pytest.CaptureFixture[str], *arguments: object, code: int =
     return json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("residual", ["position", "distance"])
 def test_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Path, residual: str) -> None:
     write_dataset(simulated(test=13), tmp_path / "cell")

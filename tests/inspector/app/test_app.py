@@ -75,6 +75,7 @@ def drawn_figures(page: WireClient) -> list[str]:
 # ---- opening --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_folder_of_datasets_opens_at_the_first_and_works_through_it(app: App, page: WireClient) -> None:
     assert set(page.tabs()) == {"Review", *STEPS, *(name for inside in STEPS.values() for name in inside)}
     assert list(STEPS) == [name for name in page.tabs() if name in STEPS]
@@ -94,6 +95,7 @@ def test_a_single_dataset_opens_too_and_a_wrong_path_is_one_clear_error(folder: 
             pass
 
 
+@pytest.mark.slow
 def test_what_is_ready_is_shown_while_the_rest_is_searched(folder: Path) -> None:
     with serving(folder, port=0) as app, WireClient(app.server.get_port()) as page:
         page.wait(lambda p: "Searching corners: 2" in plain(p), 30)
@@ -105,6 +107,7 @@ def test_what_is_ready_is_shown_while_the_rest_is_searched(folder: Path) -> None
         page.wait(lambda p: f"of {POSES} corners found" in plain(p), 30)
 
 
+@pytest.mark.slow
 def test_the_search_can_be_stopped_and_goes_on_where_it_was(folder: Path) -> None:
     with serving(folder, port=0) as app, WireClient(app.server.get_port()) as page:
         page.wait(lambda p: "Searching corners: 2" in plain(p), 30)

@@ -175,6 +175,7 @@ def test_a_size_that_no_arm_has_is_told_by_its_key(
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "stop", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left on device"), RuntimeError]
 )

@@ -233,6 +233,7 @@ def test_corners_has_the_promised_keys_and_finds_the_truth(
     assert points.covariance_mm2 is not None
 
 
+@pytest.mark.slow
 def test_a_scan_without_three_planes_is_told_and_the_others_are_used(
     capsys: pytest.CaptureFixture[str], own_scans: Path
 ) -> None:
@@ -251,6 +252,7 @@ def test_a_scan_without_three_planes_is_told_and_the_others_are_used(
     assert "no corner in any of 4 scans" in refused(capsys, "corners", own_scans)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "says"),
     [(b"", "empty"), (b"\x00\xff junk that is no scan at all", "PLY"), (None, "promises")],
@@ -267,6 +269,7 @@ def test_a_scan_file_that_cannot_be_read_is_bad_input(
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_simulate_is_reproducible_and_says_where_the_truth_is(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -348,6 +351,7 @@ def test_a_reversed_joint_does_not_crash(
     assert out.exists() == (code == 0)
 
 
+@pytest.mark.slow
 def test_as_a_program_and_as_a_module(points_folder: Path, tmp_path: Path) -> None:
     """From a folder that is not the project's, as a user calls it."""
     for program in ([sys.executable, "-m", "inspector"], [str(Path(sys.executable).parent / "inspector")]):
@@ -472,6 +476,7 @@ def test_add_is_the_diagnosis_step_to_the_last_digit(
         assert not robot.exists()
 
 
+@pytest.mark.slow
 def test_validate_and_correct_take_the_options_of_a_fit(
     capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
 ) -> None:

@@ -262,6 +262,7 @@ def taken(page: WireClient, what: str) -> bytes:
     return content
 
 
+@pytest.mark.slow
 def test_the_page_gives_what_the_commands_give(
     app: App, fitted: Calibration, dataset: Dataset, tmp_path: Path
 ) -> None:

@@ -84,6 +84,7 @@ def cylinder_ends_mm(page: WireClient) -> np.ndarray:
     return 1000 * np.column_stack([at, scale[:, 2]])
 
 
+@pytest.mark.slow
 def test_the_arm_is_drawn_in_the_scanners_frame_at_every_pose(app: App, page: WireClient) -> None:
     for pose in (0, 7):
         app.select(pose)

@@ -66,6 +66,7 @@ def search(app: App, pose: int) -> CornerSearch:
     return found
 
 
+@pytest.mark.slow
 def test_rejected_sets_have_the_colour_of_their_filter_in_the_scene_and_in_the_table(
     app: App, page: WireClient
 ) -> None:

@@ -87,6 +87,7 @@ def test_add_undo_redo_and_remove(app: App, page: WireClient) -> None:
     assert not page.notifications
 
 
+@pytest.mark.slow
 def test_find_gives_what_the_command_gives(folder: Path, app: App, page: WireClient) -> None:
     told = command("diagnose", folder)
     page.click(FIND)
@@ -162,6 +163,7 @@ def test_the_residual_against_what_the_candidate_makes_of_it(app: App, page: Wir
     assert np.corrcoef(points["x"], points["y"])[0, 1] > 0.9
 
 
+@pytest.mark.slow
 def test_fifty_quick_clicks_add_it_once(app: App, page: WireClient) -> None:
     for _ in range(50):
         page.click(ADD)
@@ -179,6 +181,7 @@ def test_fifty_quick_clicks_add_it_once(app: App, page: WireClient) -> None:
     assert not page.notifications
 
 
+@pytest.mark.slow
 def test_two_pages_see_one_session_and_one_may_leave(app: App, page: WireClient) -> None:
     with WireClient(app.server.get_port()) as other:
         other.click(ADD)
@@ -193,6 +196,7 @@ def test_two_pages_see_one_session_and_one_may_leave(app: App, page: WireClient)
         shows(late, "Verdict: ", f"link errors + {HIDDEN}")
 
 
+@pytest.mark.slow
 def test_two_pages_that_press_at_once_end_up_alike(app: App, page: WireClient) -> None:
     with WireClient(app.server.get_port()) as other:
         for _ in range(25):
@@ -210,6 +214,7 @@ def test_two_pages_that_press_at_once_end_up_alike(app: App, page: WireClient) -
         assert not other.notifications
 
 
+@pytest.mark.slow
 def test_a_page_that_vanishes_in_the_middle_harms_no_one(app: App, page: WireClient) -> None:
     other = WireClient(app.server.get_port())
     other.click(FIND)

@@ -162,6 +162,7 @@ def test_data_without_test_poses_or_declared_noise_make_a_report_too(folder: Pat
     assert "Test poses, 3D RMSE" not in words
 
 
+@pytest.mark.slow
 def test_only_a_report_is_replaced(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "robot.toml"
     out.write_text("precious")

@@ -95,6 +95,7 @@ def unescaped(page: WireClient) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 def test_no_name_becomes_markup_on_any_tab(app: App) -> None:
     view = app.state.now
     assert view.session.own
@@ -155,6 +156,7 @@ def written() -> Iterator[list[str]]:
         paths[:] = [p for p in paths if "__pycache__" not in p and p != os.devnull]
 
 
+@pytest.mark.slow
 def test_the_page_writes_nothing_whatever_is_pressed(app: App, folder: Path) -> None:
     with written() as paths:
         (folder / "seen").touch()  # the watch itself works
@@ -194,6 +196,7 @@ def test_no_message_makes_the_server_take_or_give_a_file(app: App, folder: Path)
     assert paths == []
 
 
+@pytest.mark.slow
 def test_commands_write_where_they_are_told_and_nowhere_else(folder: Path, tmp_path: Path) -> None:
     data, out = str(folder / "served" / EVIL), tmp_path / "out"
     commands = [

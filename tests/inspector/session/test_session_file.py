@@ -58,6 +58,7 @@ def selections(session: Session) -> list[tuple[object, ...]]:
     return [(step.selected, step.calibration.residual, step.left_out) for step in session.steps]
 
 
+@pytest.mark.slow
 def test_everything_comes_back_to_the_last_bit(worked_on: Session, saved: Path, folder: Path) -> None:
     again, notes = opened(saved, folder)
     assert notes == ()

@@ -143,6 +143,7 @@ def test_pendulum_hangs_where_a_scalar_equation_says() -> None:
         assert solve_equilibrium(truth, np.array([[q]])).q[0, 0] == pytest.approx(wanted, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_arm_without_equilibrium_is_refused() -> None:
     truth = soft(builtin_robot("rb5"), 1e4)
     with pytest.raises(CalibError, match="no equilibrium"):
