@@ -1,0 +1,188 @@
+"""One effect, one class: whatever tells of an effect reads it from the effect's class, README's table too."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import calib.effects.catalogue as catalogue
+from calib.calibration.calibrate import calibrate
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.explanation import explain
+from calib.diagnosis.projected_residual import project_residual
+from calib.diagnosis.screening import screen
+from calib.effects.effect import CatalogueEffect, Effect, Family, Parameter
+from calib.effects.state import RobotState
+from calib.effects.user_file import check_effects, load_effects
+from calib.errors import CalibError
+from calib.fitting.observations import nominal_state
+from calib.kinematics.chain import target_jacobian
+from calib.simulation.simulate import simulate_dataset
+from inspector.cli.parser import main
+from inspector.markup.effects import chosen_html, fitted_html
+
+README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class SeventhHarmonic(CatalogueEffect):
+    """An effect that the catalogue does not have: theta_j += A sin(7 q_j)."""
+
+    joint: int
+    name = "seventh_harmonic"
+    equation = "theta_j += A sin(7 q_j)"
+    symbols = (("A", "rad"),)
+    needs = "joint angles over a seventh of a turn"
+    confirm = "one joint alone in steps of a twentieth of a turn"
+    linear = True
+    parameters = (Parameter("sin7_rad", "rad", 3e-4, "amplitude"),)
+
+    def apply(self, state: RobotState, *, sin7_rad: float) -> RobotState:
+        return state.add_joint_error(self.joint, sin7_rad * np.sin(7.0 * state.q_rad[:, self.joint]))
+
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        return f"seven waves of {1e6 * value:.0f} urad at {len(state.poses)} poses"
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        return Family(cls.name, tuple(cls(j) for j in range(dataset.robot.n_joints)), note="seen in a test")
+
+
+@pytest.fixture
+def listed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The class in the catalogue's list, and nothing else changed anywhere."""
+    monkeypatch.setattr(catalogue, "CATALOGUE", (*catalogue.CATALOGUE, SeventhHarmonic))
+
+
+@pytest.fixture(scope="module")
+def hidden() -> Dataset:
+    """A simulated arm whose third joint has the effect; its truth is the tool's motion by theta3."""
+    simulation = simulate_dataset(
+        builtin_robot("rb5"), rng=np.random.default_rng(6), poses=80, noise_mm=0.05, conditions=True
+    )
+    dataset = simulation.dataset
+    assert dataset.points is not None
+    q = dataset.poses.q[dataset.points.pose]
+    base_to_scanner = project_residual(calibrate(dataset)).residuals.scanner_frames(np.zeros(35))[""][:3, :3]
+    column = dataset.robot.parameter_names.index("theta3")
+    moved = target_jacobian(dataset.robot, q)[..., column] * (5e-4 * np.sin(7 * q[:, 2]))[:, None]
+    return dataset.with_points(
+        replace(dataset.points, xyz_mm=dataset.points.xyz_mm + moved @ base_to_scanner.T)
+    )
+
+
+@pytest.mark.usefixtures("listed")
+def test_the_command_lists_a_class_that_is_in_the_catalogue(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["effects"]) == 0
+    line = "seventh_harmonic: theta_j += A sin(7 q_j)  [A rad]; needs joint angles over a seventh of a turn"
+    assert line in capsys.readouterr().out.splitlines()
+    assert main(["effects", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["effects"][-1] == {
+        "name": "seventh_harmonic",
+        "equation": "theta_j += A sin(7 q_j)",
+        "parameters": [{"name": "A", "unit": "rad"}],
+        "needs": "joint angles over a seventh of a turn",
+    }
+
+
+@pytest.mark.usefixtures("listed")
+def test_a_class_in_the_catalogue_is_ranked_named_explained_and_on_the_page(hidden: Dataset) -> None:
+    found = diagnose(hidden)
+    assert found.missing == ("seventh_harmonic",), explain(found)
+    words = explain(found)
+    assert "Missing: seventh_harmonic." in words
+    assert f"urad at {len(hidden.poses)} poses)" in words
+    assert "Note: seen in a test." in words
+    first = found.steps[0].calibration
+    ranking = screen(first, catalogue.effects_for(hidden))
+    assert ranking.candidates[0].name == "seventh_harmonic"
+    page = chosen_html("seventh_harmonic", ranking.candidates[0], first, ranking.cv_rmse_mm, own=False)
+    inside = chosen_html("seventh_harmonic", None, found.calibration, ranking.cv_rmse_mm, own=False)
+    for text in (SeventhHarmonic.equation, SeventhHarmonic.needs, SeventhHarmonic.confirm):
+        assert text in page
+        assert text in inside
+    assert "amplitude: seven waves of" in page
+    assert "amplitude: seven waves of" in fitted_html(found.calibration, "seventh_harmonic")
+    with pytest.raises(CalibError, match="scanner_scale, seventh_harmonic"):
+        catalogue.family_of(hidden, "magic")
+
+
+@pytest.mark.parametrize("kind", catalogue.CATALOGUE, ids=lambda kind: kind.name)
+def test_every_class_of_the_catalogue_tells_all_about_itself(kind: type[CatalogueEffect]) -> None:
+    assert re.fullmatch(r"[a-z_]+", kind.name)
+    assert kind.equation
+    assert kind.needs
+    assert all(name and unit for name, unit in kind.symbols)
+    assert kind.confirm or kind.name == "scanner_scale"  # which is told by a certified length, see its family
+    assert kind.__doc__
+
+
+def test_readmes_table_is_what_the_classes_say() -> None:
+    rows = re.findall(r"^\| `(\w+)` \| (.*) \| (.*) \|$", README, flags=re.MULTILINE)
+    known = {d.name: (d.equation, d.needs) for d in catalogue.descriptions()}
+    table = [row for row in rows if row[0] in known]
+    assert [(name, (equation, needs)) for name, equation, needs in table] == list(known.items())
+
+
+def test_readmes_own_effect_is_an_effects_file(tmp_path: Path, hidden: Dataset) -> None:
+    blocks = re.findall(r"^```python\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
+    (example,) = [block for block in blocks if "def apply(" in block]
+    assert "from calib import Parameter\n" in example
+    path = tmp_path / "my_effects.py"
+    path.write_text(example)
+    (family,) = load_effects(path, nominal_state(hidden))
+    assert family.name == "fifth_harmonic"
+    assert len(family.members) == hidden.robot.n_joints
+    assert family.description.equation == family.description.confirm == ""
+
+
+@dataclass(frozen=True)
+class Lean:
+    """As in a user's file: parameters and `apply`, and some of the texts."""
+
+    parameters = (Parameter("x_mm", unit="mm", scale=0.1),)
+    equation = "x += c q_1"
+    confirm = "the first joint alone"
+    needs = 3  # no text: as if it said nothing
+
+    def apply(self, state: RobotState, *, x_mm: float) -> RobotState:
+        return state.displace(x_mm * state.q_rad[:, :1] * [1.0, 0.0, 0.0])
+
+
+class Curt(Lean):
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        return 1 / 0 if value else ""  # type: ignore[return-value]
+
+
+class Mute(Lean):
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        return None  # type: ignore[return-value]
+
+
+def test_a_users_class_may_carry_the_same_texts(hidden: Dataset) -> None:
+    (family,) = check_effects((Lean(),), nominal_state(hidden))
+    said = family.description
+    assert (said.name, said.equation, said.needs) == ("lean", "x += c q_1", "")
+    ranking = screen(calibrate(hidden), (family,))
+    page = chosen_html("lean", ranking.candidates[0], calibrate(hidden), ranking.cv_rmse_mm, own=True)
+    assert "x += c q_1" in page
+    assert "the first joint alone" in page
+    assert "needs" not in page
+
+
+@pytest.mark.parametrize(
+    ("effect", "says"), [(Curt(), "fails with ZeroDivisionError"), (Mute(), "returns NoneType; return text")]
+)
+def test_a_users_meaning_that_fails_is_one_line_when_the_file_is_read(
+    hidden: Dataset, effect: Effect, says: str
+) -> None:
+    with pytest.raises(CalibError, match=rf"mine.py: effect \w+: `meaning` {says}") as caught:
+        check_effects((effect,), nominal_state(hidden), "mine.py")
+    assert "\n" not in str(caught.value)
