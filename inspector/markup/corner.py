@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.corners.intersection import Corner
-from inspector.markup import elements as tables
-from inspector.markup import numbers as words
+from inspector.markup import elements, numbers
 from inspector.markup.palette import DOUBT, FACE_COLOURS
 from inspector.session.view import View, corner_of
 
@@ -24,45 +23,45 @@ def ellipsoid_words(factor: float) -> str:
 
 def corner_html(view: View) -> str:
     """The whole tab for one pose."""
-    title = tables.heading(f"Pose {view.pose_id}")
+    title = elements.heading(f"Pose {view.pose_id}")
     found, search = corner_of(view, view.pose), view.search
     if found is None:
         if search is not None and search.failure:
-            return title + tables.alert(f"No corner: {search.failure}")
+            return title + elements.alert(f"No corner: {search.failure}")
         waiting = view.session.dataset.scan_path(view.pose) is not None
-        return title + tables.note(
+        return title + elements.note(
             "This scan has not been searched yet." if waiting else "Nothing was measured here."
         )
     xyz, covariance = found
     rows: list[tuple[object, ...]] = []
     for axis, name in enumerate("xyz"):
-        sigma = "–" if covariance is None else words.length(float(np.sqrt(covariance[axis, axis])))
+        sigma = "–" if covariance is None else numbers.length(float(np.sqrt(covariance[axis, axis])))
         rows.append((name, f"{xyz[axis]:.4f}", sigma))
     if covariance is not None:
-        rows.append(("all three (3D)", "", words.length(float(np.sqrt(np.trace(covariance))))))
+        rows.append(("all three (3D)", "", numbers.length(float(np.sqrt(np.trace(covariance))))))
     corner = None if search is None else search.corner
     parts = [
         title,
         *([] if corner is None else doubts_html(corner)),
-        tables.table(("scanner frame", "position, mm", "sigma"), rows),
-        tables.note(
+        elements.table(("scanner frame", "position, mm", "sigma"), rows),
+        elements.note(
             f"Drawn {view.factor:g} times larger than one standard deviation (Display → Ellipsoids ×)."
             if covariance is not None
             else "Its uncertainty is not known: no covariance in points.csv, no point_sigma_mm in dataset.toml."
         ),
     ]
     if search is not None and corner is not None:
-        took = f"{search.seconds:.2f} s, {words.count(search.search_passes, 'look')}"
-        parts += [*quality_html(corner), tables.facts([*quality_facts(corner), ("search took", took)])]
-    return "".join([*parts, tables.note("Click a corner in the scene to select its pose.")])
+        took = f"{search.seconds:.2f} s, {numbers.count(search.search_passes, 'look')}"
+        parts += [*quality_html(corner), elements.facts([*quality_facts(corner), ("search took", took)])]
+    return "".join([*parts, elements.note("Click a corner in the scene to select its pose.")])
 
 
 def doubts_html(corner: Corner) -> list[str]:
     """What deserves a look, with what would help."""
     doubts = corner.quality.doubts()
     if not doubts:
-        return [tables.note("Nothing about this corner deserves a second look.")]
-    return [tables.alert(doubt, colour=DOUBT) for doubt in doubts]
+        return [elements.note("Nothing about this corner deserves a second look.")]
+    return [elements.alert(doubt, colour=DOUBT) for doubt in doubts]
 
 
 def quality_html(corner: Corner) -> list[str]:
@@ -73,14 +72,14 @@ def quality_html(corner: Corner) -> list[str]:
         seen = quality.faces[i]
         faces.append(
             (
-                tables.named_swatch(FACE_COLOURS[i], f"face {i + 1}"),
+                elements.named_swatch(FACE_COLOURS[i], f"face {i + 1}"),
                 f"{face.points:,}",
-                words.length(face.rms_mm),
+                numbers.length(face.rms_mm),
                 f"{seen.incidence_deg:.0f}°",
                 f"{100 * seen.coverage:.0f} %",
             )
         )
-    parts = [tables.table(("face", "points", "rms", "seen at", "covered"), faces)]
+    parts = [elements.table(("face", "points", "rms", "seen at", "covered"), faces)]
     angles = [
         (f"faces {pair}", f"{angle:.3f}°", f"{error:+z.3f}°", f"{sigma:.3f}°")
         for pair, angle, error, sigma in zip(
@@ -91,8 +90,8 @@ def quality_html(corner: Corner) -> list[str]:
             strict=True,
         )
     ]
-    parts.append(tables.table(("angle between", "measured", "off the jig's", "sigma"), angles))
-    return [*parts, tables.note(LEGEND)]
+    parts.append(elements.table(("angle between", "measured", "off the jig's", "sigma"), angles))
+    return [*parts, elements.note(LEGEND)]
 
 
 def quality_facts(corner: Corner) -> list[tuple[str, object]]:
@@ -103,7 +102,7 @@ def quality_facts(corner: Corner) -> list[tuple[str, object]]:
         ("apex, against the planes at their middles", f"{quality.amplification:.1f} times less certain"),
         (
             "error that neighbours share",
-            f"{words.length(quality.smooth_error_mm)} over {quality.smooth_length_mm:.0f} mm: "
+            f"{numbers.length(quality.smooth_error_mm)} over {quality.smooth_length_mm:.0f} mm: "
             f"sigma × {quality.smooth_factor:.2f}"
             if quality.smooth_factor > PLAIN
             else "next to none",

@@ -26,8 +26,7 @@ from calib.effects.effect import (
     parameters_by_name,
 )
 from calib.kinematics.robot import Robot
-from inspector.markup import elements as tables
-from inspector.markup import numbers as words
+from inspector.markup import elements, numbers
 from inspector.session.session import Session, StepErrors
 
 GOOD, BAD, DOUBT, NEUTRAL = "#009E73", "#D55E00", "#E69F00", "#8A8F98"
@@ -45,19 +44,19 @@ def named(screening: Screening, name: str) -> Candidate | None:
 def state_html(session: Session, undo: int, redo: int) -> str:
     """What is in the model, its figures, and whether the last change helped."""
     if session.calibration is None or not session.history:
-        return tables.note(NOT_YET)
+        return elements.note(NOT_YET)
     last = session.history[-1]
     test = last.test_rmse_mm
     floor = noise_floor_mm(session.calibration)
     rows: list[tuple[str, object]] = [
         ("model", " + ".join(["link errors", *(added.name for added in session.effects)])),
-        ("training 3D RMSE", f"{words.millimetres(last.train_rmse_mm)} mm"),
-        ("test 3D RMSE", f"{words.millimetres(test)} mm" if math.isfinite(test) else "no test poses"),
-        ("noise alone, 3D", "not declared" if floor is None else f"{words.millimetres(floor)} mm"),
+        ("training 3D RMSE", f"{numbers.millimetres(last.train_rmse_mm)} mm"),
+        ("test 3D RMSE", f"{numbers.millimetres(test)} mm" if math.isfinite(test) else "no test poses"),
+        ("noise alone, 3D", "not declared" if floor is None else f"{numbers.millimetres(floor)} mm"),
         ("changes to undo · redo", f"{undo} · {redo}"),
     ]
     sentence, colour = last_change(session.history)
-    return tables.facts(rows) + (tables.alert(sentence, colour=colour) if sentence else "")
+    return elements.facts(rows) + (elements.alert(sentence, colour=colour) if sentence else "")
 
 
 def last_change(history: Sequence[StepErrors]) -> tuple[str, str]:
@@ -68,7 +67,7 @@ def last_change(history: Sequence[StepErrors]) -> tuple[str, str]:
     tested = math.isfinite(old.test_rmse_mm) and math.isfinite(new.test_rmse_mm)
     before, after = (old.test_rmse_mm, new.test_rmse_mm) if tested else (old.train_rmse_mm, new.train_rmse_mm)
     of = "test error" if tested else "training error (there are no test poses)"
-    figures = f"{words.millimetres(before)} → {words.millimetres(after)} mm"
+    figures = f"{numbers.millimetres(before)} → {numbers.millimetres(after)} mm"
     if not (before > 0 and math.isfinite(after)):
         return "", NEUTRAL
     share = after / before - 1
@@ -88,23 +87,25 @@ def verdict_html(diagnosis: Diagnosis | None) -> str:
         return ""
     said = f"What is left: {left_in_short(diagnosis.residual_tests)}. {verdict_words(diagnosis)}"
     if diagnosis.ambiguous_set:
-        either = words.listing(diagnosis.ambiguous_set, "or")
+        either = numbers.listing(diagnosis.ambiguous_set, "or")
         said = said.replace("The set above", f"These data cannot tell which: {either}. This set")
         said += " What would tell them apart is said below."
-    return tables.alert(said, colour=VERDICTS[diagnosis.verdict])
+    return elements.alert(said, colour=VERDICTS[diagnosis.verdict])
 
 
 def reasons_html(diagnosis: Diagnosis | None) -> str:
-    """All that led to the verdict, in words."""
+    """All that led to the verdict, in numbers."""
     if diagnosis is None:
         return ""
     *paragraphs, _ = explain(diagnosis).split("\n\n")
-    return tables.heading("How it was found") + "".join(tables.note(paragraph) for paragraph in paragraphs)
+    return elements.heading("How it was found") + "".join(
+        elements.note(paragraph) for paragraph in paragraphs
+    )
 
 
 def advice_html(advice: Advice) -> str:
     """What is left, and what to do next."""
-    return tables.alert(advice.words, colour=ADVICE[advice.kind])
+    return elements.alert(advice.words, colour=ADVICE[advice.kind])
 
 
 def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
@@ -122,22 +123,22 @@ def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
         )
         for c in showing
     ]
-    nothing = f"Nothing shows of {words.listing(silent)}." if silent else ""
+    nothing = f"Nothing shows of {numbers.listing(silent)}." if silent else ""
     if not showing:
         none = "No effect of the catalogue can be tested with these data; the reasons are below."
-        return tables.heading("What could be missing from this model") + tables.note(nothing or none)
+        return elements.heading("What could be missing from this model") + elements.note(nothing or none)
     return (
-        tables.heading("What could be missing from this model")
-        + tables.table(
+        elements.heading("What could be missing from this model")
+        + elements.table(
             ("effect", "evidence", "held-out error", "p"),
             rows,
             mark=names.index(chosen) if chosen in names else None,
         )
-        + tables.note(
+        + elements.note(
             "✓ The data speak for it: log evidence above 3 and p below 0.01 (Holm-corrected for the number of "
             "effects). A lead of less than 3 over the next leaves it open. Held-out error: by how much the error falls "
             "where each pose is predicted from the others; it is "
-            f"{words.millimetres(before)} mm a coordinate now. {nothing}"
+            f"{numbers.millimetres(before)} mm a coordinate now. {nothing}"
         )
     )
 
@@ -155,7 +156,7 @@ def chosen_html(
 ) -> str:
     """What the chosen effect is, its estimated parameters, what it may be confused with, how to be sure."""
     described = _description(name, candidate, calibration)
-    out = tables.heading(f"Effect {name}")
+    out = elements.heading(f"Effect {name}")
     facts: list[tuple[str, object]] = []
     facts += [
         (what, text) for what, text in (("equation", described.equation), ("needs", described.needs)) if text
@@ -167,7 +168,7 @@ def chosen_html(
         likeness = ", ".join(f"{n} {100 * s:.0f}\N{NO-BREAK SPACE}%" for n, s in alike)
         facts.append(("explains, of what is left", f"{100 * candidate.explained_share:.0f} %"))
         if candidate.members:
-            now, then = words.millimetres(cv_before_mm), words.millimetres(candidate.cv_rmse_mm)
+            now, then = numbers.millimetres(cv_before_mm), numbers.millimetres(candidate.cv_rmse_mm)
             by = change(cv_before_mm, candidate.cv_rmse_mm)
             facts.append(("held-out error", f"{now} → {then} mm a coordinate ({by})"))
         facts.append(("could also be made by", likeness or "nothing else here"))
@@ -175,17 +176,17 @@ def chosen_html(
             facts.append(("assumed", candidate.family.note))
     if described.confirm:
         facts.append(("to be sure, measure", described.confirm))
-    out += tables.facts(facts)
+    out += elements.facts(facts)
     if candidate is None:
         return out
     if not candidate.values:
-        return out + tables.note("Nothing of it shows in what is left over.")
+        return out + elements.note("Nothing of it shows in what is left over.")
     known = parameters_by_name(candidate.members)
     rows = [parameter_row(*known[v.name], v.value, v.sigma, calibration) for v in candidate.values]
     return (
         out
-        + tables.table(("estimated", "value ± sigma", "that is"), rows, height="260px")
-        + tables.note(
+        + elements.table(("estimated", "value ± sigma", "that is"), rows, height="260px")
+        + elements.note(
             "Linear estimates from what is left over; a fit with the effect in the model settles them. Below: each "
             "coordinate that is left over against what the effect would make of it. Points along the line speak for it."
         )
@@ -208,7 +209,7 @@ def fitted_html(calibration: Calibration, name: str) -> str:
         for row in calibration.to_frame().to_dict("records")
         if row["name"] in known
     ]
-    return tables.note("It is in the model. Fitted together with everything else:") + tables.table(
+    return elements.note("It is in the model. Fitted together with everything else:") + elements.table(
         ("fitted", "value ± sigma", "that is"), rows, height="260px"
     )
 
@@ -220,12 +221,12 @@ def value_row(value: Value) -> tuple[str, str, str, str]:
 
 def parameter_row(
     effect: Effect, parameter: Parameter, value: float, sigma: float, calibration: Calibration
-) -> tuple[str, str, tables.Html]:
+) -> tuple[str, str, elements.Html]:
     """A parameter with its unit, what it is and means on the arm; the family's name is in the heading."""
     short = full_name(effect, parameter).partition(".")[2]
     unit = "" if parameter.unit == "1" else parameter.unit
     means = ": ".join(filter(None, (parameter.doc, meaning(effect, parameter, value, calibration)))) or "–"
-    return short, f"{value:.3g} ± {sigma:.1g} {unit}".strip(), tables.wrapping(means)
+    return short, f"{value:.3g} ± {sigma:.1g} {unit}".strip(), elements.wrapping(means)
 
 
 def next_html(
@@ -237,7 +238,7 @@ def next_html(
     rows = [
         (
             ", ".join(f"{v:.0f}" for v in np.where(robot.is_revolute, np.degrees(pose.q), pose.q)),
-            words.length(pose.separation_mm),
+            numbers.length(pose.separation_mm),
         )
         for pose in poses
     ]
@@ -245,15 +246,15 @@ def next_html(
     enough = (
         "One measurement there tells them apart."
         if best > 4.0 * noise_mm
-        else f"That is little beside the noise of {words.length(noise_mm)} a coordinate: measure there several times."
+        else f"That is little beside the noise of {numbers.length(noise_mm)} a coordinate: measure there several times."
         if math.isfinite(noise_mm)
         else ""
     )
     units = "°" if robot.is_revolute.all() else "° (mm for prismatic joints)"
     return (
-        tables.heading(f"To tell {name} from {rival}, measure here")
-        + tables.table((f"joints, {units}", "they differ by"), rows)
-        + tables.note(
+        elements.heading(f"To tell {name} from {rival}, measure here")
+        + elements.table((f"joints, {units}", "they differ by"), rows)
+        + elements.note(
             f"Fitted each by itself, the two put the tool farthest apart at these poses, of those within the range "
             f"measured. {enough}"
         )
@@ -264,7 +265,9 @@ def untestable_html(untestable: tuple[Untestable, ...]) -> str:
     """What these data cannot speak about, why, and what would help."""
     if not untestable:
         return ""
-    return tables.heading("Cannot be tested with these data") + tables.bullets(untestable_words(untestable))
+    return elements.heading("Cannot be tested with these data") + elements.bullets(
+        untestable_words(untestable)
+    )
 
 
 def untestable_words(untestable: Sequence[Untestable]) -> list[str]:
@@ -273,7 +276,7 @@ def untestable_words(untestable: Sequence[Untestable]) -> list[str]:
     for silent in untestable:
         names.setdefault((silent.why, silent.would_help), []).append(silent.name)
     return [
-        f"{words.listing(of)}: {why}. To test {'it' if len(of) == 1 else 'them'}: {would_help}."
+        f"{numbers.listing(of)}: {why}. To test {'it' if len(of) == 1 else 'them'}: {would_help}."
         for (why, would_help), of in names.items()
     ]
 

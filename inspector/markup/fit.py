@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from calib.calibration.result import Calibration
-from inspector.markup import elements as tables
-from inspector.markup import numbers as words
+from inspector.markup import elements, numbers
 from inspector.markup.numbers import parameter_label
 from inspector.markup.palette import ROLE_COLOURS
 from inspector.session.session import Session
@@ -47,14 +46,14 @@ def state_html(result: Calibration) -> str:
     """What kind of fit it was and how it ended."""
     fit = result.fit
     rows: list[tuple[str, object]] = [
-        ("residual", f"{result.residual}, {words.count(fit.rows, 'equation')}"),
+        ("residual", f"{result.residual}, {numbers.count(fit.rows, 'equation')}"),
         ("parameters", f"{len(fit.parameters)}, of which {fit.rank} can be told apart"),
         ("iterations", len(result.iteration_errors) - 1),
         ("ended", fit.reason),
     ]
     if np.isfinite(result.sigma_mm):
-        rows.append(("residual sigma, one axis", words.length(result.sigma_mm)))
-    return tables.facts(rows) + "".join(tables.alert(w, colour="#E69F00") for w in result.warnings)
+        rows.append(("residual sigma, one axis", numbers.length(result.sigma_mm)))
+    return elements.facts(rows) + "".join(elements.alert(w, colour="#E69F00") for w in result.warnings)
 
 
 def figures_html(result: Calibration) -> str:
@@ -68,13 +67,13 @@ def figures_html(result: Calibration) -> str:
             continue
         for key, name in FIGURES:
             b, a = float(getattr(before, key)), float(getattr(after, key))
-            named = tables.named_swatch(ROLE_COLOURS[role], f"{words.role(role)} {name}")
-            rows.append((named, words.millimetres(b), words.millimetres(a), words.reduction(b, a)))
+            named = elements.named_swatch(ROLE_COLOURS[role], f"{numbers.role(role)} {name}")
+            rows.append((named, numbers.millimetres(b), numbers.millimetres(a), numbers.reduction(b, a)))
     columns = ("", "before", "after", "reduction")
-    lengths = tables.heading("Errors before and after, mm") + tables.table(columns, rows)
+    lengths = elements.heading("Errors before and after, mm") + elements.table(columns, rows)
     turns = attitude_rows(result)
     return lengths + (
-        tables.heading("Attitude of the jig before and after, mrad") + tables.table(columns, turns)
+        elements.heading("Attitude of the jig before and after, mrad") + elements.table(columns, turns)
         if turns
         else ""
     )
@@ -90,8 +89,8 @@ def attitude_rows(result: Calibration) -> list[tuple[object, ...]]:
         if was is None or now is None:
             continue
         for name, b, a in (("RMSE", was.rmse_rad, now.rmse_rad), ("max", was.max_rad, now.max_rad)):
-            named = tables.named_swatch(ROLE_COLOURS[role], f"{words.role(role)} {name}")
-            rows.append((named, f"{1e3 * b:.4f}", f"{1e3 * a:.4f}", words.reduction(b, a)))
+            named = elements.named_swatch(ROLE_COLOURS[role], f"{numbers.role(role)} {name}")
+            rows.append((named, f"{1e3 * b:.4f}", f"{1e3 * a:.4f}", numbers.reduction(b, a)))
     return rows
 
 
@@ -125,15 +124,15 @@ def parameters_html(result: Calibration) -> str:
     effects: dict[str, list[tuple[object, ...]]] = {}
     for name, _, fitted, _, sigma, unit in rows[len(links) :]:
         effect, _, short = name.partition(".")
-        effects.setdefault(effect, []).append((tables.wrapping(short), fitted, sigma, unit))
+        effects.setdefault(effect, []).append((elements.wrapping(short), fitted, sigma, unit))
     return (
-        tables.heading("Parameters")
-        + tables.table(PARAMETER_COLUMNS, links, height="420px")
+        elements.heading("Parameters")
+        + elements.table(PARAMETER_COLUMNS, links, height="420px")
         + "".join(
-            tables.heading(f"Effect {effect}") + tables.table(EFFECT_COLUMNS, of_it, height="260px")
+            elements.heading(f"Effect {effect}") + elements.table(EFFECT_COLUMNS, of_it, height="260px")
             for effect, of_it in effects.items()
         )
-        + tables.note(
+        + elements.note(
             "* the data tell next to nothing of it by itself: the value is held by its tolerance, or shared."
         )
     )

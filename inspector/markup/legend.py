@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from inspector.markup import elements as tables
+from inspector.markup import elements
 from inspector.markup.comparison import distance_bar, points_legend, roles_legend
 from inspector.markup.palette import FACE_COLOURS, FILTER_COLOURS, HIGHLIGHT, MODEL_COLOURS, REJECTED
 from inspector.session.view import View, corner_of
@@ -16,7 +16,7 @@ EMPTY = "Nothing is on show: choose a view above, or tick a layer below."
 def legend_html(view: View, visible: set[str], distances_mm: NDArray | None) -> str:
     """The meaning of the layers on show that have something in them. distances_mm  # (N,) of the scan to the jig"""
     if not visible:
-        return tables.note(EMPTY)
+        return elements.note(EMPTY)
     search, corner = view.search, view.search.corner if view.search is not None else None
     parts = []
     if "corners" in visible:
@@ -24,20 +24,20 @@ def legend_html(view: View, visible: set[str], distances_mm: NDArray | None) -> 
     elif "overview" in visible:
         parts.append(roles_legend())
     if corner is not None and visible & {"faces", "jig"}:
-        parts.append(tables.legend((colour, f"face {i + 1}") for i, colour in enumerate(FACE_COLOURS)))
+        parts.append(elements.legend((colour, f"face {i + 1}") for i, colour in enumerate(FACE_COLOURS)))
     if search is not None and search.groups and view.grey_rejected and visible & {"groups", "sets"}:
-        parts.append(tables.legend([(REJECTED, "plane group not chosen")]))
+        parts.append(elements.legend([(REJECTED, "plane group not chosen")]))
     if search is not None and len(search.sets) and "rejected" in visible:
         numbered = ((colour, i + 1) for i, colour in enumerate(FILTER_COLOURS))
-        parts.append(tables.legend(numbered, before="sets rejected by filter"))
+        parts.append(elements.legend(numbered, before="sets rejected by filter"))
     if "distance" in visible and distances_mm is not None and np.isfinite(distances_mm).any():
         parts.append(distance_bar(distances_mm))
     if "corner" in visible and corner_of(view, view.pose) is not None:
-        parts.append(tables.legend([(HIGHLIGHT, f"this corner, 1σ × {view.factor:g}")]))
+        parts.append(elements.legend([(HIGHLIGHT, f"this corner, 1σ × {view.factor:g}")]))
     compared = [version.name for version in view.versions if version.name in view.compared]
     if compared and visible & {"residuals", "predicted"}:
         models = ((MODEL_COLOURS[name], name) for name in compared)
-        parts.append(tables.legend(models, before=f"residuals × {view.arrows:g} to"))
+        parts.append(elements.legend(models, before=f"residuals × {view.arrows:g} to"))
     return (
         f'<div style="margin-bottom:14px">{"".join(parts)}</div>' if parts else ""
     )  # clear of the folder below

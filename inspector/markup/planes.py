@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from calib.corners.search import CornerSearch
-from inspector.markup import elements as tables
-from inspector.markup import numbers as words
+from inspector.markup import elements, numbers
 from inspector.markup.palette import FACE_COLOURS, FILTER_COLOURS, REJECTED, group_colour
 from inspector.session.view import View
 
@@ -20,14 +19,14 @@ SHOWN_GROUPS = 15
 def planes_html(view: View) -> str:
     """The whole tab for one pose."""
     search = view.search
-    title = tables.heading(f"Pose {view.pose_id}")
+    title = elements.heading(f"Pose {view.pose_id}")
     if search is None:
         if view.session.dataset.scan_path(view.pose) is None:
-            return title + tables.note("This pose has no scan, so there are no planes to look at.")
-        return title + tables.note("This scan has not been searched yet.")
-    failure = tables.alert(f"No corner: {search.failure}") if search.failure else ""
+            return title + elements.note("This pose has no scan, so there are no planes to look at.")
+        return title + elements.note("This scan has not been searched yet.")
+    failure = elements.alert(f"No corner: {search.failure}") if search.failure else ""
     if not len(search.sets):
-        return title + failure + tables.note(NOT_SEARCHED)
+        return title + failure + elements.note(NOT_SEARCHED)
     return (
         title + failure + filter_table(search) + face_table(search) + group_table(search, view.grey_rejected)
     )
@@ -45,11 +44,11 @@ def filter_table(search: CornerSearch) -> str:
         ("passed", "passed"),
     )
     rows = [(label, f"{counts[key]:,}", f"{100 * counts[key] / drawn:.1f} %") for key, label in names]
-    return tables.heading("Sample sets") + tables.table(("", "sets", "share"), rows) + passes_note(search)
+    return elements.heading("Sample sets") + elements.table(("", "sets", "share"), rows) + passes_note(search)
 
 
-def _rejected(number: int, why: str) -> tables.Html:
-    return tables.named_swatch(FILTER_COLOURS[number - 1], f"rejected by filter {number}: {why}")
+def _rejected(number: int, why: str) -> elements.Html:
+    return elements.named_swatch(FILTER_COLOURS[number - 1], f"rejected by filter {number}: {why}")
 
 
 def passes_note(search: CornerSearch) -> str:
@@ -60,8 +59,8 @@ def passes_note(search: CornerSearch) -> str:
         said = (
             "of which these are the one that got farthest, each with other neighbours and more sample sets."
         )
-        return tables.note(f"The scan was looked at {search.search_passes} times, {said}")
-    return tables.note(
+        return elements.note(f"The scan was looked at {search.search_passes} times, {said}")
+    return elements.note(
         f"The jig was found at look {search.search_passes} only, with other neighbours and more sample sets than at "
         "first: it is small, narrow or sparsely seen here. A finer or nearer scan would make it plain."
     )
@@ -76,14 +75,14 @@ def face_table(search: CornerSearch) -> str:
         of = f"group {face.group + 1}" if face.group >= 0 else "voted for (no group)"
         rows.append(
             (
-                tables.named_swatch(FACE_COLOURS[number], f"face {number + 1}"),
+                elements.named_swatch(FACE_COLOURS[number], f"face {number + 1}"),
                 of,
                 f"{face.points:,}",
-                words.length(face.rms_mm),
+                numbers.length(face.rms_mm),
                 _vector(face.normal),
             )
         )
-    return tables.heading("Faces of the jig") + tables.table(
+    return elements.heading("Faces of the jig") + elements.table(
         ("face", "from", "points", "rms", "normal"), rows, left=2
     )
 
@@ -118,7 +117,7 @@ def group_table(search: CornerSearch, grey: bool) -> str:
     for i, group in enumerate(search.groups[:SHOWN_GROUPS]):
         rows.append(
             (
-                tables.named_swatch(colours[i], i + 1),
+                elements.named_swatch(colours[i], i + 1),
                 group_state(search, i),
                 f"{len(group.sets):,}",
                 _vector(group.normal),
@@ -126,12 +125,12 @@ def group_table(search: CornerSearch, grey: bool) -> str:
             )
         )
     rest = len(search.groups) - len(rows)
-    more = tables.note(f"and {words.count(rest, 'smaller group')}") if rest > 0 else ""
+    more = elements.note(f"and {numbers.count(rest, 'smaller group')}") if rest > 0 else ""
     return (
-        tables.heading(f"Plane groups ({len(search.groups)})")
-        + tables.table(("group", "became", "sets", "normal", "offset, mm"), rows, left=2)
+        elements.heading(f"Plane groups ({len(search.groups)})")
+        + elements.table(("group", "became", "sets", "normal", "offset, mm"), rows, left=2)
         + more
-        + tables.note(WHY_NOT if search.chosen else WHY_NONE)
+        + elements.note(WHY_NOT if search.chosen else WHY_NONE)
     )
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from calib.calibration.pose_errors import Failure
 from calib.kinematics.robot import Robot
-from inspector.markup import numbers as words
+from inspector.markup import numbers
 
 LENGTH = "error length"
 AXES = {f"error in {axis} of the scanner": k for k, axis in enumerate("xyz")}
@@ -22,16 +22,16 @@ NAMES = {
 
 def band_note(failure: Failure, band: tuple[float, float]) -> str:
     """What the grey band is, and how many poses leave it where that is counted."""
-    grey = f"Grey: where noise alone ({words.length(failure.noise_mm)} a coordinate) leaves 19 of 20 poses."
+    grey = f"Grey: where noise alone ({numbers.length(failure.noise_mm)} a coordinate) leaves 19 of 20 poses."
     if not np.isfinite(band).all():
         return "These poses do not tell how much noise alone would make of it: there is no band."
     outside = failure.error_length_mm > failure.length_noise_mm
     counts = [
-        f"{np.count_nonzero(outside & of)} of {words.count(int(np.count_nonzero(of)), name)}"
+        f"{np.count_nonzero(outside & of)} of {numbers.count(int(np.count_nonzero(of)), name)}"
         for of, name in ((~failure.is_test, "training pose"), (failure.is_test, "test pose"))
         if of.any()
     ]
-    return f"{grey} By their length, {words.listing(counts)} are off by more."
+    return f"{grey} By their length, {numbers.listing(counts)} are off by more."
 
 
 def input_title(name: str, robot: Robot) -> str:

@@ -8,7 +8,7 @@ import viser
 from numpy.typing import NDArray
 
 from calib.calibration.model_versions import VERSIONS
-from inspector.markup import elements as tables
+from inspector.markup import elements
 from inspector.markup.comparison import arrows_and_points_legend, distance_html, figures_html, pose_html
 from inspector.panels.base import Actions, News, by_page
 from inspector.server.viser_server import one_of
@@ -29,10 +29,10 @@ class ComparePanel:
     """Which versions are shown, their key figures, and the legends of what is drawn."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
-        gui.add_html(tables.note(NOTE))
+        gui.add_html(elements.note(NOTE))
         self._show = gui.add_button_group("In 3D", (SHOW_ARM, SHOW_DISTANCE))
         self._show.on_click(lambda e: actions.look("Distance" if e.target.value == SHOW_DISTANCE else "Arm"))
-        self._figures = gui.add_html(tables.note(NOT_YET))
+        self._figures = gui.add_html(elements.note(NOT_YET))
         self.version = gui.add_dropdown("Model shown", VERSIONS, hint="whose arm and whose errors are shown")
         with gui.add_folder("Arrows to what these predict", expand_by_default=True):
             self.shown = {name: gui.add_checkbox(name, False) for name in VERSIONS}
@@ -75,10 +75,10 @@ class ComparePanel:
             self._news.put(self.version, view.version.name)
         self._news.put(self.arrows, f"{view.arrows:g}")
         self._news.put(self.colouring, view.colouring)
-        self._figures.content = figures_html(view) if names else tables.note(NOT_YET)
+        self._figures.content = figures_html(view) if names else elements.note(NOT_YET)
         self._legend.content = arrows_and_points_legend(view) if names else ""
         self._pose.content = pose_html(view)
-        self._problems.content = "".join(tables.alert(p, colour="#E69F00") for p in problems)
+        self._problems.content = "".join(elements.alert(p, colour="#E69F00") for p in problems)
 
     def update_distance(self, view: View, distances_mm: NDArray | None) -> None:
         """The selected scan's distances to the jig's faces (N,), nan beside the jig; None without a corner."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import viser
 
-from inspector.markup import elements as tables
+from inspector.markup import elements
 from inspector.markup.corner import corner_html
 from inspector.panels.base import Actions
 from inspector.session.view import View
@@ -26,7 +26,7 @@ class CornerPanel:
     """The selected corner in numbers."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
-        self._note = gui.add_html(tables.note(NOTE))
+        self._note = gui.add_html(elements.note(NOTE))
         self._show = gui.add_button_group("In 3D", tuple(LOOK_OF))
         self._show.on_click(lambda e: actions.look(LOOK_OF.get(e.target.value, "Corner")))
         self._content = gui.add_html("")
@@ -37,5 +37,5 @@ class CornerPanel:
         shown = tuple(LOOK_OF) if has_scans else (THIS, ALL)
         if shown != tuple(self._show.options):
             self._show.options = shown
-        self._note.content = tables.note(NOTE if has_scans else POINTS_NOTE)
+        self._note.content = elements.note(NOTE if has_scans else POINTS_NOTE)
         self._content.content = corner_html(view)

@@ -6,7 +6,7 @@ from functools import partial
 
 import viser
 
-from inspector.markup import elements as tables
+from inspector.markup import elements
 from inspector.panels.base import Actions
 
 NOTE = (
@@ -57,16 +57,16 @@ class TakeAwayPanel:
     """A button for each file, and what it holds."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
-        gui.add_html(tables.note(NOTE))
+        gui.add_html(elements.note(NOTE))
         self._doing = gui.add_html("")
         for name, (icon, holds) in ITEMS.items():
             button = gui.add_button(name, icon=icon, hint=holds)  # type: ignore[arg-type]
             button.on_click(partial(_pressed, actions, name))
-            gui.add_html(tables.note(holds))
+            gui.add_html(elements.note(holds))
 
     def say(self, words: str) -> None:
         """What is being made; "" when nothing is."""
-        self._doing.content = tables.alert(words, colour="#56B4E9") if words else ""
+        self._doing.content = elements.alert(words, colour="#56B4E9") if words else ""
 
 
 def _pressed(actions: Actions, what: str, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:

@@ -9,7 +9,7 @@ import viser
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from inspector.figures.plots import convergence, outline, pose_residuals
-from inspector.markup import elements as tables
+from inspector.markup import elements
 from inspector.markup.fit import (
     NO_POSES,
     faces_words,
@@ -29,10 +29,10 @@ NOTE = (
 
 
 class FitPanel:
-    """The calibration in figures and tables."""
+    """The calibration in figures and elements."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
-        gui.add_html(tables.note(NOTE))
+        gui.add_html(elements.note(NOTE))
         self.residual = gui.add_dropdown(
             "Fit",
             RESIDUALS,
@@ -64,7 +64,7 @@ class FitPanel:
         self.update_faces(view)
         self._convergence.visible = self._residuals.visible = result is not None
         if result is None:
-            self._state.content = tables.note(waiting or "Not calibrated yet.")
+            self._state.content = elements.note(waiting or "Not calibrated yet.")
             self._figures.content = self._parameters.content = ""
             return
         if result is not self._fitted and result.residual in RESIDUALS:  # a choice not yet pressed for stays
@@ -85,7 +85,7 @@ class FitPanel:
         if problem or self._unnamed is None or self._unnamed[0] is not searches:
             self._unnamed = (searches, problem) if problem else None
         words = NO_POSES + self._unnamed[1] if self._unnamed else faces_words(view.session)
-        self._faces.content = tables.note(words)
+        self._faces.content = elements.note(words)
 
     def update_residuals(self, view: View) -> None:
         """The error of each pose after the fit, the selected one outlined."""

@@ -9,7 +9,7 @@ from calib.diagnosis.advice import advise
 from inspector.figures.plots import error_history
 from inspector.figures.residual_plots import added_variable
 from inspector.markup import effects as html
-from inspector.markup import elements as tables
+from inspector.markup import elements
 from inspector.panels.base import Actions, by_page, hidden_plot, put
 from inspector.session.session import Session
 from inspector.session.view import View
@@ -28,7 +28,7 @@ class LearnPanel:
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         self._actions = actions
-        gui.add_html(tables.note(NOTE))
+        gui.add_html(elements.note(NOTE))
         self._own = gui.add_html("")
         self.find = gui.add_button(
             FIND,
@@ -70,7 +70,7 @@ class LearnPanel:
 
     def say(self, words_now: str) -> None:
         """What is being done, or why it cannot be."""
-        self._doing.content = tables.alert(words_now, colour="#56B4E9") if words_now else ""
+        self._doing.content = elements.alert(words_now, colour="#56B4E9") if words_now else ""
 
     @property
     def chosen(self) -> str:
@@ -82,7 +82,7 @@ class LearnPanel:
         session = view.session
         self.say("")
         self._offer(session)
-        self._own.content = tables.alert(own, colour=html.BAD) if own else ""
+        self._own.content = elements.alert(own, colour=html.BAD) if own else ""
         self._state.content = html.state_html(session, undo, redo)
         self.advise(session)
         self.update_figure(view)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import viser
 
-from inspector.markup import elements as tables
+from inspector.markup import elements
 from inspector.markup.planes import planes_html
 from inspector.panels.base import Actions
 from inspector.session.view import View
@@ -20,7 +20,7 @@ class PlanesPanel:
     """Counts and groups of the selected pose."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
-        gui.add_html(tables.note(NOTE))
+        gui.add_html(elements.note(NOTE))
         gui.add_button_group("In 3D", ("Show the planes",)).on_click(lambda _: actions.look("Planes"))
         self._content = gui.add_html("")
 

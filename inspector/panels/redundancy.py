@@ -9,8 +9,7 @@ import viser
 
 from calib.identifiability.redundancy import Redundancy
 from inspector.figures.plots import correlation_heatmap
-from inspector.markup import elements as tables
-from inspector.markup import numbers as words
+from inspector.markup import elements, numbers
 from inspector.markup.numbers import parameter_label
 from inspector.panels.base import Actions, by_page, hidden_plot
 from inspector.server.viser_server import one_of
@@ -27,10 +26,10 @@ CHOICES = (LENGTHS, ANGLES, ALL)
 
 
 class RedundancyPanel:
-    """Heatmap and the same in words."""
+    """Heatmap and the same in numbers."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
-        gui.add_html(tables.note(NOTE))
+        gui.add_html(elements.note(NOTE))
         self.residual = gui.add_dropdown(
             "Measured",
             RESIDUALS,
@@ -42,7 +41,7 @@ class RedundancyPanel:
             hint="Park correlates lengths and angles apart; unsplit also pairs mm with rad",
         )
         self._plot = hidden_plot(gui, 0.95)
-        self._content = gui.add_html(tables.note("Not computed yet."))
+        self._content = gui.add_html(elements.note("Not computed yet."))
         self.residual.on_update(
             lambda e: (
                 actions.redundancy(one_of(e.target.value, RESIDUALS, RESIDUALS[0])) if by_page(e) else None
@@ -55,7 +54,7 @@ class RedundancyPanel:
         analysis = view.session.redundancy
         self._plot.visible = analysis is not None
         if analysis is None:
-            self._content.content = tables.note("Not computed yet.")
+            self._content.content = elements.note("Not computed yet.")
             return
         at = shown(analysis, str(self.choice.value))
         self._plot.figure = correlation_heatmap(
@@ -77,12 +76,12 @@ def group_sentence(group: Sequence[str], kept: Sequence[str], r: float) -> str:
     """ "a6 and aTCP always act together (r = 1): keep a6"."""
     keep = [name for name in group if name in set(kept)]
     sign = f"r = {r:+.0f}".replace("+", "") if len(group) == 2 else "|r| = 1"
-    what = f"keep {words.listing([parameter_label(k) for k in keep])}" if keep else "drop all"
-    return f"{words.listing([parameter_label(n) for n in group])} always act together ({sign}): {what}"
+    what = f"keep {numbers.listing([parameter_label(k) for k in keep])}" if keep else "drop all"
+    return f"{numbers.listing([parameter_label(n) for n in group])} always act together ({sign}): {what}"
 
 
 def redundancy_html(analysis: Redundancy) -> str:
-    """The analysis in words."""
+    """The analysis in numbers."""
     row = {name: i for i, name in enumerate(analysis.parameters)}
 
     def sentence(group: Sequence[str]) -> str:
@@ -90,7 +89,7 @@ def redundancy_html(analysis: Redundancy) -> str:
 
     together = [sentence(group) for group in analysis.groups]
     across = [
-        f"{words.listing([parameter_label(n) for n in group])}: one of them would do"
+        f"{numbers.listing([parameter_label(n) for n in group])}: one of them would do"
         for group in analysis.mixed_groups
     ]
     sums = [
@@ -100,8 +99,8 @@ def redundancy_html(analysis: Redundancy) -> str:
     silent = ", ".join(parameter_label(name) for name in analysis.no_influence) or "none"
     useful = len(set(analysis.kept) - set(analysis.no_influence))
     parts = [
-        tables.note(f"Seen by {analysis.seen}."),
-        tables.facts(
+        elements.note(f"Seen by {analysis.seen}."),
+        elements.facts(
             [
                 ("parameters", len(analysis.parameters)),
                 ("without influence", len(analysis.no_influence)),
@@ -109,18 +108,18 @@ def redundancy_html(analysis: Redundancy) -> str:
                 ("true rank (SVD)", analysis.rank),
             ]
         ),
-        tables.heading("Always act together"),
-        tables.bullets(together or ["No two parameters of one unit."]),
+        elements.heading("Always act together"),
+        elements.bullets(together or ["No two parameters of one unit."]),
     ]
     if across:
         parts += [
-            tables.heading("Act together across mm and rad (missed by Park's split)"),
-            tables.bullets(across),
+            elements.heading("Act together across mm and rad (missed by Park's split)"),
+            elements.bullets(across),
         ]
     if sums:
         parts += [
-            tables.heading("Cancel as a sum (in mm and rad), though no two are alike"),
-            tables.bullets(sums),
+            elements.heading("Cancel as a sum (in mm and rad), though no two are alike"),
+            elements.bullets(sums),
         ]
-    parts += [tables.heading("No influence on the measurement"), tables.note(silent)]
+    parts += [elements.heading("No influence on the measurement"), elements.note(silent)]
     return "".join(parts)

@@ -6,7 +6,7 @@ import viser
 
 from calib.calibration.pose_errors import Failure, running_median
 from inspector.figures.residual_plots import place_views, residual_against, select
-from inspector.markup import elements as tables
+from inspector.markup import elements
 from inspector.markup.residuals import AXES, LENGTH, band_note, input_title, joint_title, shown, turned
 from inspector.panels.base import Actions, by_page, hidden_plot, put
 from inspector.session.view import View
@@ -34,7 +34,7 @@ class FailurePanel:
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         self._actions = actions
-        gui.add_html(tables.note(NOTE))
+        gui.add_html(elements.note(NOTE))
         self.against = gui.add_dropdown(
             "Against",
             (NONE,),
@@ -45,7 +45,7 @@ class FailurePanel:
         )
         self._plot = hidden_plot(gui, 0.75)
         self._places = hidden_plot(gui, 1.35)
-        self._state = gui.add_html(tables.note(NOT_YET))
+        self._state = gui.add_html(elements.note(NOT_YET))
         self.worst = gui.add_dropdown("Worst poses", (NONE,), hint="selects the pose, everywhere on the page")
         self._table = gui.add_html("")
         self._ids: dict[str, str] = {}  # pose id by label
@@ -71,11 +71,11 @@ class FailurePanel:
             self._plot.visible = self._places.visible = False
             self._table.content = ""
             if view.session.calibration is None:  # what could be chosen was another dataset's
-                self._state.content = tables.note(NOT_YET)
+                self._state.content = elements.note(NOT_YET)
                 for handle in (self.against, self.what, self.worst):
                     _offer(handle, (NONE,))
             else:
-                self._state.content = tables.note("Being worked out, or too few poses to judge by.")
+                self._state.content = elements.note("Being worked out, or too few poses to judge by.")
             return
         robot = view.session.dataset.robot
         inputs = {input_title(name, robot): name for name in failure.inputs}
@@ -103,7 +103,7 @@ class FailurePanel:
                     x, values, failure.pose_ids, failure.is_test, x_title=title, y_title=y_title, band=band,
                     smooth=running_median(x[train], values[train]), selected=view.pose_id, dark=view.dark,
                 )  # fmt: skip
-            self._state.content = tables.note(
+            self._state.content = elements.note(
                 PLACES_NOTE if places else f"{band_note(failure, band)} {RINGED}"
             )
             self._drawn = drawing
@@ -137,7 +137,7 @@ class FailurePanel:
         put(self.worst, labels.get(view.pose_id, NONE))
         error = dict(zip(failure.pose_ids, failure.error_mm, strict=True))
         rows = [(i, role[i], f"{length[i]:.4f}", *(f"{e:+.4f}" for e in error[i])) for i in worst]
-        self._table.content = tables.heading("Worst poses, mm in the scanner's frame") + tables.table(
+        self._table.content = elements.heading("Worst poses, mm in the scanner's frame") + elements.table(
             ("pose", "role", "length", "x", "y", "z"),
             rows,
             left=2,

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import viser
 
-from inspector.markup import elements as tables
-from inspector.markup import numbers as words
+from inspector.markup import elements, numbers
 from inspector.markup.palette import DOUBT, FAILED, ROLE_WORDS, role_colour
 from inspector.panels.base import Actions, News, by_page, put
 from inspector.server.viser_server import clamped, one_of
@@ -46,7 +45,7 @@ class ReviewPanel:
         self.dataset = gui.add_dropdown("Dataset", datasets, disabled=len(datasets) < 2)
         self._problem = gui.add_html("")  # here it is seen, whatever the height of the screen
         self._about = gui.add_html("")
-        self.progress_text = gui.add_html(tables.note("Reading the dataset …"))
+        self.progress_text = gui.add_html(elements.note("Reading the dataset …"))
         self.progress = gui.add_progress_bar(0, animated=True)
         self.search = gui.add_button("Stop the search", visible=False, color="gray")
         self.pose = gui.add_dropdown("Pose", ("–",))
@@ -72,7 +71,7 @@ class ReviewPanel:
                 "Ellipsoids ×", tuple(str(f) for f in FACTORS), initial_value="1000",
                 hint="how many times larger than one standard deviation the uncertainty is drawn",
             )  # fmt: skip
-        gui.add_html(tables.STYLE + tables.note("Keys: N next, P previous, 1–7 views, D dark"))
+        gui.add_html(elements.STYLE + elements.note("Keys: N next, P previous, 1–7 views, D dark"))
         self._connect(gui)
 
     def _connect(self, gui: viser.GuiApi) -> None:
@@ -120,7 +119,7 @@ class ReviewPanel:
         self._folders["Scan layers"].visible = has_scans
         self.view.options = LOOKS if has_scans else POINT_LOOKS
         self.pose.options = tuple(
-            f"{i} · {words.role(str(r))}" for i, r in zip(poses.ids, poses.role, strict=True)
+            f"{i} · {numbers.role(str(r))}" for i, r in zip(poses.ids, poses.role, strict=True)
         )
 
     def update(self, view: View) -> None:
@@ -128,29 +127,29 @@ class ReviewPanel:
         dataset = view.session.dataset
         poses = dataset.poses
         roles = [str(r) for r in poses.role]
-        self._about.content = tables.facts(
+        self._about.content = elements.facts(
             [
                 # The list above has room for a short name only.
-                *([("dataset", dataset.name)] if len(dataset.name) > tables.LONG_NAME else []),
+                *([("dataset", dataset.name)] if len(dataset.name) > elements.LONG_NAME else []),
                 ("robot", dataset.robot.name),
                 ("poses", " · ".join(f"{roles.count(r)} {w}" for r, w in ROLE_WORDS.items() if r in roles)),
                 *([("scanner placements", len(set(poses.setup)))] if len(set(poses.setup)) > 1 else []),
             ]
-        ) + "".join(tables.alert(w, colour="#E69F00") for w in dataset.warnings)  # fmt: skip
+        ) + "".join(elements.alert(w, colour="#E69F00") for w in dataset.warnings)  # fmt: skip
         self._news.put(self.pose, self.pose.options[view.pose])
         self._status.content = self._pose_status(view)
 
     def _pose_status(self, view: View) -> str:
         role = str(view.session.dataset.poses.role[view.pose])
-        place = f"{view.pose + 1} of {len(view.session.dataset.poses)}, {words.role(role)}"
-        rows: list[tuple[str, object]] = [("pose", tables.named_swatch(role_colour(role), place))]
+        place = f"{view.pose + 1} of {len(view.session.dataset.poses)}, {numbers.role(role)}"
+        rows: list[tuple[str, object]] = [("pose", elements.named_swatch(role_colour(role), place))]
         setup = str(view.session.dataset.poses.setup[view.pose])
         if setup:
             rows.append(("scanner placement", setup))
         found, search = corner_of(view, view.pose), view.search
         alert = ""
         if search is not None and search.failure:
-            alert = tables.alert(f"No corner: {search.failure}")
+            alert = elements.alert(f"No corner: {search.failure}")
         elif found is None:
             waiting = view.session.dataset.scan_path(view.pose) is not None
             rows.append(("corner", "waiting for the search" if waiting else "not measured"))
@@ -158,13 +157,13 @@ class ReviewPanel:
             rows.append(("corner", "measured (points.csv)"))
         else:
             doubts = len(search.corner.quality.doubts())
-            said = f"found, {words.count(doubts, 'doubt')}: see the tab Corner"
-            rows.append(("corner", tables.named_swatch(DOUBT, said) if doubts else "found"))
-        return tables.facts(rows) + alert
+            said = f"found, {numbers.count(doubts, 'doubt')}: see the tab Corner"
+            rows.append(("corner", elements.named_swatch(DOUBT, said) if doubts else "found"))
+        return elements.facts(rows) + alert
 
     def show_nothing(self) -> None:
         """No dataset could be opened; the reason stands above."""
-        self.progress_text.content = tables.note(NOTHING_OPEN)
+        self.progress_text.content = elements.note(NOTHING_OPEN)
         self.progress.visible = self.search.visible = False
 
     def show_progress(
@@ -179,7 +178,7 @@ class ReviewPanel:
     ) -> None:
         """How far the search through the scans has come; ids of poses whose corner failed or has doubts."""
         if total == 0:
-            self.progress_text.content = tables.note(
+            self.progress_text.content = elements.note(
                 "No scans to search: the points were measured (points.csv)."
             )
             self.progress.visible = self.search.visible = False
@@ -195,7 +194,7 @@ class ReviewPanel:
             text = f"{done - len(failed)} of {total} corners found{took}{failures}"
         colour = FAILED if failed else DOUBT if doubtful else ""
         self.progress_text.content = (
-            tables.alert(text, colour=colour) if colour and not running else tables.note(text)
+            elements.alert(text, colour=colour) if colour and not running else elements.note(text)
         )
         put(self.progress, 100.0 * done / total)
         self.progress.animated = running
@@ -214,12 +213,13 @@ class ReviewPanel:
 
     def show_problem(self, text: str) -> None:
         """The last thing that went wrong, so that it outlives its notification."""
-        self._problem.content = tables.alert(text) if text else ""
+        self._problem.content = elements.alert(text) if text else ""
 
 
 def few(names: Sequence[str], most: int = 3) -> str:
     """ "p1, p2, p3 …": the first of many, each short."""
     shown = [
-        name if len(name) <= tables.LONG_NAME else f"{name[: tables.LONG_NAME - 1]}…" for name in names[:most]
+        name if len(name) <= elements.LONG_NAME else f"{name[: elements.LONG_NAME - 1]}…"
+        for name in names[:most]
     ]
     return ", ".join(shown) + (" …" if len(names) > most else "")

@@ -6,8 +6,7 @@ import numpy as np
 import viser
 
 from calib.scans.scan import Scan
-from inspector.markup import elements as tables
-from inspector.markup import numbers as words
+from inspector.markup import elements, numbers
 from inspector.markup.comparison import roles_legend
 from inspector.markup.palette import DOUBT, FAILED, role_colour
 from inspector.panels.base import Actions
@@ -26,7 +25,7 @@ class ScansPanel:
     """What the selected scan is made of, and a table of all poses."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
-        self._note = gui.add_html(tables.note(NOTE))
+        self._note = gui.add_html(elements.note(NOTE))
         self._show = gui.add_button_group("In 3D", ("Show all scans",))
         self._show.on_click(lambda _: actions.look("All scans"))
         self._scan = gui.add_html("")
@@ -35,13 +34,13 @@ class ScansPanel:
     def update(self, view: View, scan: Scan | None, drawn: int) -> None:
         """The selected scan's facts; `drawn` of its points are in the scene."""
         self._show.visible = view.session.dataset.scan_folder is not None
-        self._note.content = tables.note(NOTE if self._show.visible else NO_SCANS)
-        self._scan.content = tables.heading(f"Pose {view.pose_id}") + scan_facts(view, scan, drawn)
+        self._note.content = elements.note(NOTE if self._show.visible else NO_SCANS)
+        self._scan.content = elements.heading(f"Pose {view.pose_id}") + scan_facts(view, scan, drawn)
         self.update_list(view)
 
     def update_list(self, view: View) -> None:
         """The table of all poses."""
-        self._all.content = tables.heading("All poses") + roles_legend() + pose_table(view)
+        self._all.content = elements.heading("All poses") + roles_legend() + pose_table(view)
 
 
 def scan_facts(view: View, scan: Scan | None, drawn: int) -> str:
@@ -51,7 +50,7 @@ def scan_facts(view: View, scan: Scan | None, drawn: int) -> str:
     rows: list[tuple[str, object]] = []
     alert = ""
     if view.pose_id in view.failures:
-        alert = tables.alert(view.failures[view.pose_id])
+        alert = elements.alert(view.failures[view.pose_id])
     elif scan is not None:
         extent = np.ptp(scan.points_mm, axis=0) if len(scan.points_mm) else np.zeros(3)
         rows += [
@@ -78,7 +77,7 @@ def scan_facts(view: View, scan: Scan | None, drawn: int) -> str:
         if values is not None:
             rows.append((name, f"{values[i]:g} {unit}"))
     rows += [(str(column), poses.extra[column].iloc[i]) for column in poses.extra.columns]
-    return alert + tables.facts(rows)
+    return alert + elements.facts(rows)
 
 
 def pose_table(view: View) -> str:
@@ -89,18 +88,18 @@ def pose_table(view: View) -> str:
     for i, (pose_id, role) in enumerate(zip(poses.ids, poses.role, strict=True)):
         search, found = view.session.searches.get(pose_id), corner_of(view, i)
         known = found is not None and found[1] is not None
-        sigma = words.length(float(np.sqrt(np.trace(found[1])))) if known else "–"  # type: ignore[index,arg-type]
+        sigma = numbers.length(float(np.sqrt(np.trace(found[1])))) if known else "–"  # type: ignore[index,arg-type]
         row: list[object] = [
-            tables.named_swatch(role_colour(str(role)), pose_id),
+            elements.named_swatch(role_colour(str(role)), pose_id),
             corner_state(view, i),
             sigma,
         ]
         if searched:
             corner = None if search is None else search.corner
-            row.append("–" if corner is None else words.length(max(face.rms_mm for face in corner.faces)))
+            row.append("–" if corner is None else numbers.length(max(face.rms_mm for face in corner.faces)))
             row.append("–" if search is None else f"{search.seconds:.2f}")
         rows.append(row)
-    return tables.table(
+    return elements.table(
         ("pose", "corner" if searched else "point", "sigma, 3D", "worst face rms", "search, s")[
             : 5 if searched else 3
         ],
@@ -111,14 +110,14 @@ def pose_table(view: View) -> str:
     )
 
 
-def corner_state(view: View, pose: int) -> tables.Html | str:
+def corner_state(view: View, pose: int) -> elements.Html | str:
     """What became of the corner of a pose, in a word or two."""
     search = view.session.searches.get(view.session.dataset.poses.ids[pose])
     if search is not None and search.failure:
-        return tables.named_swatch(FAILED, "failed")
+        return elements.named_swatch(FAILED, "failed")
     if search is not None and search.corner is not None:
         doubts = len(search.corner.quality.doubts())
-        return tables.named_swatch(DOUBT, words.count(doubts, "doubt")) if doubts else "found"
+        return elements.named_swatch(DOUBT, numbers.count(doubts, "doubt")) if doubts else "found"
     if corner_of(view, pose) is not None:
         return "measured"
     return "waiting" if view.session.dataset.scan_path(pose) is not None else "none"

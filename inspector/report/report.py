@@ -16,7 +16,7 @@ from calib.calibration.noise_check import check_sigma, noise_floor_mm
 from calib.calibration.result import Calibration
 from calib.diagnosis.explanation import explain
 from inspector.figures.plots import error_history
-from inspector.markup import numbers as words
+from inspector.markup import numbers
 from inspector.markup.effects import NEUTRAL, VERDICTS, last_change
 from inspector.markup.fit import FIGURES
 from inspector.report import sections
@@ -103,14 +103,14 @@ def _key_figures(report: Report) -> list[tuple[str, object]]:
     before, after = report.calibration.before, report.calibration.after
     floor = noise_floor_mm(report.calibration)
     out: list[tuple[str, object]] = [
-        (f"{name}, 3D RMSE", f"{words.millimetres(b.rmse_mm)} → {words.millimetres(a.rmse_mm)}\u00a0mm")
+        (f"{name}, 3D RMSE", f"{numbers.millimetres(b.rmse_mm)} → {numbers.millimetres(a.rmse_mm)}\u00a0mm")
         for name, b, a in (
             ("Training poses", before.train, after.train),
             ("Test poses", before.test, after.test),
         )
         if b is not None and a is not None
     ]
-    out.append(("Noise alone, 3D", "not declared" if floor is None else f"{words.millimetres(floor)} mm"))
+    out.append(("Noise alone, 3D", "not declared" if floor is None else f"{numbers.millimetres(floor)} mm"))
     out.append(("Effects in the model", ", ".join(report.calibration.model.family_names) or "none"))
     return out
 
@@ -140,7 +140,7 @@ def _history(report: Report) -> list[Block]:
         return error_history(labels, train, test, floor, dark=dark)
 
     rows = [
-        (s.label, *(words.millimetres(v) for v in (s.train_rmse_mm, s.test_rmse_mm, s.sigma_mm)))
+        (s.label, *(numbers.millimetres(v) for v in (s.train_rmse_mm, s.test_rmse_mm, s.sigma_mm)))
         for s in steps
     ]
     caption = (
@@ -168,10 +168,10 @@ def _before_after(calibration: Calibration) -> list[tuple[object, ...]]:
             pairs = [(name, float(getattr(before, k)), float(getattr(after, k))) for k, name in FIGURES]
             rows += [
                 (
-                    f"{words.role(role)} {name}",
-                    words.millimetres(b),
-                    words.millimetres(a),
-                    words.reduction(b, a),
+                    f"{numbers.role(role)} {name}",
+                    numbers.millimetres(b),
+                    numbers.millimetres(a),
+                    numbers.reduction(b, a),
                 )
                 for name, b, a in pairs
             ]

@@ -18,7 +18,7 @@ from calib.diagnosis.screening import Candidate
 from calib.measurement.measured_points import failed_searches
 from inspector.figures.plots import correlation_heatmap, pose_residuals
 from inspector.figures.residual_plots import SELECTED, residual_against
-from inspector.markup import numbers as words
+from inspector.markup import numbers
 from inspector.markup.effects import probability, untestable_words, value_row
 from inspector.markup.fit import PARAMETER_COLUMNS, parameter_rows
 from inspector.markup.residuals import AXES, band_note, input_title, joint_title, shown, turned
@@ -33,18 +33,18 @@ def dataset(report: Report) -> list[Block]:
     """What was measured, where, under which conditions, and what is odd about it."""
     given = report.session.dataset
     poses = given.poses
-    roles = [f"{np.count_nonzero(poses.role == role)} {words.role(role)}" for role in ("train", "test")]
+    roles = [f"{np.count_nonzero(poses.role == role)} {numbers.role(role)}" for role in ("train", "test")]
     setups = [str(name) for name in np.unique(poses.setup)]
     rows: list[tuple[str, object]] = [("dataset", given.name)]
     if given.description:
         rows.append(("description", given.description))
     rows += [
         ("robot", f"{given.robot.name}, {given.robot.n_joints} joints"),
-        ("poses", f"{len(poses)}: 1 reference, {words.listing(roles)}"),
+        ("poses", f"{len(poses)}: 1 reference, {numbers.listing(roles)}"),
         ("measured", _measured(given, report.session.searches)),
         ("placements of the scanner", len(setups)),
         ("noise declared", _noise(report.calibration)),
-        ("conditions written down", words.listing(_conditions(given)) or "none"),
+        ("conditions written down", numbers.listing(_conditions(given)) or "none"),
     ]
     notes = [*report.calibration.warnings, *_of_scans(given, report.session.searches)]
     return [Facts(rows), *([Bullets(notes)] if notes else [])]
@@ -52,10 +52,10 @@ def dataset(report: Report) -> list[Block]:
 
 def _measured(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> str:
     if dataset.points is not None:
-        return f"{words.count(len(dataset.points), 'point')} given in the dataset's table of points"
+        return f"{numbers.count(len(dataset.points), 'point')} given in the dataset's table of points"
     found = len(searches) - len(failed_searches(searches))
     jig = f"a jig of {dataset.jig.edge_mm:g} mm edges"
-    return f"the corner of {jig} in {found} of {words.count(len(searches), 'scan')}"
+    return f"the corner of {jig} in {found} of {numbers.count(len(searches), 'scan')}"
 
 
 def _of_scans(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> list[str]:
@@ -78,7 +78,7 @@ def _noise(calibration: Calibration) -> str:
     checked = check_sigma(calibration)
     if checked.declared_mm is None:
         return "no; the residual alone tells it"
-    return f"{words.length(checked.declared_mm)} a coordinate of a measured point"
+    return f"{numbers.length(checked.declared_mm)} a coordinate of a measured point"
 
 
 def _conditions(dataset: Dataset) -> list[str]:
@@ -104,7 +104,7 @@ def ranking(report: Report) -> list[Block]:
             f"{c.log_evidence:.1f}",
             probability(c.p_holm),
             f"{100 * c.explained_share:.0f}",
-            words.millimetres(c.cv_rmse_mm),
+            numbers.millimetres(c.cv_rmse_mm),
             _likeness(c),
         )
         for c in report.ranking.candidates
@@ -115,7 +115,7 @@ def ranking(report: Report) -> list[Block]:
         Paragraph(
             f"Each effect held against what the model of {report.ranking_of} leaves over. CV: error of a "
             "coordinate when each pose is predicted from the others, "
-            f"{words.millimetres(report.ranking.cv_rmse_mm)} mm without any of them."
+            f"{numbers.millimetres(report.ranking.cv_rmse_mm)} mm without any of them."
         ),
         Table(columns, rows, left=(0, 5), mark=next((i for i, c in enumerate(named) if c), None)),
     ]

@@ -14,8 +14,7 @@ from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
 from calib.fitting.observations import Observations
 from calib.scans.scan import Scan
-from inspector.markup import colour_scale as colour_map
-from inspector.markup import numbers as words
+from inspector.markup import colour_scale, numbers
 from inspector.markup.comparison import distance_limit_mm, error_limit_mm
 from inspector.markup.palette import FACE_COLOURS, MODEL_COLOURS, rgb, role_colour
 from inspector.scene import corner_nodes, model_nodes
@@ -32,7 +31,9 @@ ABOVE_MM = 20.0  # how far over the points their text stands
 def pose_colours(view: View) -> NDArray[np.uint8]:
     """(N, 3) the colour of each pose's measured point: its role's, or that of the chosen version's error."""
     if view.colouring == BY_ERROR and view.version is not None:
-        return colour_map.coloured(view.version.pose_errors_mm(), 0.0, error_limit_mm(view), colour_map.ERROR)
+        return colour_scale.coloured(
+            view.version.pose_errors_mm(), 0.0, error_limit_mm(view), colour_scale.ERROR
+        )
     roles = view.session.dataset.poses.role
     return np.array([rgb(role_colour(str(role))) for role in roles], dtype=np.uint8)
 
@@ -89,7 +90,7 @@ def _arrows(
 
 def residual_words(factor: float, longest_mm: Mapping[str, float]) -> str:
     """What the arrows are: how many times too long, and the longest error of each version."""
-    lengths = [words.length(mm) for mm in longest_mm.values()]
+    lengths = [numbers.length(mm) for mm in longest_mm.values()]
     if len(lengths) == 1:
         return f"residuals × {factor:g}, longest {lengths[0]}"
     named = "; ".join(f"{name} {length}" for name, length in zip(longest_mm, lengths, strict=True))
@@ -175,5 +176,5 @@ def draw_distance(scene: SceneView, scan: Scan | None, distances_mm: NDArray | N
         return
     on_jig = np.isfinite(distances_mm)
     limit = distance_limit_mm(distances_mm)
-    colours = colour_map.coloured(distances_mm[on_jig], -limit, limit, colour_map.SIGNED)
+    colours = colour_scale.coloured(distances_mm[on_jig], -limit, limit, colour_scale.SIGNED)
     scene.draw_distance(scan.points_mm[on_jig], colours)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.scans.scan import Scan
-from inspector.markup import numbers as words
+from inspector.markup import numbers
 from inspector.markup.corner import ellipsoid_words
 from inspector.markup.planes import group_colours
 from inspector.scene import corner_nodes, plane_nodes
@@ -51,7 +51,7 @@ def draw_corner(scene: SceneView, view: View) -> None:
         )
     text = view.pose_id
     if covariance is not None:
-        text += f": σ {words.length(float(np.sqrt(np.trace(covariance))))}, {ellipsoid_words(view.factor)}"
+        text += f": σ {numbers.length(float(np.sqrt(np.trace(covariance))))}, {ellipsoid_words(view.factor)}"
     scene.draw(
         "corner",
         lambda api, name: corner_nodes.corner(api, name, xyz, covariance, view.factor, edges, text),

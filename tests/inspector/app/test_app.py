@@ -16,7 +16,7 @@ from inspector.app.app import App
 from inspector.app.dataset_list import names_of
 from inspector.app.serving import serving
 from inspector.app.tabs import STEPS
-from inspector.markup import numbers as words
+from inspector.markup import numbers
 from inspector.markup.numbers import parameter_label
 from inspector.markup.palette import ROLE_COLOURS
 from inspector.markup.planes import group_colours
@@ -280,7 +280,7 @@ def test_corner_tab_gives_position_and_sigma_with_units(app: App, page: WireClie
     text = plain(page)
     for axis in range(3):
         assert f"{corner.xyz_mm[axis]:.4f}" in text
-        assert words.length(float(np.sqrt(corner.covariance_mm2[axis, axis]))) in text
+        assert numbers.length(float(np.sqrt(corner.covariance_mm2[axis, axis]))) in text
     label = page.scene[f"{ROOT}/corner/label"]["props"]["text"]
     factor = page.value("Ellipsoids ×")
     assert f"1σ × {factor}" in label
@@ -342,8 +342,8 @@ def test_fit_tab_shows_the_calibrations_own_numbers(app: App, page: WireClient) 
     assert after is not None
     text = plain(page)
     for number in (before.rmse_mm, after.rmse_mm, before.distance_max_mm, after.distance_max_mm):
-        assert words.millimetres(number) in text
-    assert words.reduction(before.rmse_mm, after.rmse_mm) in text
+        assert numbers.millimetres(number) in text
+    assert numbers.reduction(before.rmse_mm, after.rmse_mm) in text
     curves = {trace["name"]: trace for trace in figure(page, "scatter")}
     assert set(curves) == {"training", "test"}
 
@@ -493,11 +493,11 @@ def test_names_of_datasets_tell_them_apart(tmp_path: Path) -> None:
 
 
 def test_words() -> None:
-    assert words.length(0.0123) == "12.3 µm"
-    assert words.length(1.5) == "1.500 mm"
-    assert words.length(float("nan")) == "–"
-    assert words.reduction(4.256, 0.291) == "93.16 %"
-    assert words.reduction(0, 1) == "–"
-    assert words.listing(("a", "b", "c")) == "a, b and c"
-    assert words.millimetres(2.5e-13) == "2.5e-13"
+    assert numbers.length(0.0123) == "12.3 µm"
+    assert numbers.length(1.5) == "1.500 mm"
+    assert numbers.length(float("nan")) == "–"
+    assert numbers.reduction(4.256, 0.291) == "93.16 %"
+    assert numbers.reduction(0, 1) == "–"
+    assert numbers.listing(("a", "b", "c")) == "a, b and c"
+    assert numbers.millimetres(2.5e-13) == "2.5e-13"
     assert ROLE_COLOURS.keys() == {"reference", "train", "test"}

@@ -10,7 +10,7 @@ import viser
 
 from inspector.app.app import App
 from inspector.app.serving import serving
-from inspector.markup import numbers as words
+from inspector.markup import numbers
 from inspector.panels.compare import SHOW_ARM, SHOW_DISTANCE
 from inspector.panels.review import NEXT, PREVIOUS
 from inspector.scene.scene_view import ROOT
@@ -122,7 +122,7 @@ def test_compare_tab_has_each_versions_figures_and_draws_the_arm(page: Any, app:
     open_tab(page, "Compare")
     for version in app.state.now.versions:
         assert version.evaluation.test is not None
-        says(page, words.millimetres(version.evaluation.test.rmse_mm))
+        says(page, numbers.millimetres(version.evaluation.test.rmse_mm))
     says(page, "noise alone")
     page.get_by_role("button", name=SHOW_ARM).click()
     node_drawn(page, f"{ROOT}/arm/cylinders")
@@ -153,8 +153,8 @@ def test_fit_tab_has_curves_table_and_bars(page: Any, app: App) -> None:
     assert result is not None
     assert result.before.train is not None
     assert result.after.train is not None
-    says(page, words.millimetres(result.before.train.rmse_mm))
-    says(page, words.reduction(result.before.train.rmse_mm, result.after.train.rmse_mm))
+    says(page, numbers.millimetres(result.before.train.rmse_mm))
+    says(page, numbers.reduction(result.before.train.rmse_mm, result.after.train.rmse_mm))
     page.locator(".js-plotly-plot .scatterlayer .trace").first.wait_for(state="attached", timeout=MS)
     page.locator(".js-plotly-plot .barlayer .point").first.wait_for(state="attached", timeout=MS)
     assert page.locator(".js-plotly-plot .barlayer .point").count() == POSES - 1  # one scan has no corner

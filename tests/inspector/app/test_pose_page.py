@@ -29,7 +29,7 @@ from inspector.app.app import App
 from inspector.app.serving import serving
 from inspector.cli.parser import main
 from inspector.export.csv_and_png import corners_csv
-from inspector.markup import numbers as words
+from inspector.markup import numbers
 from inspector.session import transitions as sessions
 from inspector.session.session import Session
 from inspector.session.session_file import load_session, opening, reopened, save_session
@@ -120,7 +120,7 @@ def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(
     for role in ("train", "test"):
         before, after = (theirs["attitudes"][when][role]["rmse_rad"] for when in ("before", "after"))
         assert after < before
-        shows(page, f"{1e3 * before:.4f}", f"{1e3 * after:.4f}", words.reduction(before, after))
+        shows(page, f"{1e3 * before:.4f}", f"{1e3 * after:.4f}", numbers.reduction(before, after))
     assert [step.calibration.residual for step in session(app).steps] == ["pose"]
     assert session(app).history[-1].label == GEOMETRY
 

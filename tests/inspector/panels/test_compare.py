@@ -14,7 +14,7 @@ from calib.corners.jig_distance import face_distances
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.scans.scan import load_scan
 from inspector.app.app import App
-from inspector.markup import numbers as words
+from inspector.markup import numbers
 from inspector.markup.comparison import distance_limit_mm, error_limit_mm
 from inspector.markup.palette import MODEL_COLOURS, ROLE_COLOURS, rgb
 from inspector.panels.compare import SHOW_ARM
@@ -111,7 +111,7 @@ def test_key_figures_are_those_of_each_version_with_the_noise(app: App, page: Wi
     for name in (NOMINAL, LINKS, EFFECTS):
         for figures in (version(app, name).evaluation.train, version(app, name).evaluation.test):
             assert figures is not None
-            row = f"{words.millimetres(figures.rmse_mm)} {words.millimetres(figures.max_mm)}"
+            row = f"{numbers.millimetres(figures.rmse_mm)} {numbers.millimetres(figures.max_mm)}"
             assert row in " ".join(plain(page).split())
         error = version(app, name).pose_error_vectors_mm()[0]
         assert " ".join(f"{e:+.4f}" for e in error) in " ".join(plain(page).split())

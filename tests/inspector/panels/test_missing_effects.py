@@ -18,7 +18,7 @@ from calib.diagnosis.pose_recommendation import discriminating_poses, nearest_ri
 from calib.diagnosis.screening import Untestable
 from inspector.app.app import App
 from inspector.figures.residual_plots import SELECTED
-from inspector.markup import numbers as words
+from inspector.markup import numbers
 from inspector.markup.effects import untestable_words, verdict_html
 from inspector.markup.residuals import input_title
 from inspector.panels.missing_effects import FIND, REDO, REMOVE, UNDO
@@ -70,7 +70,7 @@ def test_add_undo_redo_and_remove(app: App, page: WireClient) -> None:
     fallen = history(page)
     assert fallen["test"][2] < 0.5 * fallen["test"][1]
     assert fallen["test"][:2] == start["test"]
-    assert words.millimetres(session(app).history[-1].test_rmse_mm) in plain(page)
+    assert numbers.millimetres(session(app).history[-1].test_rmse_mm) in plain(page)
     shows(page, "It is in the model. Fitted together")
     result = session(app).calibration
     assert result is not None
@@ -146,7 +146,7 @@ def test_the_ranking_is_the_commands_too(folder: Path, page: WireClient) -> None
     assert page.props("Effect")["options"][0] == candidates[0]["effect"] == HIDDEN
     text = plain(page)
     assert f"{candidates[0]['log_evidence']:.1f}" in text
-    assert words.millimetres(candidates[0]["cv_rmse_mm"]) in text
+    assert numbers.millimetres(candidates[0]["cv_rmse_mm"]) in text
     for parameter in candidates[0]["parameters"]:
         assert parameter["name"].partition(".")[2] in text
     assert "scanner_scale: a scale error of the scanner equals" in text

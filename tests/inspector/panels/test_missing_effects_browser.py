@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from inspector.app.app import App
-from inspector.markup import numbers as words
+from inspector.markup import numbers
 from inspector.panels.missing_effects import FIND, REDO, REMOVE, UNDO
 from inspector.scene.scene_view import ROOT
 from inspector.server.viser_server import url_of
@@ -67,13 +67,13 @@ def test_points_alone_open_on_the_model_with_points_and_arrows(page: Any) -> Non
 
 def test_the_loop_add_fall_undo_redo(page: Any, folder: Path) -> None:
     told = command("diagnose", folder)
-    before, after = (words.millimetres(step["test_rmse_mm"]) for step in told["steps"])
+    before, after = (numbers.millimetres(step["test_rmse_mm"]) for step in told["steps"])
     assert fact(page, "test 3D RMSE") == f"{before} mm"
     steps_drawn(page, 2)
     press(page, ADD)
     says(page, f"+ {HIDDEN}: the test error fell")
     assert fact(page, "test 3D RMSE") == f"{after} mm"
-    assert fact(page, "training 3D RMSE") == f"{words.millimetres(told['steps'][1]['train_rmse_mm'])} mm"
+    assert fact(page, "training 3D RMSE") == f"{numbers.millimetres(told['steps'][1]['train_rmse_mm'])} mm"
     steps_drawn(page, 3)
     press(page, UNDO)
     steps_drawn(page, 2)
@@ -93,7 +93,7 @@ def test_find_what_is_missing_ends_with_the_commands_verdict(page: Any, app: App
     assert app.worker.wait_idle(IDLE_S)
     assert told["verdict"] == "named"
     assert fact(page, "model") == f"link errors + {HIDDEN}"
-    assert fact(page, "test 3D RMSE") == f"{words.millimetres(told['steps'][-1]['test_rmse_mm'])} mm"
+    assert fact(page, "test 3D RMSE") == f"{numbers.millimetres(told['steps'][-1]['test_rmse_mm'])} mm"
 
 
 def test_where_it_fails_selects_the_pose_everywhere(page: Any, app: App) -> None:
