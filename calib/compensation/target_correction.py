@@ -2,7 +2,7 @@
 
 Robot controllers compute with their own table and cannot load another. So the correction goes into the targets: for
 each nominal joint vector q0 find q near it with F(q) = F0(q0), where F0 is the nominal and F the calibrated forward
-map, effects included (`calib.compensation.inverse_kinematics`). Redundant arms move the least.
+map, effects included (`calib.kinematics.inverse`). Redundant arms move the least.
 
 Joints stay inside a box, their limits and a largest change from q0: near a singular posture a hair's breadth of error
 can ask for a quarter turn of a wrist, which nobody wants from a correction.
@@ -24,11 +24,12 @@ from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
-from calib.compensation.inverse_kinematics import ToolProblem, solve_inverse
+from calib.compensation.tool_problem import ToolProblem
 from calib.dataset.dataset import Poses
 from calib.errors import CalibError, FitError
 from calib.fitting.model import Model, geometric_model
 from calib.kinematics import chain as kinematics
+from calib.kinematics.inverse import solve_inverse
 from calib.kinematics.robot import Robot
 from calib.options import CORRECTION_KINDS
 

@@ -122,6 +122,17 @@ def turn_jacobian(chain: Chain) -> Array:
     return np.moveaxis(np.stack([still, chain.turned_x, still, z, y], axis=-1), 1, 2)
 
 
+def joint_jacobian(chain: Chain, is_revolute: ArrayLike) -> tuple[Array, Array]:
+    """How the joints move the tool point (N, 3, n), mm, and turn the tool about the base's axes (N, 3, n), rad.
+
+    Per rad of a joint that turns (its theta), per mm of a prismatic one (its d), which turns nothing.
+    """
+    turns = np.asarray(is_revolute, dtype=bool)
+    by_table = jacobian(chain, chain.target_mm)[:, :, :-1]
+    axes = np.moveaxis(chain.base_T_frame[:, :-2, :3, 2], 1, 2)  # z_(i-1) of each joint
+    return np.where(turns, by_table[..., 3], by_table[..., 2]), np.where(turns, axes, 0.0)
+
+
 def target_points(robot: Robot, q: ArrayLike) -> Array:
     """The tool point (N, 3), mm in the base frame, at joint vectors q (N, n)."""
     return forward(robot.table, q, robot.is_revolute).target_mm

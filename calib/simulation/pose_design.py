@@ -6,16 +6,17 @@ They are computed on the nominal chain; where the true arm then stands follows f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calib.array_types import Array, BoolArray
+from calib.array_types import Array, BoolArray, IndexArray
 from calib.errors import CalibError
 from calib.frames import apply, invert, make_transform, rotation_from_rotvec
 from calib.jig import Jig, jig_geometry
-from calib.kinematics.chain import Chain, forward
+from calib.kinematics.chain import Chain, forward, joint_jacobian
+from calib.kinematics.inverse import FROM_ANYWHERE, solve_inverse
 from calib.kinematics.robot import Robot
 from calib.simulation.scene import CUBE_CORNER
 
@@ -34,6 +35,7 @@ class ScanField:
 
 
 JANG_FIELD = ScanField()
+_LEVER_MM = 300.0  # weighs one radian of the jig's axis against millimetres
 
 
 def jig_outward(robot: Robot) -> float:
@@ -198,7 +200,11 @@ def _tilted(sight: Array, rng: np.random.Generator) -> Array:
 def _usable(robot: Robot, base_T_scanner: Array, apex_mm: Array, axis: Array, q: Array, jig: Jig) -> Array:
     """Solve for the joints and keep the rows that reach, within limits and clear of obstacles, with all faces seen."""
     outward = -axis @ base_T_scanner[:3, :3].T
-    q, reached = _inverse_kinematics(robot, apply(base_T_scanner, apex_mm), outward, q)
+    goals = _JigGoals(robot, apply(base_T_scanner, apex_mm), outward)
+    rule = FROM_ANYWHERE if robot.is_revolute.all() else replace(FROM_ANYWHERE, longest_step=np.inf)
+    anywhere = np.full_like(q, np.inf)
+    q = solve_inverse(goals, q, -anywhere, anywhere, rule)
+    reached = goals.reached(q)
     low, high = _limits(robot)
     q = np.where(robot.is_revolute, _wrapped(q, low), q)
     reached &= np.all((q >= low) & (q <= high), axis=1)
@@ -226,30 +232,40 @@ def _is_clear(robot: Robot, chain: Chain, base_T_scanner: Array) -> BoolArray:
     return above & wrist_off & behind if robot.n_joints > 3 else above
 
 
-def _inverse_kinematics(robot: Robot, target_mm: Array, outward: Array, q: Array) -> tuple[Array, BoolArray]:
-    """Damped least squares for apex (N, 3) and jig axis (N, 3), all rows at once; returns q and who arrived."""
-    q = q.copy()
-    sign, revolute = jig_outward(robot), robot.is_revolute
-    lever_mm = 300.0  # weighs one radian of axis error against millimetres
-    for _ in range(60):
-        chain = forward(robot.table, q, revolute)
-        frame = chain.base_T_frame
-        z, origin_mm = frame[:, :-2, :3, 2], frame[:, :-2, :3, 3]  # (N, n, 3)
-        pointing = sign * frame[:, -1, :3, 2]
-        error = np.concatenate([target_mm - chain.target_mm, lever_mm * np.cross(pointing, outward)], axis=1)
-        error[:, 3:] += lever_mm * np.where(np.sum(pointing * outward, axis=1) < -0.99, 0.1, 0.0)[:, None]
-        move = np.where(revolute[None, :, None], np.cross(z, chain.target_mm[:, None] - origin_mm), z)
-        turn = np.where(revolute[None, :, None], z, 0.0)
-        turn = turn - np.sum(turn * pointing[:, None], axis=2, keepdims=True) * pointing[:, None]
-        jacobian = np.swapaxes(np.concatenate([move, lever_mm * turn], axis=2), 1, 2)  # (N, 6, n)
-        normal = jacobian @ np.swapaxes(jacobian, 1, 2) + 25.0 * np.eye(6)
-        step = np.einsum("nij,ni->nj", jacobian, np.linalg.solve(normal, error[..., None])[..., 0])
-        longest = np.abs(step).max(axis=1, keepdims=True)
-        q += step * np.minimum(1.0, 0.5 / np.maximum(longest, 1e-12)) if revolute.all() else step
-    chain = forward(robot.table, q, revolute)
-    off_mm = np.linalg.norm(target_mm - chain.target_mm, axis=1)
-    off_rad = np.arccos(np.clip(np.sum(sign * chain.base_T_frame[:, -1, :3, 2] * outward, axis=1), -1.0, 1.0))
-    return q, (off_mm < 1.0) & (off_rad < 0.02)
+@dataclass(frozen=True)
+class _JigGoals:
+    """The jig's apex at N points and its axis along N directions; its turn about that axis does not matter."""
+
+    robot: Robot
+    apex_mm: Array  # (N, 3) base frame
+    outward: Array  # (N, 3) unit, base frame: from the jig towards its open side
+
+    @property
+    def joint_units(self) -> Array:
+        return np.ones(self.robot.n_joints)
+
+    def pointing(self, chain: Chain) -> Array:
+        """(K, 3) the jig's axis."""
+        return jig_outward(self.robot) * chain.base_T_frame[:, -1, :3, 2]
+
+    def linearise(self, q: Array, rows: IndexArray) -> tuple[Array, Array]:
+        """The apex's error and the sine of the axis's, times `_LEVER_MM`; what turns about the axis is taken out."""
+        chain = forward(self.robot.table, q, self.robot.is_revolute)
+        pointing, outward = self.pointing(chain), self.outward[rows]
+        turn = np.cross(pointing, outward)
+        # Where the axis points the wrong way round its sine vanishes too: any turn leads on.
+        turn += np.where(np.sum(pointing * outward, axis=1) < -0.99, 0.1, 0.0)[:, None]
+        moved, axes = joint_jacobian(chain, self.robot.is_revolute)
+        axes = axes - pointing[:, :, None] * np.einsum("ki,kin->kn", pointing, axes)[:, None]
+        error = np.concatenate([self.apex_mm[rows] - chain.target_mm, _LEVER_MM * turn], axis=1)
+        return error, np.concatenate([moved, _LEVER_MM * axes], axis=1)
+
+    def reached(self, q: Array) -> BoolArray:
+        """(N,) whether apex and axis are where they should be, to 1 mm and 0.02 rad."""
+        chain = forward(self.robot.table, q, self.robot.is_revolute)
+        off_mm = np.linalg.norm(self.apex_mm - chain.target_mm, axis=1)
+        cosine = np.sum(self.pointing(chain) * self.outward, axis=1)
+        return np.asarray((off_mm < 1.0) & (np.arccos(np.clip(cosine, -1.0, 1.0)) < 0.02))
 
 
 def _limits(robot: Robot) -> tuple[Array, Array]:

@@ -1,0 +1,86 @@
+"""What a correction solves: the calibrated arm's tool where the nominal arm's would be, position alone or full poses.
+
+    e = [p_goal - p; L sin(turn)]
+
+with the turn that is left and the arm's reach L, so that rows and columns are millimetres alike. How effects change
+with q is left out of the derivative: `calib.kinematics.inverse` needs it to be near, and e is exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib import frames
+from calib.array_types import Array, IndexArray
+from calib.dataset.dataset import Poses
+from calib.effects.state import RobotState
+from calib.fitting.model import Model
+from calib.kinematics import chain as kinematics
+
+
+@dataclass(frozen=True)
+class ToolProblem:
+    """Where the tool should be, and where the calibrated arm has it."""
+
+    model: Model
+    x: Array
+    conditions: Poses
+    goal: Array  # (N, 4, 4) base_T_tool of the nominal arm
+    with_orientation: bool
+
+    @property
+    def length_mm(self) -> float:
+        """What a radian is worth: the arm's reach. Columns and rows are scaled to millimetres by it."""
+        table = self.model.robot.table
+        return max(float(np.sum(np.hypot(table[:, 0], table[:, 2]))), 1.0)
+
+    @property
+    def joint_units(self) -> Array:
+        """(n,) size of one scaled unit of each joint: rad, or the reach in mm for a prismatic joint."""
+        return np.where(self.model.robot.is_revolute, 1.0, self.length_mm)
+
+    def _state(self, q: Array, rows: IndexArray) -> tuple[RobotState, Array]:
+        """The calibrated arm at q (K, n), and how its base is turned there (1 or K, 3, 3)."""
+        state = self.model.state(self.x, replace(self.conditions.select(rows), q=q))
+        return state, frames.rotation_from_rotvec(state.base_rotvec_rad)
+
+    def _tool(self, state: RobotState, turn: Array) -> Array:
+        """base_T_tool (K, 4, 4), with the base's turn and what displaces the tool."""
+        rotation = turn @ state.chain.base_T_frame[:, -1, :3, :3]
+        return frames.make_transform(rotation, state.place(state.chain.target_mm))
+
+    def _error(self, base_T_tool: Array, rows: IndexArray) -> Array:
+        goal = self.goal[rows]
+        position = goal[:, :3, 3] - base_T_tool[:, :3, 3]
+        if not self.with_orientation:
+            return position
+        return np.concatenate([position, self.length_mm * _turn_vector(base_T_tool, goal)], axis=1)
+
+    def linearise(self, q: Array, rows: IndexArray) -> tuple[Array, Array]:
+        """Goal minus place (K, 3 or 6) of some targets, mm, and the place's derivative by the scaled joints (..., n).
+
+        Rows 4 to 6 are the turn that is left, times the reach.
+        """
+        state, turn = self._state(q, rows)
+        moved, axes = kinematics.joint_jacobian(state.chain, self.model.robot.is_revolute)
+        jacobian = turn @ moved
+        if self.with_orientation:
+            jacobian = np.concatenate([jacobian, self.length_mm * (turn @ axes)], axis=1)
+        return self._error(self._tool(state, turn), rows), jacobian * self.joint_units
+
+    def errors(self, q: Array) -> tuple[Array, Array]:
+        """Position error (N,) mm and angle between orientations (N,) rad, nan where they do not count."""
+        at = self._tool(*self._state(q, np.arange(len(q))))
+        position = np.linalg.norm(self.goal[:, :3, 3] - at[:, :3, 3], axis=1)
+        if not self.with_orientation:
+            return position, np.full(len(q), np.nan)
+        sine = np.linalg.norm(_turn_vector(at, self.goal), axis=1)
+        cosine = 0.5 * (np.einsum("nij,nij->n", at[:, :3, :3], self.goal[:, :3, :3]) - 1.0)
+        return position, np.arctan2(sine, cosine)
+
+
+def _turn_vector(at: Array, goal: Array) -> Array:
+    """sin(angle) times axis of the turn from `at` to `goal` (N, 3), base frame, exact to rounding for small turns."""
+    return 0.5 * np.sum(np.cross(at[:, :3, :3], goal[:, :3, :3], axis=1), axis=-1)

@@ -1,0 +1,131 @@
+"""Inverse kinematics: joint vectors that bring an arm's tool to its goal, all goals at once.
+
+Newton's method on the arm's own forward map. With the derivative J of the place by the joints and the error e that is
+left, rows and columns both in millimetres (`InverseProblem`), a step is
+
+    dq = J^T (J J^T + mu)^(-1) e + (1 - J^+ J) (q0 - q)
+
+by the singular values of J. The second term makes a redundant arm move the least from q0; a damped step (mu > 0:
+Levenberg 1944; Nakamura and Hanafusa 1986) leaves it out. Joints that press against their box are held there and the
+others step anew. Two rules say how much is damped:
+
+* `FROM_NEARBY`: mu is 0 while full steps lower |e|; where one does not, it is refused and mu is raised.
+* `FROM_ANYWHERE`: from a random start, which |e| may have to rise to leave: mu is constant and every step is taken.
+
+How J leaves out what changes slowly with q costs an iteration or two and no accuracy, as long as e is exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from calib.array_types import Array, BoolArray, IndexArray
+
+_EXACT_MM = 1e-10  # an error below this may rise again in rounding
+_SETTLED = 1e-12  # no joint moves by more (scaled): done
+_NULL = 1e-10  # singular values below this share of the largest give no direction
+_FIRST_DAMPING, _LAST_DAMPING = 1e-8, 1e4  # shares of the largest squared singular value
+
+
+class InverseProblem(Protocol):
+    """N goals for an arm with n joints, as m equations each."""
+
+    @property
+    def joint_units(self) -> Array:
+        """(n,) what one scaled unit of each joint is, in rad or mm."""
+        ...
+
+    def linearise(self, q: Array, rows: IndexArray) -> tuple[Array, Array]:
+        """Of the goals `rows` (K,) at q (K, n): what is left (K, m), mm, and the place by the scaled joints (K, m, n).
+
+        Turns count in mm too, times a length that the problem chooses.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class StepRule:
+    """How steps are damped and when they are taken."""
+
+    iterations: int
+    constant_damping_mm2: float = 0.0  # mu; 0: damped only where a full step does not lower the error
+    longest_step: float = np.inf  # of any joint, scaled
+
+
+FROM_NEARBY = StepRule(iterations=100)
+FROM_ANYWHERE = StepRule(iterations=60, constant_damping_mm2=25.0, longest_step=0.5)
+
+
+def solve_inverse(
+    problem: InverseProblem, start: Array, low: Array, high: Array, rule: StepRule = FROM_NEARBY
+) -> Array:
+    """Joint vectors (N, n) from `low` to `high` (N, n), near `start` (N, n), with the least error.
+
+    Where a goal cannot be met the result is the closest approach that was found; ask the problem how close.
+    """
+    units = problem.joint_units
+    takes_all = rule.constant_damping_mm2 > 0.0
+    q = np.clip(start, low, high)
+    active = np.arange(len(q))
+    damping = np.zeros(len(q))
+    error, jacobian = problem.linearise(q, active)
+    for _ in range(rule.iterations):
+        if len(active) == 0:
+            break
+        at = q[active]
+        homeless = takes_all | (damping[active, None] > 0.0)
+        home = np.where(homeless, 0.0, (start[active] - at) / units)
+        damped = (damping[active], rule.constant_damping_mm2)
+        step = _step(jacobian, error, home, damped, at <= low[active], at >= high[active])
+        longest = np.abs(step).max(axis=1, keepdims=True)
+        step = step * np.minimum(1.0, rule.longest_step / np.maximum(longest, 1e-12))
+        trial = np.clip(at + step * units, low[active], high[active])
+        trial_error, trial_jacobian = problem.linearise(trial, active)
+        before, after = np.linalg.norm(error, axis=1), np.linalg.norm(trial_error, axis=1)
+        accepted = takes_all | (after < before) | (after <= _EXACT_MM)
+        moved = np.abs((trial - at) / units).max(axis=1)
+        q[active[accepted]] = trial[accepted]
+        error[accepted], jacobian[accepted] = trial_error[accepted], trial_jacobian[accepted]
+        relaxed = np.where(damping[active] > _FIRST_DAMPING, 0.1 * damping[active], 0.0)
+        raised = np.maximum(10.0 * damping[active], _FIRST_DAMPING)
+        damping[active] = np.where(accepted, relaxed, raised)
+        going = (moved > _SETTLED) & (damping[active] <= _LAST_DAMPING)
+        active, error, jacobian = active[going], error[going], jacobian[going]
+    return q
+
+
+def _step(
+    jacobian: Array,
+    error: Array,
+    home: Array,
+    damping: tuple[Array, float],
+    at_low: BoolArray,
+    at_high: BoolArray,
+) -> Array:
+    """Scaled steps (K, n); joints at an end of their box that would press outward are held and the rest steps anew."""
+    held = np.zeros_like(at_low)
+    for _ in range(jacobian.shape[2]):
+        step = _damped(jacobian * ~held[:, None], error, home, damping) * ~held
+        pressing = ((step < 0.0) & at_low) | ((step > 0.0) & at_high)
+        if not pressing.any():
+            break
+        held |= pressing
+    return step * ~held
+
+
+def _damped(jacobian: Array, error: Array, home: Array, damping: tuple[Array, float]) -> Array:
+    """J^T (J J^T + mu)^(-1) e + (1 - J^+ J) home, by singular values: (K, m, n) -> (K, n).
+
+    damping  # (K,) as a share of the largest squared singular value, and one for all in mm^2: mu is their sum
+    """
+    share, constant_mm2 = damping
+    u, s, vt = np.linalg.svd(jacobian, full_matrices=False)
+    largest = np.maximum(s[:, :1], 1e-300)
+    keep = s > _NULL * largest
+    gain = np.where(keep, s / (s**2 + share[:, None] * largest**2 + constant_mm2 + ~keep), 0.0)
+    along = gain * np.einsum("kir,ki->kr", u, error)
+    back = np.where(keep, np.einsum("krn,kn->kr", vt, home), 0.0)
+    return home + np.einsum("krn,kr->kn", vt, along - back)
