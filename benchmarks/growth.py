@@ -21,8 +21,8 @@ from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.screening import screen
 from calib.effects.catalogue import effects_for, effects_named
+from calib.screening.candidates import screen
 from calib.simulation.simulate import simulate_dataset
 
 COUNTS = (64, 1000, 10000)

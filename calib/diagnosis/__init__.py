@@ -1,1 +1,1 @@
-"""Which physical effect is missing: screening, evidence, stepwise selection, tests of the residual."""
+"""Which effect is missing: selected step by step, decided by rules, explained in words."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 from calib.diagnosis.decision_rules import is_convincing, leading_fault, rank_candidates
 from calib.diagnosis.explanation import left_in_short
-from calib.diagnosis.residual_tests import ResidualTests
-from calib.diagnosis.screening import Screening
+from calib.screening.candidates import Screening
+from calib.screening.residual_tests import ResidualTests
 
 KINDS = ("add", "ambiguous", "done", "outliers", "unknown")
 

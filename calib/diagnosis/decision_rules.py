@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.calibration.result import Calibration
-from calib.diagnosis.fault_models import JointFault, best_bump_or_jump
-from calib.diagnosis.residual_tests import ResidualTests
-from calib.diagnosis.screening import Candidate, Screening
+from calib.screening.candidates import Candidate, Screening
+from calib.screening.fault_models import JointFault, best_bump_or_jump
+from calib.screening.residual_tests import ResidualTests
 
 LEVEL = 0.01
 MIN_LEAD = 3.0

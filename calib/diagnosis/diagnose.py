@@ -15,12 +15,12 @@ import numpy as np
 from calib.blas_threads import one_blas_thread
 from calib.dataset.dataset import Dataset, without_poses
 from calib.diagnosis.decision_rules import verdict_of
-from calib.diagnosis.projected_residual import project_residual
-from calib.diagnosis.residual_tests import run_residual_tests
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.stepwise import SearchSpace, Tell, search_stepwise
 from calib.effects.catalogue import Family, effects_for, family_of
 from calib.options import FitOptions
+from calib.screening.projected_residual import project_residual
+from calib.screening.residual_tests import run_residual_tests
 
 FEW = 0.1  # share of poses that may stand out and still be called outliers
 

@@ -14,11 +14,11 @@ import numpy as np
 from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.screening import Candidate, Screening, screen
 from calib.effects.catalogue import available_family, effects_for
 from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError
 from calib.options import FitOptions
+from calib.screening.candidates import Candidate, Screening, screen
 
 GEOMETRY = "link errors"
 

@@ -11,10 +11,10 @@ from calib.diagnosis.decision_rules import MIN_LEAD
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.parameter_meaning import meaning
 from calib.diagnosis.pose_recommendation import in_words, splitting_poses
-from calib.diagnosis.residual_tests import ResidualTests
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.screening import Candidate, Screening
 from calib.effects.effect import parameters_by_name
+from calib.screening.candidates import Candidate, Screening
+from calib.screening.residual_tests import ResidualTests
 
 HARDLY = 0.03  # a change of the held-out error below this share is none to speak of
 

@@ -14,8 +14,8 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import RIVAL
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.screening import Candidate, Screening
 from calib.fitting.observations import conditions_at
+from calib.screening.candidates import Candidate, Screening
 
 Array = NDArray[np.float64]
 

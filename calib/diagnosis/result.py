@@ -8,9 +8,9 @@ import pandas as pd
 
 from calib.calibration.result import Calibration
 from calib.diagnosis.effect_selection import GEOMETRY, FitStep
-from calib.diagnosis.fault_models import JointFault
-from calib.diagnosis.residual_tests import ResidualTests
-from calib.diagnosis.screening import Candidate, Screening, Untestable
+from calib.screening.candidates import Candidate, Screening, Untestable
+from calib.screening.fault_models import JointFault
+from calib.screening.residual_tests import ResidualTests
 
 
 @dataclass(frozen=True)

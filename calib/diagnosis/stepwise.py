@@ -24,10 +24,10 @@ from calib.diagnosis.decision_rules import (
     rank_candidates,
 )
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect, calibrate_with, first_step
-from calib.diagnosis.fault_models import JointFault
-from calib.diagnosis.screening import Candidate, Screening, screen
 from calib.effects.effect import Effect, Family
 from calib.options import FitOptions
+from calib.screening.candidates import Candidate, Screening, screen
+from calib.screening.fault_models import JointFault
 
 AHEAD = 4  # members of a tied set that are tried with a successor
 

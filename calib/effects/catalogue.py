@@ -52,7 +52,7 @@ def descriptions() -> tuple[Description, ...]:
 def effects_for(dataset: Dataset) -> tuple[Family, ...]:
     """Every family of the catalogue, made for this robot and these conditions; those without data say why.
 
-    Whether poses are rich enough to tell a family from geometry is found by `calib.diagnosis.screening`, not here.
+    Whether poses are rich enough to tell a family from geometry is found by `calib.screening.candidates`, not here.
     """
     return tuple(kind.family(dataset) for kind in CATALOGUE)
 

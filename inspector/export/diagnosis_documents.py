@@ -7,11 +7,11 @@ from typing import Any
 
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.explanation import explain
-from calib.diagnosis.fault_models import JointFault
 from calib.diagnosis.pose_recommendation import splitting_poses
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.screening import Candidate
 from calib.effects.catalogue import descriptions
+from calib.screening.candidates import Candidate
+from calib.screening.fault_models import JointFault
 
 
 def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:

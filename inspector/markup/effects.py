@@ -15,7 +15,6 @@ from calib.diagnosis.explanation import explain, left_in_short, verdict_words
 from calib.diagnosis.parameter_meaning import meaning
 from calib.diagnosis.pose_recommendation import DiscriminatingPose
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.screening import Candidate, Screening, Untestable, Value
 from calib.effects.effect import (
     Description,
     Effect,
@@ -26,6 +25,7 @@ from calib.effects.effect import (
     parameters_by_name,
 )
 from calib.kinematics.robot import Robot
+from calib.screening.candidates import Candidate, Screening, Untestable, Value
 from inspector.markup import elements, numbers
 from inspector.session.session import Session, StepErrors
 

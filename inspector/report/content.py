@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from calib.calibration.pose_errors import Failure, failure_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.residual_tests import ResidualTests, run_residual_tests
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.screening import Screening
 from calib.identifiability.redundancy import Redundancy
+from calib.screening.candidates import Screening
+from calib.screening.residual_tests import ResidualTests, run_residual_tests
 from inspector.session.session import Session
 from inspector.session.transitions import with_redundancy
 

@@ -13,9 +13,9 @@ from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import Combination, known_sums
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.residual_tests import InputTest
-from calib.diagnosis.screening import Candidate
 from calib.measurement.measured_points import failed_searches
+from calib.screening.candidates import Candidate
+from calib.screening.residual_tests import InputTest
 from inspector.figures.plots import correlation_heatmap, pose_residuals
 from inspector.figures.residual_plots import SELECTED, residual_against
 from inspector.markup import numbers

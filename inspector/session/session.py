@@ -12,13 +12,13 @@ from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.pose_recommendation import DiscriminatingPose
-from calib.diagnosis.residual_tests import ResidualTests
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.screening import Screening
 from calib.effects.effect import Family
 from calib.identifiability.redundancy import Redundancy
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import with_corners
+from calib.screening.candidates import Screening
+from calib.screening.residual_tests import ResidualTests
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,7 @@ from calib.diagnosis.effect_selection import (
     recalled,
 )
 from calib.diagnosis.pose_recommendation import discriminating_poses, nearest_rival
-from calib.diagnosis.residual_tests import run_residual_tests
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.screening import screen
 from calib.effects.catalogue import effects_for
 from calib.effects.effect import Family
 from calib.errors import CalibError, DatasetError
@@ -33,6 +31,8 @@ from calib.identifiability.structural import redundancy
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import label_faces
 from calib.options import FitOptions
+from calib.screening.candidates import screen
+from calib.screening.residual_tests import run_residual_tests
 from inspector.session.session import Separation, Session
 
 SEPARATING_POSES = 3  # at which two causes are compared

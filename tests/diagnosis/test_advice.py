@@ -15,9 +15,6 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.explanation import input_in_words, left_in_short
 from calib.diagnosis.parameter_meaning import meaning
 from calib.diagnosis.pose_recommendation import discriminating_poses, nearest_rival
-from calib.diagnosis.projected_residual import project_residual
-from calib.diagnosis.residual_tests import ResidualTests, run_residual_tests
-from calib.diagnosis.screening import Screening, screen
 from calib.effects.catalogue import effects_for
 from calib.effects.compliance import JointCompliance, ToolSag
 from calib.effects.effect import Effect, Parameter
@@ -26,6 +23,9 @@ from calib.effects.scanner import ScannerDrift
 from calib.effects.state import RobotState
 from calib.effects.thermal import ThermalGrowth
 from calib.kinematics.chain import target_jacobian
+from calib.screening.candidates import Screening, screen
+from calib.screening.projected_residual import project_residual
+from calib.screening.residual_tests import ResidualTests, run_residual_tests
 from calib.simulation.simulate import simulate_dataset
 
 

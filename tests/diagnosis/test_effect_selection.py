@@ -12,10 +12,10 @@ from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import SelectedEffect, add_in_turn, calibrate_with, proposed, recalled
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.screening import screen
 from calib.effects.catalogue import family_of
 from calib.errors import CalibError
 from calib.options import FitOptions
+from calib.screening.candidates import screen
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 
 

@@ -18,16 +18,16 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.explanation import explain, verdict_words
 from calib.diagnosis.pose_recommendation import splitting_poses
-from calib.diagnosis.projected_residual import project_residual
-from calib.diagnosis.residual_tests import run_residual_tests
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.screening import Screening, screen
 from calib.effects.base import Parameter
 from calib.effects.catalogue import catalogue_names, effects_named
 from calib.effects.state import RobotState
 from calib.effects.user_file import check_effects, load_effects
 from calib.errors import CalibError, FitError
 from calib.fitting.observations import nominal_state
+from calib.screening.candidates import Screening, screen
+from calib.screening.projected_residual import project_residual
+from calib.screening.residual_tests import run_residual_tests
 from calib.simulation.simulate import simulate_dataset
 
 

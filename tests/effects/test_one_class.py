@@ -16,14 +16,14 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.explanation import explain
-from calib.diagnosis.projected_residual import project_residual
-from calib.diagnosis.screening import screen
 from calib.effects.effect import CatalogueEffect, Effect, Family, Parameter
 from calib.effects.state import RobotState
 from calib.effects.user_file import check_effects, load_effects
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
 from calib.kinematics.chain import target_jacobian
+from calib.screening.candidates import screen
+from calib.screening.projected_residual import project_residual
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
 from inspector.markup.effects import chosen_html, fitted_html

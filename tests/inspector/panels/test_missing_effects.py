@@ -15,7 +15,7 @@ import pytest
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.pose_recommendation import discriminating_poses, nearest_rival
-from calib.diagnosis.screening import Untestable
+from calib.screening.candidates import Untestable
 from inspector.app.app import App
 from inspector.figures.residual_plots import SELECTED
 from inspector.markup import numbers

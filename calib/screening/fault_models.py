@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.dataset.dataset import Poses
-from calib.diagnosis.evidence import FamilyColumns, evaluate_family, evidence_of
-from calib.diagnosis.projected_residual import ProjectedResidual, joint_directions
 from calib.kinematics.robot import Robot
+from calib.screening.evidence import FamilyColumns, evaluate_family, evidence_of
+from calib.screening.projected_residual import ProjectedResidual, joint_directions
 
 Array = NDArray[np.float64]
 

@@ -19,9 +19,9 @@ from calib.blas_threads import one_blas_thread
 from calib.calibration.input_variables import inputs_at
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import find_repeats, pooled_sigma_mm
-from calib.diagnosis.fault_models import JointFault, best_supported_fault
-from calib.diagnosis.projected_residual import ProjectedResidual, joint_directions
 from calib.distributions import chi2_sf, f_sf
+from calib.screening.fault_models import JointFault, best_supported_fault
+from calib.screening.projected_residual import ProjectedResidual, joint_directions
 
 Array = NDArray[np.float64]
 

@@ -12,11 +12,11 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.decision_rules import MIN_LEAD, leading_fault
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.explanation import explain
-from calib.diagnosis.fault_models import best_bump_or_jump, smooth_motion
-from calib.diagnosis.projected_residual import project_residual
-from calib.diagnosis.residual_tests import FAULT_EVIDENCE, run_residual_tests
-from calib.diagnosis.screening import screen
 from calib.effects.catalogue import effects_for
+from calib.screening.candidates import screen
+from calib.screening.fault_models import best_bump_or_jump, smooth_motion
+from calib.screening.projected_residual import project_residual
+from calib.screening.residual_tests import FAULT_EVIDENCE, run_residual_tests
 from calib.simulation.measured_dataset import Simulation
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.joint_effects import KinkedJoint, Slip

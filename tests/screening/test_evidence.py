@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.diagnosis.evidence import FamilyColumns, evaluate_family, holm
+from calib.screening.evidence import FamilyColumns, evaluate_family, holm
 
 
 def test_evidence_and_gate_are_blind_to_the_noises_size_and_order() -> None:

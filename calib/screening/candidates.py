@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
-from calib.diagnosis.evidence import Evidence, FamilyColumns, evaluate_family, holm
-from calib.diagnosis.projected_residual import ProjectedResidual, project_residual
 from calib.effects.effect import Effect, Family, full_name
 from calib.fitting.model import effect_columns
+from calib.screening.evidence import Evidence, FamilyColumns, evaluate_family, holm
+from calib.screening.projected_residual import ProjectedResidual, project_residual
 
 Array = NDArray[np.float64]
 
