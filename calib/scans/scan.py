@@ -1,4 +1,4 @@
-"""Scans: one point cloud of the jig as the scanner saw it; loading and writing one."""
+"""Scans: one point cloud of the jig as the scanner measured it; loading, writing and counting."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import numpy as np
 from calib.array_types import Array, BoolArray
 from calib.errors import ScanError
 from calib.scans.readers.by_suffix import READERS
+from calib.scans.readers.ply import write_ply
 
-_MOST_BYTES = 2**32  # a hundred times the scans that a structured-light scanner makes
+_MOST_BYTES = 2**32  # a hundred times the size of a structured-light scan
 _BEYOND_ANY_LENGTH_MM = 1e12
 
 
@@ -45,7 +46,7 @@ def load_scan(path: str | Path) -> Scan:
 
     Rows without a value are left out and counted in `dropped`: NaN, infinity or a number beyond any length (FLT_MAX is
     used so), and several points at the scanner's own place, (0, 0, 0). Nothing is scaled: whether the scan is in
-    metres is for `find_corner` to tell, which knows the jig.
+    metres is checked by `find_corner`, which knows the jig's size.
 
     Raises ScanError: missing, empty, too large, truncated or not of its kind, or without a single point.
     """
@@ -89,7 +90,7 @@ def _content(path: Path) -> bytes:
 
 
 def _with_value(points: Array) -> BoolArray:
-    """(N,) whether a row of points (N, 3) is a place, and not a scanner's sign for "nothing seen here"."""
+    """(N,) whether a row of points (N, 3) is a measured point, and none of the values that stand for no measurement."""
     usable = np.all(np.abs(points) < _BEYOND_ANY_LENGTH_MM, axis=1)  # NaN is not below it either
     at_scanner = np.all(points == 0, axis=1)
     if np.count_nonzero(at_scanner) > 1:
@@ -102,14 +103,9 @@ def write_scan(path: Path, scan: Scan) -> None:
 
     The file appears whole or not at all: it is written beside its place and moved there.
     """
-    columns = ["x", "y", "z"] if scan.normals is None else ["x", "y", "z", "nx", "ny", "nz"]
-    rows = scan.points_mm if scan.normals is None else np.hstack([scan.points_mm, scan.normals])
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
-    header += [f"property float {name}" for name in columns] + ["end_header", ""]
     with NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
         try:
-            file.write("\n".join(header).encode("ascii"))
-            file.write(np.ascontiguousarray(rows, dtype="<f4").tobytes())
+            write_ply(file.file, scan.points_mm, scan.normals)
             file.close()
             os.chmod(file.name, 0o644)
             os.replace(file.name, path)

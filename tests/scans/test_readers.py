@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,10 +13,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from plyfile import PlyData, PlyElement
 
 from calib.errors import ScanError
 from calib.scans.readers.pcd import unpack_lzf
-from calib.scans.scan import Scan, load_scan
+from calib.scans.scan import Scan, load_scan, write_scan
 
 RNG = np.random.default_rng(3)
 POINTS = RNG.uniform(-300, 900, (500, 3)).astype(np.float32).astype(np.float64)
@@ -76,6 +78,56 @@ def test_any_vertex_layout_behind_any_other_element(tmp_path: Path, line_end: st
         load(tmp_path, "a.ply", content[:-1])
     with pytest.raises(ScanError, match="promises 500 points, it holds 0"):
         load(tmp_path, "a.ply", content[: -500 * row.itemsize - 5])
+
+
+@pytest.mark.parametrize("how", [{"text": True}, {"byte_order": "<"}, {"byte_order": ">"}])
+def test_plyfile_writes_it_and_it_reads_the_same(tmp_path: Path, how: dict[str, Any]) -> None:
+    vertices = np.zeros(500, [(name, "f4") for name in ("nx", "ny", "nz", "x", "y", "z")] + [("red", "u1")])
+    for name, column in zip(("x", "y", "z", "nx", "ny", "nz"), np.hstack([POINTS, NORMALS]).T, strict=True):
+        vertices[name] = column
+    faces = np.empty(3, [("vertex_indices", "O")])
+    faces["vertex_indices"] = [np.arange(n) for n in (3, 4, 5)]
+    elements = [PlyElement.describe(faces, "face"), PlyElement.describe(vertices, "vertex")]
+    for name, order in {"faces_first": elements, "vertices_first": elements[::-1]}.items():
+        PlyData(order, comments=["any"], **how).write(tmp_path / f"{name}.ply")
+        scan = load_scan(tmp_path / f"{name}.ply")
+        np.testing.assert_array_equal(scan.points_mm, POINTS)
+        np.testing.assert_array_equal(scan.normals, NORMALS.astype(np.float32))
+
+
+@pytest.mark.parametrize("normals", [None, NORMALS])
+def test_it_writes_the_bytes_that_plyfile_writes(tmp_path: Path, normals: NDArray | None) -> None:
+    write_scan(tmp_path / "ours.ply", Scan("ours", POINTS, normals))
+    columns = POINTS if normals is None else np.hstack([POINTS, normals])
+    names = ("x", "y", "z", "nx", "ny", "nz")[: columns.shape[1]]
+    table = np.rec.fromarrays(columns.astype("<f4").T, names=list(names)).view(np.ndarray)
+    vertices = table.astype([(name, "<f4") for name in names])
+    PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(tmp_path / "plyfile.ply")
+    assert (tmp_path / "ours.ply").read_bytes() == (tmp_path / "plyfile.ply").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("head", "said"),
+    [
+        ("element face 99999999999999999\n" + VERTEX, "promises 500 points, it holds 0"),
+        ("element face 99999999999999999\nproperty list uchar int ids\n" + VERTEX, "it holds 0"),
+        ("element face 9\nproperty list int double ids\n" + VERTEX, "it holds 0"),
+        (VERTEX.replace("500", "9" * 18), "promises 999999999999999999 points"),
+        (VERTEX.replace("500", "-5"), "number of points"),
+        (VERTEX.replace("500", "9" * 19), "number of points"),
+        ("comment " + "x" * 70_000, "no end_header"),
+        (VERTEX + "\nproperty float x" * 3_000, "promises 500 points, it holds 0"),
+    ],
+)
+@pytest.mark.parametrize("order", ["ascii", "binary_little_endian"])
+@pytest.mark.timeout(20)
+def test_a_header_that_claims_too_much_takes_neither_time_nor_memory(
+    tmp_path: Path, head: str, said: str, order: str
+) -> None:
+    content = ply("\n", order, head, b"\xff\xff\xff\x7f")
+    with pytest.raises(ScanError, match=said if order != "ascii" else None) as caught:
+        load(tmp_path, "a.ply", content)
+    assert len(str(caught.value)) < len(str(tmp_path)) + 400
 
 
 def test_text_ply_behind_another_element(tmp_path: Path) -> None:

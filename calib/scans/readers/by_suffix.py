@@ -1,7 +1,7 @@
 """The files that scans come in, by suffix: each reader takes the file's bytes and gives points and, if any, normals.
 
-The readers are ours, and small, for the sake of damaged files: other libraries return part of one, fill it up with
-zeros, print, or end the process. They stand beside ours in the tests, as the truth for whole files.
+The readers are this project's own, and small, because of damaged files: other libraries return a part of one, fill it
+up with zeros, print, or end the process. The tests compare whole files with what those libraries read and write.
 """
 
 from __future__ import annotations

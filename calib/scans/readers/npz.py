@@ -33,7 +33,7 @@ def read_npz(path: Path, content: bytes) -> PointsAndNormals:
             normals = _array(path, archive, "normals") if "normals" in held else None
     except ScanError:
         raise
-    except Exception as error:  # whatever zipfile, zlib or numpy trip over, it is the file's content
+    except Exception as error:  # whatever zipfile, zlib or numpy raise, its cause is the file's content
         raise ScanError(f"{path}: not a readable .npz ({one_line(error)}); save the scan again") from None
     if normals is not None and len(normals) != len(points):
         raise ScanError(
@@ -43,7 +43,7 @@ def read_npz(path: Path, content: bytes) -> PointsAndNormals:
 
 
 def _array(path: Path, archive: zipfile.ZipFile, name: str) -> Array:
-    """(N, 3) float64, once the header of the array is seen to agree with the bytes that there are."""
+    """(N, 3) float64, made only if the array's header agrees with the number of bytes."""
     info = archive.getinfo(f"{name}.npy")
     if info.file_size > _MOST_BYTES:
         raise ScanError(

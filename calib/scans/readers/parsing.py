@@ -1,7 +1,7 @@
-"""What the readers of scan files share: lines and numbers out of bytes, and the words for what is wrong with them.
+"""What the readers of scan files share: lines and numbers from bytes, and the errors for damaged ones.
 
-Every reader gets the file's bytes and returns points and normals. None of them trusts a header: what it promises is
-held against the bytes that are there before anything of that size is made.
+Every reader takes the file's bytes and returns points and normals. None trusts a header: the number of points in it is
+compared with the bytes of the file before an array of that size is made.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def columns_of(path: Path, names: Sequence[str]) -> tuple[list[int], bool]:
 
 
 def doubles(values: np.ndarray) -> Array:
-    """As float64. Any bits are a float32, also the NaN that signals, which need not be warned of here."""
+    """As float64. Any bits are a float32, also those of a signalling NaN, whose warning is suppressed."""
     with np.errstate(invalid="ignore"):
         return values.astype(np.float64)
 
@@ -73,10 +73,8 @@ def split(rows: Array, has_normals: bool) -> PointsAndNormals:
 
 
 def count(path: Path, word: str) -> int:
-    """A header's number of points. Raises ScanError where it is none."""
-    if not (
-        word.isascii() and word.isdigit() and len(word) <= 18
-    ):  # longer ones are nothing that a file can hold
+    """A header's number of points as an integer. Raises ScanError where the word is none."""
+    if not (word.isascii() and word.isdigit() and len(word) <= 18):  # no file holds a number of 19 digits
         raise ScanError(f"{path}: the header has {word[:20]!r} for a number of points; export the scan again")
     return int(word)
 
@@ -90,5 +88,5 @@ def truncated(path: Path, promised: int, held: int) -> ScanError:
 
 
 def one_line(error: Exception) -> str:
-    """What an exception says, in one short line."""
+    """The text of an exception, in one short line."""
     return " ".join(str(error).split())[:120] or type(error).__name__

@@ -1,7 +1,7 @@
 """Point Cloud Library files (.pcd): text, binary and compressed.
 
 Source: "The PCD (Point Cloud Data) file format", pointclouds.org, and the description of liblzf's stream. Open3D reads
-it too, but in C++, inside this process: a damaged file must not be able to end it.
+it too, but in C++ inside this process, which a damaged file could end.
 """
 
 from __future__ import annotations

@@ -1,13 +1,16 @@
 """Polygon files (.ply): text, and binary of both byte orders. Only the vertices are read.
 
-Source: Turk, "The PLY Polygon File Format" (1994). trimesh and Open3D read it too, but neither can be trusted with a
-damaged file: trimesh returns what it found of a truncated text file, Open3D fills up with zeros and prints.
+Source: Turk, "The PLY Polygon File Format" (1994). Other readers fail on damaged or hostile files: trimesh returns a
+part of a truncated text file, Open3D fills up with zeros and prints, plyfile makes arrays as large as the header says
+and loops over the rows of an element without properties. plyfile also rounds text to the header's float and reads every
+face of a mesh in Python; the tests compare whole files with it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
@@ -43,7 +46,7 @@ class _Element:
     names: list[str] = field(default_factory=list)
     types: list[tuple[str, ...]] = field(
         default_factory=list
-    )  # (type,), or (type of the count, type) of a list
+    )  # (type,), or of a list (its count's, its values')
 
     def has_lists(self) -> bool:
         return any(len(types) > 1 for types in self.types)
@@ -80,6 +83,16 @@ def read_ply(path: Path, content: bytes) -> PointsAndNormals:
         raise truncated(path, vertex.rows, held)
     table = np.frombuffer(content, row, vertex.rows, body)
     return split(_stack(table, columns), has_normals)
+
+
+def write_ply(file: IO[bytes], points_mm: Array, normals: Array | None) -> None:
+    """Write binary little-endian float32, with normals where there are any. points_mm, normals  # (N, 3)"""
+    columns = ["x", "y", "z"] if normals is None else ["x", "y", "z", "nx", "ny", "nz"]
+    rows = points_mm if normals is None else np.hstack([points_mm, normals])
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
+    header += [f"property float {name}" for name in columns] + ["end_header", ""]
+    file.write("\n".join(header).encode("ascii"))
+    file.write(np.ascontiguousarray(rows, dtype="<f4").tobytes())
 
 
 def _stack(table: np.ndarray, columns: list[int]) -> Array:

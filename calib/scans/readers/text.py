@@ -1,4 +1,4 @@
-"""Points as text (.xyz, .csv, .txt): one a line, with whatever delimiter, header line and comments a program wrote."""
+"""Points as text (.xyz, .csv, .txt): one a line, with any of the usual delimiters, header lines and comments."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _COMMENTS = ("#", "//", "%", "!")
 _DELIMITERS = (";", "\t", ",", "|")
 _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?|[-+]?(nan|inf(inity)?)", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-# What printf of some C libraries and spreadsheets make of NaN.
+# How the printf of some C libraries and spreadsheets write NaN.
 _NO_VALUE = re.compile(r"[-+]?nan\(\w*\)|[-+]?1\.#\w+|#?n/?a\b|\bnull\b|-nan\b", re.IGNORECASE)
 _WORD = re.compile(r"[a-df-zA-DF-Z#]")  # some character that no number has
 _UNIT = re.compile(r"^(n?[xyz]|normal_[xyz])[ _]*[\[(]?(mm|m|cm|um|µm|in|inch)?[\])]?$", re.IGNORECASE)
@@ -94,7 +94,7 @@ def _bare(path: Path, name: str) -> str:
 
 
 def _plain(rows: list[str], delimiter: str | None) -> list[str]:
-    """The rows as a parser of numbers wants them: no quotes, NaN spelt so, a value in each cell, decimal points."""
+    """The rows in the form that numpy parses: no quotes, NaN spelt nan, a value in each cell, decimal points."""
     text = "\n".join(rows).replace('"', "")
     if _WORD.search(text):
         text = _NO_VALUE.sub("nan", text)
