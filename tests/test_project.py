@@ -90,6 +90,22 @@ def test_packages_import_only_what_pyproject_requires():
     assert foreign == {}
 
 
+def test_test_files_share_by_support_alone_and_their_folders_are_those_of_packages():
+    between = []
+    for path in python_files("tests"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and ".test_" in f".{node.module}":
+                between.append(f"{path.relative_to(ROOT)} imports {node.module}")
+    assert between == []
+    tested = {
+        path.parent.relative_to(ROOT / "tests") for path in python_files("tests") if "test_" in path.name
+    }
+    packages = {path.parent for top in ("calib", "inspector") for path in python_files(top)}
+    mirrored = {path.relative_to(ROOT / "calib") for path in packages if path.is_relative_to(ROOT / "calib")}
+    mirrored |= {path.relative_to(ROOT) for path in packages if path.is_relative_to(ROOT / "inspector")}
+    assert {str(folder) for folder in tested - mirrored} == set()
+
+
 # ---- files ----------------------------------------------------------------------------------------------------------
 
 
