@@ -27,8 +27,8 @@ from inspector.server.viser_server import InspectorServer, tell
 from inspector.server.worker import LongWork, Worker
 from inspector.session.scan_cache import ScanCache
 from inspector.session.session_file import Opening, Shown
-from inspector.session.user_effects import OwnEffects, Watch
-from inspector.session.view import LOOKS, RESIDUALS
+from inspector.session.user_effects import UserEffects, Watch
+from inspector.session.view import RESIDUALS, VIEWS
 
 log = logging.getLogger(__name__)
 
@@ -53,21 +53,21 @@ class App:
         start = self._known[0]
         if saved is not None:
             start = next(name for name, folder in named.items() if folder == saved.folder)
-        own, scans = OwnEffects(effects_file), ScanCache()
+        user_effects, scans = UserEffects(effects_file), ScanCache()
         panels = add_panels(server.gui, self, self._known, scans_first=has_scans(folders[0]))
         self.panels, self.state = panels, PageState()
         self.stage = Stage(server, self.state, scans, panels, on_click=self.select)
         self.model = ModelController(
-            self.state, panels, own, {} if saved is None else {start: saved.session},
+            self.state, panels, user_effects, {} if saved is None else {start: saved.session},
             redraw=self.stage.draw_model, draw_as=self.stage.draw_as,
         )  # fmt: skip
         self.dataset = DatasetController(
             named, self.state, scans, panels, self.stage, self.model, on_open=self._opened
         )
         self.worker = Worker(self._failed)
-        self._watch = Watch(own, self.effects)
+        self._watch = Watch(user_effects, self.effects)
         self.downloads = Downloads(
-            self.state, lambda: self.stage.look_name, self.worker, panels.take_away, root
+            self.state, lambda: self.stage.view_name, self.worker, panels.downloads, root
         )
         self.open(start)
 
@@ -101,14 +101,14 @@ class App:
             self._wanted = 0  # another dataset starts at its first pose
         saved = self.model.saved.get(self.state.name)
         if saved is not None:
-            self._look_again(saved.shown)
+            self._show_again(saved.shown)
 
-    def _look_again(self, shown: Shown) -> None:
+    def _show_again(self, shown: Shown) -> None:
         """What a saved session had on show."""
         if shown.pose is not None:
             self.select_id(shown.pose)
-        if shown.look is not None:
-            self.look(shown.look)
+        if shown.view is not None:
+            self.show_view(shown.view)
         if shown.dark is not None:
             self.dark(shown.dark)
 
@@ -138,10 +138,10 @@ class App:
             self._wanted = min(max(pose(self._wanted), 0), len(view.session.dataset.poses) - 1)
         self.worker.submit("select", lambda: self.dataset.select(self._wanted))
 
-    def look(self, what: str) -> None:
+    def show_view(self, name: str) -> None:
         """Show the layers of a view and put the camera there."""
-        if what in LOOKS:
-            self.worker.submit("look", lambda: self.stage.look(what))
+        if name in VIEWS:
+            self.worker.submit("view", lambda: self.stage.show_view(name))
 
     def layer(self, name: str, visible: bool) -> None:
         """Show or hide one layer."""
@@ -162,19 +162,19 @@ class App:
 
     def version(self, name: str) -> None:
         """Show the arm and the errors of a version of the model."""
-        self.worker.submit("version", lambda: self.stage.comparing.choose(name))
+        self.worker.submit("version", lambda: self.stage.comparison.choose(name))
 
     def prediction(self, name: str, shown: bool) -> None:
         """Show or hide what a version of the model predicts."""
-        self.worker.submit(("prediction", name), lambda: self.stage.comparing.show(name, shown))
+        self.worker.submit(("prediction", name), lambda: self.stage.comparison.show(name, shown))
 
     def colouring(self, by: str) -> None:
         """Colour the measured points by their pose's role or by their error."""
-        self.worker.submit("colouring", lambda: self.stage.comparing.colour_by(by))
+        self.worker.submit("colouring", lambda: self.stage.comparison.colour_by(by))
 
     def failure(self) -> None:
         """Show what is left over against what is chosen now."""
-        self.worker.submit("failure", lambda: self.panels.failure.update(self.state.now))
+        self.worker.submit("failure", lambda: self.panels.residuals.update(self.state.now))
 
     def grey_rejected(self, grey: bool) -> None:
         """Grey for the plane groups that were not chosen, or each in its own colour."""

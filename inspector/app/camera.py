@@ -10,29 +10,29 @@ from numpy.typing import NDArray
 from inspector.panels.review import ReviewPanel
 from inspector.scene.draw_scan import middle_of
 from inspector.scene.scene_view import BESIDE, LAYERS, SceneView
-from inspector.session.view import LOOK_LAYERS, LOOKS, WIDE_LOOKS, View, corner_of
+from inspector.session.view import VIEW_LAYERS, VIEWS, WIDE_VIEWS, View, corner_of
 
-LOOK_DISTANCE_MM = {"Scan": 330.0, "Planes": 240.0, "Corner": 170.0, "Distance": 200.0}
+VIEW_DISTANCE_MM = {"Scan": 330.0, "Planes": 240.0, "Corner": 170.0, "Distance": 200.0}
 CLOSE_BESIDE = np.array([0.10, -0.08, 0.0])  # of the scanner, near enough to see all that it saw
 WHOLE_SCAN_MM = 600.0  # where no corner tells what to look at
 ARM_DISTANCE = 2.0  # of the radius that holds arm and points
 ARM_BESIDE, ARM_ABOVE = 1.1, 0.45  # where the arm is looked at from: to the scanner's right, and above
 
 
-class Looking:
+class Camera:
     """The layers of the view on show; the user may switch each of them."""
 
     def __init__(self, scene: SceneView, review: ReviewPanel) -> None:
         self._scene, self._review = scene, review
-        self.name = LOOKS[0]
-        self.visible = set(LOOK_LAYERS[self.name])
+        self.name = VIEWS[0]
+        self.visible = set(VIEW_LAYERS[self.name])
         self._show()
 
     def choose(self, name: str) -> None:
         """The layers of a view, where another one was on show."""
         if name != self.name:
             self.name = name
-            self.visible = set(LOOK_LAYERS[name])
+            self.visible = set(VIEW_LAYERS[name])
             self._show()
 
     def layer(self, name: str, visible: bool) -> None:
@@ -55,13 +55,13 @@ class Looking:
             right = np.cross(-middle, up)
             right /= max(float(np.linalg.norm(right)), 1e-9)
             beside = ARM_BESIDE * right + ARM_ABOVE * up
-            self._scene.look(ARM_DISTANCE * radius, middle, down=-up, beside=beside)
+            self._scene.aim_camera(ARM_DISTANCE * radius, middle, down=-up, beside=beside)
             return
         middle, radius = middle_of(view, medians)
-        away = LOOK_DISTANCE_MM.get(self.name, max(450.0, 2.2 * radius + 250.0))
-        if self.name not in WIDE_LOOKS and corner_of(view, view.pose) is None:
+        away = VIEW_DISTANCE_MM.get(self.name, max(450.0, 2.2 * radius + 250.0))
+        if self.name not in WIDE_VIEWS and corner_of(view, view.pose) is None:
             away = WHOLE_SCAN_MM
-        self._scene.look(away, middle, beside=BESIDE if self.name in WIDE_LOOKS else close_beside(view))
+        self._scene.aim_camera(away, middle, beside=BESIDE if self.name in WIDE_VIEWS else close_beside(view))
 
     def focus(self, view: View, medians: Mapping[int, NDArray]) -> None:
         """The middle of everything for an overview, else the corner of the selected pose, in the middle of the view."""
@@ -69,7 +69,7 @@ class Looking:
         placed = arm_frame(view) if self.name == "Arm" else None
         if placed is not None:
             self._scene.focus(arm_middle(view, placed, medians)[0])
-        elif self.name in WIDE_LOOKS:
+        elif self.name in WIDE_VIEWS:
             self._scene.focus(middle_of(view, medians)[0])
         elif found is not None:
             self._scene.focus(found[0])

@@ -22,7 +22,7 @@ from inspector.session import transitions as sessions
 from inspector.session.scan_cache import ScanCache
 
 WAITING = "The fit starts when all scans have been searched. Calibrate takes the corners found so far."
-POINTS_LOOK = "Arm"  # where there are no scans to look at
+POINTS_VIEW = "Arm"  # where there are no scans to look at
 
 
 class DatasetController:
@@ -68,7 +68,9 @@ class DatasetController:
         if session.calibration is not None:
             self._stage.change_arrows(fitting_arrows(state.now))
         self._draw()
-        self._stage.look(self._stage.look_name if session.dataset.scan_folder is not None else POINTS_LOOK)
+        self._stage.show_view(
+            self._stage.view_name if session.dataset.scan_folder is not None else POINTS_VIEW
+        )
         yield
         yield from self.process()
 
@@ -95,7 +97,7 @@ class DatasetController:
             self._show_progress(running=True)
             yield
         self._show_progress(running=False)
-        self._stage.look(self._stage.look_name)
+        self._stage.show_view(self._stage.view_name)
         if self._state.session.calibration is None:
             fit.update(self._state.now, waiting="Calibrating …")
             yield
@@ -127,7 +129,7 @@ class DatasetController:
             draw_overview(stage.scene, view, pose, scan, colour, view.session.scans)
         if first:
             stage.choose_factor()
-            stage.look(stage.look_name)
+            stage.show_view(stage.view_name)
         self._panels.scans.update_list(self._state.now)
         if pose == self._state.now.pose:
             self._stage.draw_pose()
@@ -162,4 +164,4 @@ class DatasetController:
             )  # not needed for the fit, only to be looked at
         self._stage.draw_pose()
         self._panels.fit.update_residuals(self._state.now)
-        self._panels.failure.update(self._state.now)
+        self._panels.residuals.update(self._state.now)

@@ -14,9 +14,9 @@ from calib.dataset.files.robot_toml import robot_to_toml
 from calib.errors import CalibError, DatasetError
 from inspector.app.page_state import PageState
 from inspector.export import csv_and_png as exports
-from inspector.panels.downloads import ITEMS, SCREENSHOT, TakeAwayPanel
+from inspector.panels.downloads import ITEMS, SCREENSHOT, DownloadsPanel
+from inspector.panels.input_checks import clamped
 from inspector.server.background import Background
-from inspector.server.viser_server import clamped
 from inspector.server.worker import LongWork, Worker
 from inspector.session import transitions as sessions
 from inspector.session.session import Session
@@ -33,7 +33,7 @@ class Asked:
     """What there is to make a file from, as it was when the button was pressed."""
 
     view: View
-    look: str
+    view_name: str
     root: Path
 
     @property
@@ -55,7 +55,7 @@ class Downloads:
         state: PageState,
         view_name: Callable[[], str],
         worker: Worker,
-        panel: TakeAwayPanel,
+        panel: DownloadsPanel,
         root: Path,
     ) -> None:
         self._state, self._view_name, self._worker = state, view_name, worker
@@ -109,7 +109,7 @@ def _robot(asked: Asked) -> tuple[str, bytes]:
 
 def _session(asked: Asked) -> tuple[str, bytes]:
     view = asked.view
-    shown = Shown(view.pose_id, asked.look, view.dark, view.arrows, view.factor)
+    shown = Shown(view.pose_id, asked.view_name, view.dark, view.arrows, view.factor)
     return "session.json", session_text(asked.session, beside=asked.root, shown=shown).encode()
 
 

@@ -22,7 +22,7 @@ from inspector.session import transitions as sessions
 from inspector.session.session import Session
 from inspector.session.session_file import Saved, Shown, reopened
 from inspector.session.undo import Undo
-from inspector.session.user_effects import OwnEffects
+from inspector.session.user_effects import UserEffects
 
 T = TypeVar("T")
 POSITION = "position"  # what any measured points can be fitted by
@@ -43,13 +43,13 @@ class ModelController:
         self,
         state: PageState,
         panels: Panels,
-        own: OwnEffects,
+        user_effects: UserEffects,
         saved: Mapping[str, Saved],
         *,
         redraw: Callable[[bool], None],
         draw_as: Callable[[Shown], None],
     ) -> None:
-        self._state, self._panels, self._own = state, panels, own
+        self._state, self._panels, self._user_effects = state, panels, user_effects
         self._redraw, self._draw_as = redraw, draw_as
         self._undo: dict[str, Undo] = {}  # by dataset
         self.saved = dict(saved)  # sessions to open again once their dataset is there, by its name
@@ -72,10 +72,10 @@ class ModelController:
     def show(self) -> None:
         """The tabs about what is missing and where the model fails, as the session stands."""
         steps = self._steps
-        self._panels.learn.update(
-            self._state.now, undo=len(steps.past), redo=len(steps.future), own=self._own.words
+        self._panels.missing_effects.update(
+            self._state.now, undo=len(steps.past), redo=len(steps.future), own=self._user_effects.problem
         )
-        self._panels.failure.update(self._state.now)
+        self._panels.residuals.update(self._state.now)
 
     def _change(self, session: Session) -> None:
         """A new model, with the way back to the one before."""
@@ -117,10 +117,12 @@ class ModelController:
 
     def _reopen(self, saved: Saved, residual: str) -> LongWork:
         session = self._session
-        self._panels.learn.say("Opening the saved session …")
+        self._panels.missing_effects.say("Opening the saved session …")
         yield
         try:
-            again = yield from self._beside(lambda: reopened(self._with_own(session), saved), session)
+            again = yield from self._beside(
+                lambda: reopened(self._with_user_effects(session), saved), session
+            )
         except CalibError:
             yield from self._first_fit(residual)
             raise
@@ -161,17 +163,17 @@ class ModelController:
     def rank(self) -> LongWork:
         """Rank the effects against what is left, and judge that, where it is not known yet."""
         session = self._session
-        stale = self._own.stale(self._state.name, session.own)
+        stale = self._user_effects.stale(self._state.name, session.user_effects)
         if session.calibration is None or (session.screening is not None and not stale):
             self.show()
             yield from self._judge()
             return
-        self._panels.learn.say("Ranking what could be missing …")
+        self._panels.missing_effects.say("Ranking what could be missing …")
         yield
         try:
             ranked = yield from self._beside(lambda: self._ranked(session), session)
         except CalibError as error:  # nothing that the user asked for: the tab says it
-            self._panels.learn.say(str(error))
+            self._panels.missing_effects.say(str(error))
             return
         if ranked is None:
             return
@@ -194,21 +196,21 @@ class ModelController:
         judged = yield from self._beside(lambda: sessions.with_judgement(session), session)
         if judged is not None and self._session.screening is session.screening:
             self._state.keep(replace(self._session, residual_tests=judged.residual_tests))
-            self._panels.learn.advise(self._session)
-            self._panels.failure.update(self._state.now)
+            self._panels.missing_effects.advise(self._session)
+            self._panels.residuals.update(self._state.now)
 
     def _ranked(self, session: Session) -> Session:
-        session = self._with_own(session)
+        session = self._with_user_effects(session)
         return session if session.screening is not None else sessions.with_ranking(session)
 
-    def _with_own(self, session: Session) -> Session:
-        own = self._own.families(self._state.name, session.measured)
-        return session if own is session.own else sessions.with_own(session, own)
+    def _with_user_effects(self, session: Session) -> Session:
+        effects = self._user_effects.families(self._state.name, session.measured)
+        return session if effects is session.user_effects else sessions.with_user_effects(session, effects)
 
     def compare(self) -> LongWork:
         """Where the chosen candidate and its nearest rival differ most, worked out in the background."""
-        session, name = self._session, self._panels.learn.chosen
-        self._panels.learn.update_choice(self._state.now)
+        session, name = self._session, self._panels.missing_effects.chosen
+        self._panels.missing_effects.update_choice(self._state.now)
         if session.screening is None or name in session.separations:
             return
         yield
@@ -219,8 +221,8 @@ class ModelController:
         now = self._session
         if found is not None and now.screening is session.screening:
             self._state.keep(replace(now, separations={**now.separations, name: found}))
-            if self._panels.learn.chosen == name:
-                self._panels.learn.update_next(self._state.now)
+            if self._panels.missing_effects.chosen == name:
+                self._panels.missing_effects.update_next(self._state.now)
 
     def add(self, name: str) -> LongWork:
         """Add an effect to the model; nothing happens where it is in it already."""
@@ -261,13 +263,15 @@ class ModelController:
             said.append(words)
 
         shown = ""
-        self._panels.learn.finding(True)
+        self._panels.missing_effects.finding(True)
         try:
-            work = self._beside(lambda: sessions.with_diagnosis(self._with_own(session), on_step), session)
+            work = self._beside(
+                lambda: sessions.with_diagnosis(self._with_user_effects(session), on_step), session
+            )
             while True:
                 if said[-1] != shown:
                     shown = said[-1]
-                    self._panels.learn.say(f"Looking for what is missing: {shown} …")
+                    self._panels.missing_effects.say(f"Looking for what is missing: {shown} …")
                 try:
                     next(work)
                 except StopIteration as end:
@@ -278,7 +282,7 @@ class ModelController:
                 self._change(sessions.seen_since(found, self._session))
         finally:
             stop.set()
-            self._panels.learn.finding(False)
+            self._panels.missing_effects.finding(False)
             self.show()
         yield from self.rank()  # where another change came in between
 

@@ -8,7 +8,7 @@ import viser
 
 from calib.errors import ScanError
 from calib.scans.scan import Scan
-from inspector.app.camera import Looking
+from inspector.app.camera import Camera
 from inspector.app.comparison_controller import ComparisonController
 from inspector.app.page_state import PageState
 from inspector.app.tabs import Panels
@@ -37,10 +37,10 @@ class Stage:
         self._server, self._state, self._scans, self._panels = server, state, scans, panels
         self.on_click = on_click
         self.scene = SceneView(server)
-        self.comparing = ComparisonController(
+        self.comparison = ComparisonController(
             state, self.scene, panels.compare, on_click=on_click, show_legend=self.show_legend
         )
-        self._looking = Looking(self.scene, panels.review)
+        self._camera = Camera(self.scene, panels.review)
         self.theme(dark=False)
 
     def theme(self, *, dark: bool) -> None:
@@ -67,12 +67,12 @@ class Stage:
         scan = self.load(self._state.now.pose)
         view = self._state.now
         with self._server.atomic():
-            drawn = draw_pose(self.scene, view, scan, self._looking.visible)
-            self._looking.focus(view, self._scans.medians)
+            drawn = draw_pose(self.scene, view, scan, self._camera.visible)
+            self._camera.focus(view, self._scans.medians)
             setups = view.session.dataset.poses.setup
             self.scene.hide_in_overview(view.pose, lambda i: bool(setups[i] != setups[view.pose]))
-            self.comparing.draw_scan(scan, self._looking.visible)
-            self.comparing.draw()
+            self.comparison.draw_scan(scan, self._camera.visible)
+            self.comparison.draw()
         self._panels.review.update(view)
         self._panels.scans.update(view, scan, drawn)
         self._panels.planes.update(view)
@@ -82,9 +82,9 @@ class Stage:
         """What the model predicts, in 3D and side by side; `first`: until now the dataset had none."""
         if first:  # and then no more, so that arrows shrink as the error falls
             self._state.change(arrows=fitting_arrows(self._state.now))
-        self.comparing.draw()
-        if first and self._looking.name == "Arm":
-            self._looking.at(self._state.now, self._scans.medians)
+        self.comparison.draw()
+        if first and self._camera.name == "Arm":
+            self._camera.at(self._state.now, self._scans.medians)
 
     def choose_factor(self) -> None:
         """Enlarge the ellipsoids so that the first corner's is about a centimetre large."""
@@ -97,7 +97,7 @@ class Stage:
         view = self._state.view
         if view is not None:
             self._panels.review.show_legend(
-                legend_html(view, self._looking.visible, self.comparing.distances_mm)
+                legend_html(view, self._camera.visible, self.comparison.distances_mm)
             )
 
     # ---- how it is drawn --------------------------------------------------------------------------------------------
@@ -117,7 +117,7 @@ class Stage:
 
     def change_arrows(self, factor: float) -> None:
         """Draw residuals so many times too long."""
-        self.comparing.change(arrows=factor)
+        self.comparison.change(arrows=factor)
 
     def dark(self, dark: bool) -> None:
         """Dark or light, with new figures: they do not follow the page by themselves."""
@@ -130,29 +130,29 @@ class Stage:
             view = self._state.now
             panels.redundancy.update(view)
             panels.fit.update(view)
-            panels.learn.update_figure(view)
-            panels.learn.update_choice(view)
-            panels.failure.update(view)
+            panels.missing_effects.update_figure(view)
+            panels.missing_effects.update_choice(view)
+            panels.residuals.update(view)
 
     def layer(self, name: str, visible: bool) -> None:
         """Show or hide one layer."""
-        self._looking.layer(name, visible)
+        self._camera.layer(name, visible)
         if name in PLANE_LAYERS and visible and self._state.view is not None:
-            draw_planes(self.scene, self._state.view, self._looking.visible)
-        self.comparing.draw_distance(self._looking.visible)
+            draw_planes(self.scene, self._state.view, self._camera.visible)
+        self.comparison.draw_distance(self._camera.visible)
         self.show_legend()
 
-    def look(self, what: str) -> None:
+    def show_view(self, name: str) -> None:
         """Show the layers of a view and put the camera where they are seen well."""
-        self._looking.choose(what)
+        self._camera.choose(name)
         view = self._state.view
         if view is not None:
-            draw_planes(self.scene, view, self._looking.visible)
-            self.comparing.draw_distance(self._looking.visible)
-            self._looking.at(view, self._scans.medians)
+            draw_planes(self.scene, view, self._camera.visible)
+            self.comparison.draw_distance(self._camera.visible)
+            self._camera.at(view, self._scans.medians)
             self.show_legend()
 
     @property
-    def look_name(self) -> str:
+    def view_name(self) -> str:
         """The view on show."""
-        return self._looking.name
+        return self._camera.name

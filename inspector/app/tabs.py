@@ -12,12 +12,12 @@ import viser
 from inspector.panels.base import Actions
 from inspector.panels.compare import ComparePanel
 from inspector.panels.corner import CornerPanel
-from inspector.panels.downloads import TakeAwayPanel
+from inspector.panels.downloads import DownloadsPanel
 from inspector.panels.fit import FitPanel
-from inspector.panels.missing_effects import LearnPanel
+from inspector.panels.missing_effects import MissingEffectsPanel
 from inspector.panels.planes import PlanesPanel
 from inspector.panels.redundancy import RedundancyPanel
-from inspector.panels.residuals import FailurePanel
+from inspector.panels.residuals import ResidualsPanel
 from inspector.panels.review import ReviewPanel
 from inspector.panels.scans import ScansPanel
 
@@ -48,9 +48,9 @@ class Panels:
     compare: ComparePanel
     redundancy: RedundancyPanel
     fit: FitPanel
-    learn: LearnPanel
-    failure: FailurePanel
-    take_away: TakeAwayPanel
+    missing_effects: MissingEffectsPanel
+    residuals: ResidualsPanel
+    downloads: DownloadsPanel
 
 
 def add_panels(
@@ -74,16 +74,18 @@ def add_panels(
     with tab["Fit"]:
         fit = FitPanel(gui, actions)
     with tab["What is missing"]:
-        learn = LearnPanel(gui, actions)
+        missing_effects = MissingEffectsPanel(gui, actions)
     with tab["Where it fails"]:
-        failure = FailurePanel(gui, actions)
+        residuals = ResidualsPanel(gui, actions)
     with tab["Take away"]:
-        take_away = TakeAwayPanel(gui, actions)
+        downloads = DownloadsPanel(gui, actions)
     left.dock_left()
     left.set_width(LEFT_WIDTH)
     gui.main_panel.dock_right()
     gui.main_panel.set_width(RIGHT_WIDTH)
-    return Panels(review, scans, planes, corner, compare, redundancy, fit, learn, failure, take_away)
+    return Panels(
+        review, scans, planes, corner, compare, redundancy, fit, missing_effects, residuals, downloads
+    )
 
 
 def add_tabs(gui: viser.GuiApi, *, scans_first: bool) -> dict[str, viser.GuiTabHandle]:

@@ -118,7 +118,7 @@ def _as_session(options: CalibrateOptions, dataset: Dataset, steps: Sequence[Fit
     used = [name for name, value in given.items() if value]
     if used:
         raise CalibError(f"--session: a session holds fits by --residual and --add only; leave out {used[0]}")
-    return with_steps(Session(dataset, own=own_effects(options.effects_file, dataset)), steps)
+    return with_steps(Session(dataset, user_effects=own_effects(options.effects_file, dataset)), steps)
 
 
 def _errors(calibration: Calibration) -> str:

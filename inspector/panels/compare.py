@@ -11,7 +11,7 @@ from calib.calibration.model_versions import VERSIONS
 from inspector.markup import elements
 from inspector.markup.comparison import arrows_and_points_legend, distance_html, figures_html, pose_html
 from inspector.panels.base import Actions, News, by_page
-from inspector.server.viser_server import one_of
+from inspector.panels.input_checks import one_of
 from inspector.session.view import COLOURINGS, FACTORS, View
 
 NOTE = (
@@ -31,7 +31,9 @@ class ComparePanel:
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
         self._show = gui.add_button_group("In 3D", (SHOW_ARM, SHOW_DISTANCE))
-        self._show.on_click(lambda e: actions.look("Distance" if e.target.value == SHOW_DISTANCE else "Arm"))
+        self._show.on_click(
+            lambda e: actions.show_view("Distance" if e.target.value == SHOW_DISTANCE else "Arm")
+        )
         self._figures = gui.add_html(elements.note(NOT_YET))
         self.version = gui.add_dropdown("Model shown", VERSIONS, hint="whose arm and whose errors are shown")
         with gui.add_folder("Arrows to what these predict", expand_by_default=True):

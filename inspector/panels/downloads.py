@@ -53,7 +53,7 @@ ITEMS: dict[str, tuple[str, str]] = {  # what the button is called: icon, what t
 }
 
 
-class TakeAwayPanel:
+class DownloadsPanel:
     """A button for each file, and what it holds."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:

@@ -19,7 +19,7 @@ from inspector.markup.fit import (
     what_is_fitted,
 )
 from inspector.panels.base import Actions, hidden_plot, put
-from inspector.server.viser_server import one_of
+from inspector.panels.input_checks import one_of
 from inspector.session.view import RESIDUALS, View
 
 NOTE = (

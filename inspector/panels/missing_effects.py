@@ -23,7 +23,7 @@ REMOVE, UNDO, REDO = "Remove", "Undo", "Redo"
 NONE = "–"
 
 
-class LearnPanel:
+class MissingEffectsPanel:
     """The ranking, the buttons, and the history of the error."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
@@ -135,7 +135,7 @@ class LearnPanel:
         if screening is None:
             self._ranking.content = self._chosen.content = ""
             return
-        own = {family.name for family in session.own}
+        own = {family.name for family in session.user_effects}
         self._ranking.content = html.ranking_html(screening, name, own)
         self._chosen.content = ""
         if name != NONE and session.calibration is not None:

@@ -21,7 +21,7 @@ class PlanesPanel:
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
-        gui.add_button_group("In 3D", ("Show the planes",)).on_click(lambda _: actions.look("Planes"))
+        gui.add_button_group("In 3D", ("Show the planes",)).on_click(lambda _: actions.show_view("Planes"))
         self._content = gui.add_html("")
 
     def update(self, view: View) -> None:

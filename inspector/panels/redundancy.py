@@ -12,7 +12,7 @@ from inspector.figures.plots import correlation_heatmap
 from inspector.markup import elements, numbers
 from inspector.markup.numbers import parameter_label
 from inspector.panels.base import Actions, by_page, hidden_plot
-from inspector.server.viser_server import one_of
+from inspector.panels.input_checks import one_of
 from inspector.session.view import RESIDUALS, View
 
 NOTE = (

@@ -29,7 +29,7 @@ NOT_YET = (
 WORST = 8
 
 
-class FailurePanel:
+class ResidualsPanel:
     """One plot of what is left, and the poses that are off the most."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:

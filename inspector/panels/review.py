@@ -9,8 +9,8 @@ import viser
 from inspector.markup import elements, numbers
 from inspector.markup.palette import DOUBT, FAILED, ROLE_WORDS, role_colour
 from inspector.panels.base import Actions, News, by_page, put
-from inspector.server.viser_server import clamped, one_of
-from inspector.session.view import FACTORS, LOOK_LAYERS, LOOKS, POINT_LOOKS, View, corner_of
+from inspector.panels.input_checks import clamped, one_of
+from inspector.session.view import FACTORS, POINT_VIEWS, VIEW_LAYERS, VIEWS, View, corner_of
 
 LAYER_WORDS = {
     "Scan layers": {
@@ -51,7 +51,7 @@ class ReviewPanel:
         self.pose = gui.add_dropdown("Pose", ("–",))
         self.walk = gui.add_button_group("", (PREVIOUS, NEXT), hint="keys: P and N")
         self._status = gui.add_html("")
-        self.view = gui.add_button_group("3D view", LOOKS, hint="keys: 1 to 7")
+        self.view = gui.add_button_group("3D view", VIEWS, hint="keys: 1 to 7")
         self._legend = gui.add_html("")
         self.layers: dict[str, viser.GuiCheckboxHandle] = {}
         self._folders: dict[str, viser.GuiFolderHandle] = {}
@@ -60,7 +60,7 @@ class ReviewPanel:
             self._folders[folder] = gui.add_folder(folder, expand_by_default=False)
             with self._folders[folder]:
                 for name, label in layers.items():
-                    self.layers[name] = gui.add_checkbox(label, name in LOOK_LAYERS[LOOKS[0]])
+                    self.layers[name] = gui.add_checkbox(label, name in VIEW_LAYERS[VIEWS[0]])
         with gui.add_folder("Display", expand_by_default=False):
             self.dark = gui.add_checkbox("Dark mode", False)
             self.grey = gui.add_checkbox(
@@ -79,7 +79,7 @@ class ReviewPanel:
         self.dataset.on_update(lambda e: a.open(str(e.target.value)) if by_page(e) else None)
         self.pose.on_update(lambda e: self._chosen(str(e.target.value)) if by_page(e) else None)
         self.walk.on_click(lambda e: a.step(1 if e.target.value == NEXT else -1))
-        self.view.on_click(lambda e: a.look(one_of(e.target.value, LOOKS, LOOKS[0])))
+        self.view.on_click(lambda e: a.show_view(one_of(e.target.value, VIEWS, VIEWS[0])))
         self.search.on_click(lambda _: a.search(self.search.label != "Stop the search"))
         self.dark.on_update(lambda e: a.dark(bool(e.target.value)) if by_page(e) else None)
         self.grey.on_update(lambda e: a.grey_rejected(bool(e.target.value)) if by_page(e) else None)
@@ -97,9 +97,9 @@ class ReviewPanel:
         gui.add_command("Previous pose", hotkey="P", icon=viser.Icon.ARROW_LEFT).on_trigger(
             lambda _: a.step(-1)
         )
-        for key, look in zip("1234567", LOOKS, strict=True):
-            gui.add_command(f"Look at: {look}", hotkey=key, icon=viser.Icon.EYE).on_trigger(  # type: ignore[arg-type]
-                lambda _, look=look: a.look(look)  # type: ignore[misc]
+        for key, name in zip("1234567", VIEWS, strict=True):
+            gui.add_command(f"Look at: {name}", hotkey=key, icon=viser.Icon.EYE).on_trigger(  # type: ignore[arg-type]
+                lambda _, name=name: a.show_view(name)  # type: ignore[misc]
             )
         gui.add_command("Dark or light", hotkey="D", icon=viser.Icon.MOON).on_trigger(
             lambda _: a.dark(not self.dark.value)
@@ -117,7 +117,7 @@ class ReviewPanel:
         poses = view.session.dataset.poses
         has_scans = view.session.dataset.scan_folder is not None
         self._folders["Scan layers"].visible = has_scans
-        self.view.options = LOOKS if has_scans else POINT_LOOKS
+        self.view.options = VIEWS if has_scans else POINT_VIEWS
         self.pose.options = tuple(
             f"{i} · {numbers.role(str(r))}" for i, r in zip(poses.ids, poses.role, strict=True)
         )

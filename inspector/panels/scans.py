@@ -27,7 +27,7 @@ class ScansPanel:
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         self._note = gui.add_html(elements.note(NOTE))
         self._show = gui.add_button_group("In 3D", ("Show all scans",))
-        self._show.on_click(lambda _: actions.look("All scans"))
+        self._show.on_click(lambda _: actions.show_view("All scans"))
         self._scan = gui.add_html("")
         self._all = gui.add_html("")
 

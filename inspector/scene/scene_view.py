@@ -123,7 +123,7 @@ class SceneView:
         """Bring this point to the middle of the view."""
         self._root.position = tuple(-to_scene(point_mm).astype(float))
 
-    def look(
+    def aim_camera(
         self, distance_mm: float, focus_mm: ArrayLike, *, down: ArrayLike = DOWN, beside: ArrayLike = BESIDE
     ) -> None:
         """Look at the focus from the scanner's side and a little `beside` it, in every page open or to come."""

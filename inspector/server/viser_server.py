@@ -20,10 +20,10 @@ import os
 import socket
 import threading
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, get_type_hints
 from urllib.parse import urlsplit
 
 import viser
@@ -36,8 +36,6 @@ log = logging.getLogger(__name__)
 
 LOOPBACK = "127.0.0.1"
 TEXT_LIMIT = 1000  # characters that a text field may hold
-
-T = TypeVar("T")
 
 
 class ServerError(CalibError):
@@ -112,21 +110,6 @@ def origin_allowed(origin: str | None, host_header: str | None, *, bound_host: s
 
 
 # ---- what a client may change ---------------------------------------------------------------------------------------
-
-
-def one_of(value: object, options: Sequence[T], default: T) -> T:
-    """`value` if it is one of the options, otherwise `default`."""
-    for option in options:
-        if type(value) is type(option) and value == option:
-            return option
-    return default
-
-
-def clamped(value: object, low: float, high: float, default: float) -> float:
-    """`value` within [low, high]; `default` if it is no finite number."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        return default
-    return min(max(float(value), low), high)
 
 
 def _value_fits(props: Any, current: object, value: object, is_button: bool) -> bool:

@@ -59,7 +59,7 @@ class Session:
     )
     diagnosis: Diagnosis | None = None  # where it led to this calibration
     steps: tuple[FitStep, ...] = ()  # the link errors, then each change of the model
-    own: tuple[Family, ...] = ()  # the user's effects beyond the catalogue
+    user_effects: tuple[Family, ...] = ()  # the user's effects beyond the catalogue
     versions: tuple[Version, ...] = ()  # of this calibration's model, side by side, once that was asked for
 
     @property

@@ -33,6 +33,8 @@ from inspector.session.session import Session, StepErrors
 
 KIND, VERSION = "robot-calibration-inspector session", 1
 POSITION = "position"
+KEYS = {"view": "look"}  # what the file calls a field that has another name here
+KEYS = {"view": "look"}  # what the file calls a field that has another name here
 SAME = 1e-6  # share by which a figure may differ and still be the same
 
 
@@ -41,7 +43,7 @@ class Shown:
     """What was on the page; None: nothing is known of it."""
 
     pose: str | None = None  # id
-    look: str | None = None
+    view: str | None = None  # its name
     dark: bool | None = None
     arrows: float | None = None  # how many times longer residuals are drawn
     factor: float | None = None  # how many times larger uncertainties are drawn
@@ -85,7 +87,7 @@ def session_text(session: Session, *, beside: Path, shown: Shown = Shown()) -> s
         "dataset": {"name": dataset.name, "folder": _relative(dataset.folder, beside), "files": files},
         "diagnosed": session.diagnosis is not None,
         "history": _history(session),
-        "shown": {key: value for key, value in vars(shown).items() if value is not None},
+        "shown": {KEYS.get(key, key): value for key, value in vars(shown).items() if value is not None},
     }
     return json.dumps(json.loads(to_json(document)), indent=1, ensure_ascii=False) + "\n"
 
@@ -150,7 +152,7 @@ def load_session(path: Path) -> Saved:
         history=tuple(_saved_step(step) for step in data.mappings_at("history")),
         shown=Shown(
             pose=shown.optional_text("pose"),
-            look=shown.optional_text("look"),
+            view=shown.optional_text("look"),
             dark=shown.flag("dark"),
             arrows=shown.size("arrows"),
             factor=shown.size("factor"),
@@ -242,7 +244,7 @@ def reopened(session: Session, saved: Saved) -> tuple[Session, tuple[str, ...]]:
 
 def replayed(session: Session, saved: Saved) -> Session:
     """The fits of a saved session once more, on what is measured now; its figures are not read."""
-    selections = _selections(saved, session.measured, session.own)
+    selections = _selections(saved, session.measured, session.user_effects)
     if any(step.residual == "pose" for step in saved.history[1:]):
         session = sessions.with_face_labels(session)
     steps: list[FitStep] = []

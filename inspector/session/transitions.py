@@ -107,7 +107,7 @@ def with_screening(session: Session) -> Session:
 def with_ranking(session: Session) -> Session:
     """The first half of `with_screening`: where the calibration is off, and what each effect would make of it."""
     calibration = _calibrated(session)
-    screening = screen(calibration, (*effects_for(session.measured), *session.own))
+    screening = screen(calibration, (*effects_for(session.measured), *session.user_effects))
     failure = failure_of(calibration)
     return replace(session, screening=screening, failure=failure, residual_tests=None, separations={})
 
@@ -148,17 +148,19 @@ def with_versions(session: Session, before: Session) -> Session:
     return replace(session, versions=versions(session.calibration, links))
 
 
-def with_own(session: Session, own: tuple[Family, ...]) -> Session:
+def with_user_effects(session: Session, effects: tuple[Family, ...]) -> Session:
     """The user's own effects as they are now. Those in the model are fitted again as they are now, or taken out."""
-    ours = {family.name for family in (*session.own, *own)}
-    session = replace(session, own=own, screening=None, separations={}, diagnosis=None)
+    ours = {family.name for family in (*session.user_effects, *effects)}
+    session = replace(session, user_effects=effects, screening=None, separations={}, diagnosis=None)
     if session.calibration is None or not any(added.name in ours for added in session.effects):
         return session
     kept: list[SelectedEffect] = []
     for added in session.effects:
         try:
             again = added.name in ours
-            kept.append(recalled(session.measured, added.name, added.prior_sigmas, own) if again else added)
+            kept.append(
+                recalled(session.measured, added.name, added.prior_sigmas, effects) if again else added
+            )
         except CalibError:  # it is gone, or has other parameters: the ranking offers it anew
             continue
     return _changed(session, tuple(kept), "own effects read again")
@@ -185,7 +187,7 @@ def with_diagnosis(session: Session, on_step: Callable[[str], None] | None = Non
 
     `on_step` hears a line of words before each stage; what it raises ends the work.
     """
-    return with_found(session, diagnose(session.measured, own=session.own, on_step=on_step))
+    return with_found(session, diagnose(session.measured, own=session.user_effects, on_step=on_step))
 
 
 def with_found(session: Session, found: Diagnosis) -> Session:

@@ -16,12 +16,12 @@ POLL_S = 0.5
 _Version = tuple[int, int] | None
 
 
-class OwnEffects:
+class UserEffects:
     """The families of one file, made for each dataset. What cannot be read leaves the last good."""
 
     def __init__(self, path: Path | None = None) -> None:
         self.path = path
-        self.words = ""  # what went wrong, one line; "" where all is well
+        self.problem = ""  # what went wrong, one line; "" where all is well
         self._good: dict[str, tuple[_Version, tuple[Family, ...]]] = {}  # by dataset, with the file's version
 
     def stale(self, name: str, known: tuple[Family, ...]) -> bool:
@@ -32,7 +32,7 @@ class OwnEffects:
         return name not in self._good or version != self.version or families is not known
 
     def families(self, name: str, dataset: Dataset) -> tuple[Family, ...]:
-        """The families as the file has them now; those of before where it has an error, which `words` then tells."""
+        """The families as the file has them now; those of before where it has an error, which `problem` then tells."""
         if self.path is None:
             return ()
         version = self.version
@@ -41,10 +41,10 @@ class OwnEffects:
             return families
         try:
             families = load_effects(self.path, nominal_state(dataset))
-            self.words = ""
+            self.problem = ""
         except CalibError as error:
             kept = f"; {', '.join(f.name for f in families)} as before" if families else ""
-            self.words = f"{error}{kept}"
+            self.problem = f"{error}{kept}"
         self._good[name] = (version, families)
         return families
 
@@ -61,11 +61,11 @@ class OwnEffects:
 class Watch:
     """Calls `on_change` soon after the file's version changes, on a thread of its own, until stopped."""
 
-    def __init__(self, own: OwnEffects, on_change: Callable[[], None]) -> None:
-        self._own, self._on_change = own, on_change
+    def __init__(self, effects: UserEffects, on_change: Callable[[], None]) -> None:
+        self._effects, self._on_change = effects, on_change
         self._stop = threading.Event()
-        self._seen = own.version
-        if own.path is not None:
+        self._seen = effects.version
+        if effects.path is not None:
             threading.Thread(target=self._run, name="inspector-watch", daemon=True).start()
 
     def stop(self) -> None:
@@ -74,7 +74,7 @@ class Watch:
 
     def _run(self) -> None:
         while not self._stop.wait(POLL_S):
-            version = self._own.version
+            version = self._effects.version
             if version != self._seen:
                 self._seen = version
                 self._on_change()

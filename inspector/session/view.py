@@ -13,8 +13,8 @@ from calib.options import RESIDUAL_KINDS
 from inspector.session.session import Session
 
 RESIDUALS = RESIDUAL_KINDS
-LOOKS = ("All scans", "Scan", "Planes", "Corner", "All corners", "Distance", "Arm")
-LOOK_LAYERS = {
+VIEWS = ("All scans", "Scan", "Planes", "Corner", "All corners", "Distance", "Arm")
+VIEW_LAYERS = {
     "All scans": {"overview", "scan", "faces", "corner", "corners"},
     "Scan": {"scan", "faces", "corner"},
     "Planes": {"faces", "sets", "rejected", "groups"},
@@ -23,8 +23,8 @@ LOOK_LAYERS = {
     "Distance": {"distance", "jig"},
     "Arm": {"corners", "residuals", "predicted", "arm", "scanner"},
 }
-POINT_LOOKS = ("Arm", "All corners", "Corner")  # where there are no scans
-WIDE_LOOKS = ("All scans", "All corners", "Arm")  # of the whole dataset, not of one pose
+POINT_VIEWS = ("Arm", "All corners", "Corner")  # where there are no scans
+WIDE_VIEWS = ("All scans", "All corners", "Arm")  # of the whole dataset, not of one pose
 BY_ROLE, BY_ERROR = "by role", "by error"
 COLOURINGS = (BY_ROLE, BY_ERROR)
 FACTORS = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000)  # enlargements of the uncertainty ellipsoids

@@ -44,7 +44,7 @@ def running(folder: Path) -> Iterator[App]:
 def app(running: App) -> App:
     """The app on the dataset with scans, all of them searched, at its first pose."""
     running.open("cell")
-    running.look("All scans")
+    running.show_view("All scans")
     running.dark(False)
     assert running.worker.wait_idle(IDLE_S)
     return running
@@ -441,7 +441,7 @@ def test_our_own_bug_is_told_too(app: App, page: WireClient, monkeypatch: pytest
 def test_requests_that_no_widget_makes_are_ignored(app: App) -> None:
     before = app.state.view
     app.open("no such dataset")
-    app.look("nowhere")
+    app.show_view("nowhere")
     app.layer("no such layer", True)
     app.redundancy("no such residual")
     app.calibrate("no such residual")

@@ -319,7 +319,7 @@ def test_every_item_has_a_button_that_says_what_it_holds(app: App) -> None:
 
 def test_a_session_from_the_page_opens_in_the_same_state(app: App, folder: Path, tmp_path: Path) -> None:
     app.select(7)
-    app.look("Corner")
+    app.show_view("Corner")
     app.dark(True)
     app.arrows(300.0)
     assert app.worker.wait_idle(IDLE_S)
@@ -333,7 +333,7 @@ def test_a_session_from_the_page_opens_in_the_same_state(app: App, folder: Path,
         assert str(now.session.history) == str(before.session.history)
         assert now.session.effects == before.session.effects
         assert (now.pose, now.dark, now.arrows, now.factor) == (7, True, 300.0, before.factor)
-        assert again.stage.look_name == "Corner"
+        assert again.stage.view_name == "Corner"
         assert now.session.screening is not None
         with WireClient(again.server.get_port()) as page:
             assert HIDDEN in page.text()

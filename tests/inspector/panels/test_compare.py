@@ -51,7 +51,7 @@ def running(folder: Path) -> Iterator[App]:
 def app(running: App) -> App:
     """The app on the dataset with a hidden effect, the effect not in the model, at the first pose."""
     running.open("hidden")
-    running.look("Arm")
+    running.show_view("Arm")
     assert running.worker.wait_idle(IDLE_S)
     running.remove_effect("transmission_error")
     running.version(LINKS)
@@ -222,7 +222,7 @@ def test_a_link_with_a_mesh_is_drawn_as_it_and_moves_with_its_frame(app: App, pa
         assert app.worker.wait_idle(IDLE_S)
         arm = arm_of(app.state.now.version, pose) if app.state.now.version else None
         assert arm is not None
-        node = app.stage.comparing._arm._meshes[1]
+        node = app.stage.comparison._arm._meshes[1]
         np.testing.assert_allclose(1000 * np.asarray(node.position), arm.base_T_link[1, :3, 3], atol=1e-3)
         shown = int(np.sum(arm.link != 1))
         page.wait(lambda p, k=shown: len(cylinder_ends_mm(p)) == k)  # type: ignore[misc]
@@ -235,7 +235,7 @@ def test_a_link_with_a_mesh_is_drawn_as_it_and_moves_with_its_frame(app: App, pa
 def test_the_jig_lies_over_the_scan_coloured_by_distance(app: App, page: WireClient) -> None:
     app.open("cell")
     assert app.worker.wait_idle(IDLE_S)
-    app.look("Distance")
+    app.show_view("Distance")
     assert app.worker.wait_idle(IDLE_S)
     dataset, search = app.state.now.session.dataset, app.state.now.search
     assert search is not None

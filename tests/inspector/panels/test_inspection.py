@@ -25,7 +25,7 @@ from inspector.panels.scans import corner_state, pose_table
 from inspector.report.content import report_of
 from inspector.report.report import report_html
 from inspector.scene.scene_view import ROOT
-from inspector.session.view import LOOK_LAYERS, LOOKS, View
+from inspector.session.view import VIEW_LAYERS, VIEWS, View
 from tests.support.app import IDLE_S, idle_app, shows
 from tests.support.tiny_dataset import BROKEN, POSES, write_tiny
 from tests.support.wire_client import WireClient
@@ -50,7 +50,7 @@ def _spoil(path: Path, spoil) -> None:  # type: ignore[no-untyped-def]
 @pytest.fixture
 def page(app: App) -> Iterator[WireClient]:
     app.select(0)
-    app.look("All scans")
+    app.show_view("All scans")
     assert app.worker.wait_idle(IDLE_S)
     with WireClient(app.server.get_port()) as client:
         yield client
@@ -70,7 +70,7 @@ def search(app: App, pose: int) -> CornerSearch:
 def test_rejected_sets_have_the_colour_of_their_filter_in_the_scene_and_in_the_table(
     app: App, page: WireClient
 ) -> None:
-    app.look("Planes")
+    app.show_view("Planes")
     page.wait(lambda p: f"{ROOT}/rejected/points" in p.scene)
     colours = np.asarray(page.scene[f"{ROOT}/rejected/points"]["props"]["colors"]).reshape(-1, 3)
     counts = search(app, 0).filter_counts()
@@ -116,7 +116,7 @@ def test_more_than_one_look_is_told(app: App) -> None:
     assert "at look 2 only" in passes_note(replace(found, search_passes=2))
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", VIEWS)
 def test_the_legend_tells_what_the_colours_of_each_view_mean(app: App, page: WireClient, look: str) -> None:
     said = {
         "All scans": ("training", "face 1"),
@@ -127,9 +127,9 @@ def test_the_legend_tells_what_the_colours_of_each_view_mean(app: App, page: Wir
         "Distance": ("Distance to the nearest chosen face", "face 2"),
         "Arm": ("training", "residuals ×"),
     }
-    app.look(look)
+    app.show_view(look)
     assert app.worker.wait_idle(IDLE_S)
-    visible, off_mm = LOOK_LAYERS[look], app.stage.comparing.distances_mm
+    visible, off_mm = VIEW_LAYERS[look], app.stage.comparison.distances_mm
     said_now = legend_html(view(app), visible, off_mm)
     for part in said[look]:
         assert part in said_now
@@ -138,7 +138,7 @@ def test_the_legend_tells_what_the_colours_of_each_view_mean(app: App, page: Wir
 
 def test_the_legend_leaves_out_what_is_not_there(app: App) -> None:
     assert EMPTY in legend_html(view(app), set(), None)
-    nothing = legend_html(view(app, FEW), LOOK_LAYERS["Planes"] | LOOK_LAYERS["Distance"] | {"corner"}, None)
+    nothing = legend_html(view(app, FEW), VIEW_LAYERS["Planes"] | VIEW_LAYERS["Distance"] | {"corner"}, None)
     assert nothing == ""
 
 
@@ -147,7 +147,7 @@ def test_a_view_of_one_scan_shows_all_three_faces(app: App, page: WireClient, lo
     del page
     for pose in (0, 1, 2):
         app.select(pose)
-        app.look(look)
+        app.show_view(look)
         assert app.worker.wait_idle(IDLE_S)
         corner = search(app, pose).corner
         assert corner is not None
@@ -160,7 +160,7 @@ def test_distances_are_a_view_of_the_corner_tab(app: App, page: WireClient) -> N
     uuid = next(u for u, m in page.gui.items() if DISTANCES in (m["props"].get("options") or ()))
     page.send(type="GuiUpdateMessage", uuid=uuid, updates={"value": DISTANCES})
     page.wait(lambda p: p.value("Distances"))  # the layer's tick
-    assert app.stage.look_name == "Distance"
+    assert app.stage.view_name == "Distance"
 
 
 def test_the_corner_says_what_its_sigma_comes_from(app: App, page: WireClient) -> None:

@@ -98,7 +98,7 @@ def unescaped(page: WireClient) -> list[str]:
 @pytest.mark.slow
 def test_no_name_becomes_markup_on_any_tab(app: App) -> None:
     view = app.state.now
-    assert view.session.own
+    assert view.session.user_effects
     with WireClient(app.server.get_port()) as page:
         assert EVIL.replace("<", "&lt;").replace(">", "&gt;") in page.text()
         assert unescaped(page) == []

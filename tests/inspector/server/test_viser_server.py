@@ -13,16 +13,9 @@ from viser import _messages
 from websockets.exceptions import InvalidStatus
 
 from calib.errors import CalibError
+from inspector.panels.input_checks import clamped, one_of
 from inspector.server import viser_server as server_module
-from inspector.server.viser_server import (
-    ServerError,
-    clamped,
-    one_of,
-    origin_allowed,
-    start_server,
-    tell,
-    url_of,
-)
+from inspector.server.viser_server import ServerError, origin_allowed, start_server, tell, url_of
 from tests.support.wire_client import WireClient
 
 

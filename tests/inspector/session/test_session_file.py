@@ -43,7 +43,7 @@ def worked_on(folder: Path) -> Session:
 def saved(worked_on: Session, tmp_path: Path) -> Path:
     path = tmp_path / "below" / "session.json"
     save_session(
-        path, worked_on, Shown(pose="p0007", look="All corners", dark=True, arrows=300.0, factor=1000.0)
+        path, worked_on, Shown(pose="p0007", view="All corners", dark=True, arrows=300.0, factor=1000.0)
     )
     return path
 

@@ -16,7 +16,7 @@ from inspector.app.app import App
 from inspector.app.serving import serving
 from inspector.panels.missing_effects import REMOVE
 from inspector.session.session import Session
-from inspector.session.user_effects import OwnEffects, Watch
+from inspector.session.user_effects import UserEffects, Watch
 from tests.support.app import IDLE_S, idle_app, shows
 from tests.support.hidden_dataset import write_hidden
 from tests.support.wire_client import WireClient
@@ -60,7 +60,7 @@ def dataset(folder: Path) -> Dataset:
 def test_a_file_is_read_once_a_version_and_an_error_keeps_the_last_good(
     tmp_path: Path, dataset: Dataset
 ) -> None:
-    own = OwnEffects(written(tmp_path / "mine.py"))
+    own = UserEffects(written(tmp_path / "mine.py"))
     assert own.stale("a", ())
     first = own.families("a", dataset)
     assert [family.name for family in first] == ["ripple"]
@@ -73,20 +73,20 @@ def test_a_file_is_read_once_a_version_and_an_error_keeps_the_last_good(
     assert own.families("b", dataset)[0].name == "ripple"
     (tmp_path / "mine.py").write_text("def broken(:\n")
     assert own.families("a", dataset) is second
-    assert "line 1" in own.words
-    assert "ripple as before" in own.words
-    assert "\n" not in own.words
+    assert "line 1" in own.problem
+    assert "ripple as before" in own.problem
+    assert "\n" not in own.problem
     assert not own.stale("a", second)  # until the file changes again
     (tmp_path / "mine.py").unlink()
     assert own.families("a", dataset) is second
-    assert "no such effects file" in own.words
+    assert "no such effects file" in own.problem
     written(tmp_path / "mine.py")
     assert own.families("a", dataset)[0].name == "ripple"
-    assert own.words == ""
+    assert own.problem == ""
 
 
 def test_without_a_file_there_is_nothing(dataset: Dataset) -> None:
-    own = OwnEffects()
+    own = UserEffects()
     assert own.families("a", dataset) == ()
     assert not own.stale("a", ())
     Watch(own, lambda: None).stop()
@@ -94,7 +94,7 @@ def test_without_a_file_there_is_nothing(dataset: Dataset) -> None:
 
 def test_the_watch_tells_of_each_change_and_ends(tmp_path: Path) -> None:
     changed = threading.Event()
-    own = OwnEffects(written(tmp_path / "mine.py"))
+    own = UserEffects(written(tmp_path / "mine.py"))
     watch = Watch(own, changed.set)
     written(tmp_path / "mine.py", 12)
     assert changed.wait(20)
