@@ -31,7 +31,7 @@ def diagnose(
     options: FitOptions = FitOptions(),
     *,
     effects: Sequence[str] = (),
-    own: Sequence[Family] = (),
+    user_effects: Sequence[Family] = (),
     max_steps: int = 3,
     on_step: Callable[[str], None] | None = None,
 ) -> Diagnosis:
@@ -41,7 +41,7 @@ def diagnose(
         dataset: with measured points; test poses are used to confirm only.
         options: what is asked of every fit.
         effects: families that are taken as present from the start, all joints.
-        own: families beyond the catalogue.
+        user_effects: families beyond the catalogue.
         max_steps: effects to add at the most.
         on_step: called with a line of words before each stage.
 
@@ -49,21 +49,23 @@ def diagnose(
         FitError, CalibError: too few poses, an unknown name.
     """
     tell = on_step or (lambda words: None)
-    found = _diagnosis(_search_space(dataset, options, effects, own), max_steps, tell)
+    found = _diagnosis(_search_space(dataset, options, effects, user_effects), max_steps, tell)
     outliers = found.residual_tests.outlier_poses
     if not 0 < len(outliers) <= max(2, FEW * len(np.unique(found.calibration.after.pose))):
         return found
     # Only now, with the effects in: a few wrong points bend the fit and hide or feign a pattern in all others.
     tell("once more without the poses that stand out")
-    rest = _diagnosis(_search_space(without_poses(dataset, outliers), options, effects, own), max_steps, tell)
+    rest = _diagnosis(
+        _search_space(without_poses(dataset, outliers), options, effects, user_effects), max_steps, tell
+    )
     return _of_all_poses(found, rest, outliers)
 
 
 def _search_space(
-    dataset: Dataset, options: FitOptions, effects: Sequence[str], own: Sequence[Family]
+    dataset: Dataset, options: FitOptions, effects: Sequence[str], user_effects: Sequence[Family]
 ) -> SearchSpace:
-    given = tuple(member for name in effects for member in family_of(dataset, name, own).members)
-    return SearchSpace(dataset, options, given, (*effects_for(dataset), *own))
+    given = tuple(member for name in effects for member in family_of(dataset, name, user_effects).members)
+    return SearchSpace(dataset, options, given, (*effects_for(dataset), *user_effects))
 
 
 def _diagnosis(space: SearchSpace, max_steps: int, tell: Tell) -> Diagnosis:

@@ -95,7 +95,7 @@ def add_in_turn(
     options: FitOptions = FitOptions(),
     *,
     effects: Sequence[Effect] = (),
-    own: Sequence[Family] = (),
+    user_effects: Sequence[Family] = (),
 ) -> tuple[FitStep, ...]:
     """The fit without them, then one more for each name: screened after the last fit, added, fitted together.
 
@@ -103,14 +103,14 @@ def add_in_turn(
         names: families to add, in this order.
         options: what is asked of every fit.
         effects: in the model from the start, whole.
-        own: families beyond the catalogue.
+        user_effects: families beyond the catalogue.
 
     Raises:
         CalibError: an unknown name, one that these data cannot test, or one of which nothing shows.
     """
-    families = (*effects_for(dataset), *own)
+    families = (*effects_for(dataset), *user_effects)
     for name in names:
-        available_family(dataset, name, own)
+        available_family(dataset, name, user_effects)
     steps = [first_step(calibrate_with(dataset, (), options, effects=effects))]
     for name in dict.fromkeys(names):
         last = steps[-1]
@@ -122,13 +122,13 @@ def add_in_turn(
 
 
 def recalled(
-    dataset: Dataset, name: str, prior_sigmas: Mapping[str, float], own: Sequence[Family] = ()
+    dataset: Dataset, name: str, prior_sigmas: Mapping[str, float], user_effects: Sequence[Family] = ()
 ) -> SelectedEffect:
     """An effect as it was selected before, by its name and the prior sigmas of its members' parameters.
 
     Raises CalibError where the dataset has no such effect, no such parameter, or a member is named in part.
     """
-    family = available_family(dataset, name, own)
+    family = available_family(dataset, name, user_effects)
     named = [(member, {full_name(member, p) for p in member.parameters}) for member in family.members]
     unknown = sorted(set(prior_sigmas).difference(*(names for _, names in named)))
     if unknown:

@@ -74,7 +74,9 @@ def available_family(dataset: Dataset, name: str, more: Sequence[Family] = ()) -
     return family
 
 
-def effects_named(dataset: Dataset, names: Sequence[str], own: Sequence[Family] = ()) -> tuple[Effect, ...]:
+def effects_named(
+    dataset: Dataset, names: Sequence[str], user_effects: Sequence[Family] = ()
+) -> tuple[Effect, ...]:
     """The members of families by name, for `calibrate`. Raises CalibError for unknown and for untestable ones."""
-    families = [available_family(dataset, name, own) for name in dict.fromkeys(names)]
+    families = [available_family(dataset, name, user_effects) for name in dict.fromkeys(names)]
     return tuple(member for family in families for member in family.members)

@@ -12,12 +12,12 @@ from calib.effects.state import RobotState
 from calib.errors import CalibError
 
 
-def is_own(effect: object) -> bool:
+def is_users(effect: object) -> bool:
     """Whether an effect comes from outside this package, so that its mistakes are its author's to mend."""
     return type(effect).__module__.partition(".")[0] != "calib"
 
 
-def guarded(effect: Any, state: RobotState, values: Mapping[str, float]) -> RobotState:
+def checked_apply(effect: Any, state: RobotState, values: Mapping[str, float]) -> RobotState:
     """`effect.apply(state, **values)`, checked.
 
     Raises:

@@ -32,7 +32,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
-from calib.effects.checked_apply import checked_meaning, guarded, is_own
+from calib.effects.checked_apply import checked_apply, checked_meaning, is_users
 from calib.effects.state import RobotState
 
 
@@ -156,7 +156,7 @@ def meaning_of(effect: Effect, parameter: Parameter, value: float, state: RobotS
     say = getattr(effect, "meaning")  # noqa: B009  no part of the contract
     return (
         checked_meaning(effect, parameter, value, state)
-        if is_own(effect)
+        if is_users(effect)
         else str(say(parameter, value, state))
     )
 
@@ -173,7 +173,7 @@ def apply_values(effect: Effect, state: RobotState, values: Array) -> RobotState
     Raises CalibError where an effect from outside this package fails.
     """
     named: dict[str, Any] = {p.name: float(v) for p, v in zip(effect.parameters, values, strict=True)}
-    return guarded(effect, state, named) if is_own(effect) else effect.apply(state, **named)
+    return checked_apply(effect, state, named) if is_users(effect) else effect.apply(state, **named)
 
 
 def changes_table(effect: Effect) -> bool:
@@ -182,7 +182,7 @@ def changes_table(effect: Effect) -> bool:
     There is one value for each entry, row by row, so that they can be built into robot.toml. For this package's own
     effects only: whoever adds one value by `add_link_error` has another effect.
     """
-    return not is_own(effect) and getattr(effect, "changes_table", False) is True
+    return not is_users(effect) and getattr(effect, "changes_table", False) is True
 
 
 def is_linear(effect: Effect) -> bool:

@@ -43,7 +43,7 @@ from inspector.session.transitions import with_found, with_steps
 SCENE_ARROWS = 100.0  # how many times longer residuals are drawn in a scene's file
 
 
-def own_effects(effects_file: Path | None, dataset: Dataset) -> tuple[Family, ...]:
+def loaded_effects(effects_file: Path | None, dataset: Dataset) -> tuple[Family, ...]:
     """The families of --effects-file."""
     if effects_file is None:
         return ()
@@ -52,9 +52,11 @@ def own_effects(effects_file: Path | None, dataset: Dataset) -> tuple[Family, ..
 
 def _fitted(options: CalibrateOptions | CorrectOptions, dataset: Dataset) -> tuple[FitStep, ...]:
     """The fits that were asked for: one, then one more for each --add."""
-    own = own_effects(options.effects_file, dataset)
-    effects = effects_named(dataset, options.effect, own)
-    return add_in_turn(dataset, options.add, options.fit_options(), effects=effects, own=own)
+    user_effects = loaded_effects(options.effects_file, dataset)
+    effects = effects_named(dataset, options.effect, user_effects)
+    return add_in_turn(
+        dataset, options.add, options.fit_options(), effects=effects, user_effects=user_effects
+    )
 
 
 def run_calibrate(options: CalibrateOptions) -> int:
@@ -118,7 +120,7 @@ def _as_session(options: CalibrateOptions, dataset: Dataset, steps: Sequence[Fit
     used = [name for name, value in given.items() if value]
     if used:
         raise CalibError(f"--session: a session holds fits by --residual and --add only; leave out {used[0]}")
-    return with_steps(Session(dataset, user_effects=own_effects(options.effects_file, dataset)), steps)
+    return with_steps(Session(dataset, user_effects=loaded_effects(options.effects_file, dataset)), steps)
 
 
 def _errors(calibration: Calibration) -> str:
@@ -132,7 +134,7 @@ def run_validate(options: ValidateOptions) -> int:
     """Folds over poses, and a learning curve."""
     dataset = measured(load(options.path), orientation=options.residual == "pose")
     asked = options.fit_options()
-    effects = effects_named(dataset, options.effect, own_effects(options.effects_file, dataset))
+    effects = effects_named(dataset, options.effect, loaded_effects(options.effects_file, dataset))
     with progress("fits", "fit") as on_progress:
         folds = cross_validate(dataset, asked, folds=options.folds, effects=effects, on_progress=on_progress)
         curve = learning_curve(dataset, asked, effects=effects, on_progress=on_progress)
@@ -175,10 +177,12 @@ def run_report(options: ReportOptions) -> int:
     dataset = load(options.path)
     check_outputs(dataset, [options.out], [options.effects_file])
     session = Session(dataset, searched(dataset) if dataset.points is None else {})
-    own = own_effects(options.effects_file, session.measured)
-    effects_named(session.measured, options.effect, own)  # refuses unknown names before the work starts
+    user_effects = loaded_effects(options.effects_file, session.measured)
+    effects_named(
+        session.measured, options.effect, user_effects
+    )  # refuses unknown names before the work starts
     with stages() as on_step:
-        found = diagnose(session.measured, effects=options.effect, own=own, on_step=on_step)
+        found = diagnose(session.measured, effects=options.effect, user_effects=user_effects, on_step=on_step)
     report = report_of(with_found(session, found))
     write_text_atomically(options.out, report_html(report, now=datetime.now()))
     document = documents.diagnosis_document(found) | {"report": str(options.out)}
@@ -192,11 +196,15 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     if options.max_steps < 0:
         raise DatasetError(f"--max-steps {options.max_steps}: a number of steps is 0 or more")
     dataset = measured(load(options.path))
-    own = own_effects(options.effects_file, dataset)
-    effects_named(dataset, options.effect, own)  # refuses unknown names before the work starts
+    user_effects = loaded_effects(options.effects_file, dataset)
+    effects_named(dataset, options.effect, user_effects)  # refuses unknown names before the work starts
     with stages() as on_step:
         result = diagnose(
-            dataset, effects=options.effect, own=own, max_steps=options.max_steps, on_step=on_step
+            dataset,
+            effects=options.effect,
+            user_effects=user_effects,
+            max_steps=options.max_steps,
+            on_step=on_step,
         )
     ranked = result.screenings[0].to_frame()
     ranking = "No effect can be ranked: none is testable with these data."

@@ -187,7 +187,7 @@ def with_diagnosis(session: Session, on_step: Callable[[str], None] | None = Non
 
     `on_step` hears a line of words before each stage; what it raises ends the work.
     """
-    return with_found(session, diagnose(session.measured, own=session.user_effects, on_step=on_step))
+    return with_found(session, diagnose(session.measured, user_effects=session.user_effects, on_step=on_step))
 
 
 def with_found(session: Session, found: Diagnosis) -> Session:

@@ -187,9 +187,9 @@ def test_a_users_own_effect_is_tested_named_and_fitted(tmp_path: Path) -> None:
     hidden = dataset.with_points(replace(dataset.points, xyz_mm=dataset.points.xyz_mm + moved))
     path = tmp_path / "mine.py"
     path.write_text(OWN_FILE)
-    own = load_effects(path, nominal_state(hidden))
-    assert [family.name for family in own] == ["fifth_harmonic"]
-    result = diagnose(hidden, own=own)
+    user_effects = load_effects(path, nominal_state(hidden))
+    assert [family.name for family in user_effects] == ["fifth_harmonic"]
+    result = diagnose(hidden, user_effects=user_effects)
     assert result.missing == ("fifth_harmonic",), explain(result)
     fitted = {
         p.name: x for p, x in zip(result.calibration.fit.parameters, result.calibration.fit.x, strict=True)
@@ -249,9 +249,11 @@ def test_an_effect_that_fails_only_later_is_still_one_line(tmp_path: Path) -> No
     ):
         assert old in OWN_FILE
         path.write_text(OWN_FILE.replace(old, new))
-        own = load_effects(path, nominal_state(dataset))  # tried at zero and at one step: all is well there
+        user_effects = load_effects(
+            path, nominal_state(dataset)
+        )  # tried at zero and at one step: all is well there
         with pytest.raises(CalibError, match=says) as caught:
-            diagnose(dataset, own=own)
+            diagnose(dataset, user_effects=user_effects)
         assert "\n" not in str(caught.value)
 
 
