@@ -9,6 +9,7 @@ import pickle
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -186,25 +187,31 @@ def test_each_item_once_and_no_more_at_a_time_than_allowed(
 @pytest.mark.parametrize("how", ["the caller stops", "an item raises"])
 def test_an_early_end_cancels_what_waits(how: str) -> None:
     started: list[int] = []
+    is_over = threading.Event()
 
     def work(i: int) -> int:
         started.append(i)
-        time.sleep(0.01)
         if how == "an item raises" and i == 1:
             raise ValueError(i)
+        if i > 0:
+            assert is_over.wait(60.0)  # the one thread is held until all that waits is cancelled
         return i
 
     executor = Counting(1)
     with executor.threads:
         running = map_as_completed(work, range(1000), executor, 50)
-        if how == "an item raises":
-            with pytest.raises(ValueError, match="1"):
-                list(running)
-        else:
-            next(running)
-            running.close()  # type: ignore[attr-defined]
-    assert len(started) < 10
-    assert sum(future.cancelled() for future in executor.futures) > 40
+        try:
+            if how == "an item raises":
+                with pytest.raises(ValueError, match="1"):
+                    list(running)
+            else:
+                assert next(running) == (0, 0)
+                running.close()  # type: ignore[attr-defined]
+        finally:
+            is_over.set()
+    assert len(started) <= 3
+    assert sum(future.cancelled() for future in executor.futures) == len(executor.futures) - len(started)
+    assert 50 <= len(executor.futures) <= 51
 
 
 @pytest.mark.slow
