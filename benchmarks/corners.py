@@ -1,12 +1,12 @@
-"""How near the corner comes to the Cramer-Rao bound, in kind and unkind scenes, beside Open3D on the same scans.
+"""How near the corner comes to the Cramer-Rao bound, in easy and difficult scenes, beside Open3D on the same scans.
 
     python benchmarks/corners.py [--scans 5] [--points 12000 50000] [--peer-points 50000 200000 1000000]
                                  [--peer-scans 4] [--cases NAME ...] [--no-open3d]
 
-Scans are those of the tests' ray caster (tests/scan_scene.py, cases in tests/scan_cases.py): a jig of 60 mm edge some
-700 mm away on its flange, with link, wall and table behind, 0.02 mm * (0.5 + 0.5 / cos^2 incidence) of noise along the
-ray, 35 % flying pixels at depth edges, dropouts at grazing incidence. The bound is that of three free planes, of each
-scan, and white noise; a smooth error ("waves") is not in it. Columns of the first table:
+Scans are those of the tests' ray caster (tests/support/scan_scene.py, cases in tests/support/scan_cases.py): a jig of
+60 mm edge some 700 mm away on its flange, with link, wall and table behind, 0.02 mm * (0.5 + 0.5 / cos^2 incidence) of
+noise along the ray, 35 % flying pixels at depth edges, dropouts at grazing incidence. The bound is that of three free
+planes, of each scan, and white noise; a smooth error ("waves") is not in it. Columns of the first table:
 
     RMS/bound   root mean square over the scans of error over bound: 1 is the best there is
     Mahal.^2    mean squared error in units of the reported covariance: 3 is honest

@@ -2,10 +2,10 @@
 
     python benchmarks/fuzz.py [--files 10000] [--tables 10000] [--seconds 20] [--processes 2] [--seed 0] [--peer]
 
-Scan files are those of tests/scan_mutations.py: every format, of a good scan or of a cloud without a corner, whole,
-cut, flipped, refilled. Each is loaded, and searched for the corner where it holds enough points. Tables are files of
-a dataset of sample_data, damaged likewise and loaded. Processes with 4 GB of address space do it, and
-every warning is an exception there; the parent waits --seconds for each file and replaces a process that died or hangs.
+Scan files are those of tests/support/scan_mutations.py: every format, of a good scan or of a cloud without a corner,
+whole, cut, flipped, refilled. Each is loaded, and searched for the corner where it holds enough points. Tables are
+files of a dataset of sample_data, damaged likewise and loaded. Processes with 4 GB of address space do it, and every
+warning is an exception there; the parent waits --seconds for each file and replaces a process that died or hangs.
 
 crash: another exception than CalibError, an error or reason of more than one line, or a dead process. wrong: a corner
 more than 1 mm from the true one (bytes that say another place, such as swapped columns, can make it so). With --peer,

@@ -2,10 +2,10 @@
 
     python benchmarks/other_scanner.py [--scans 5] [--first 0] [--kinds NAME ...] [--tell]
 
-Scans are those of tests/mesh_scene.py, kinds in tests/mesh_cases.py: triangle meshes of jigs with chamfers, holes,
-stickers and base plates, in any attitude that shows three faces below 80 degrees, among robot, brackets, cables and
-workshop; structured light with shadows, laser lines, time of flight, fused meshes; heavy tails, steps of the depth,
-missing patches. In the kinds without three faces of a jig nothing is right but to refuse.
+Scans are those of tests/support/mesh_scene.py, kinds in tests/support/mesh_cases.py: triangle meshes of jigs with
+chamfers, holes, stickers and base plates, in any attitude that shows three faces below 80 degrees, among robot,
+brackets, cables and workshop; structured light with shadows, laser lines, time of flight, fused meshes; heavy tails,
+steps of the depth, missing patches. In the kinds without three faces of a jig nothing is right but to refuse.
 
     points      median of the scans
     fair        scans with 40 points on each face and a third of each in view; columns after it count these alone
