@@ -71,9 +71,9 @@ def seconds_of(dataset: Dataset) -> dict[str, float]:
     done()
     best = screen(fitted, effects_for(dataset)).candidates[0]
     done()
-    calibrate(dataset, effects=best.members, sizes=best.prior_sigmas, start=fitted)
+    calibrate(dataset, effects=best.members, prior_sigmas=best.prior_sigmas, start=fitted)
     done()
-    calibrate(dataset, effects=best.members, sizes=best.prior_sigmas)
+    calibrate(dataset, effects=best.members, prior_sigmas=best.prior_sigmas)
     done()
     calibrate(dataset, effects=effects_named(dataset, ["joint_compliance"]), start=fitted)
     done()

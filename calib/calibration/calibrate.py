@@ -35,7 +35,7 @@ def calibrate(
     options: FitOptions = FitOptions(),
     *,
     effects: Sequence[Effect] = (),
-    sizes: Mapping[str, float] | None = None,
+    prior_sigmas: Mapping[str, float] | None = None,
     start: Calibration | None = None,
 ) -> Calibration:
     """Fit the link errors, and further effects, to the training poses of a dataset.
@@ -47,7 +47,7 @@ def calibrate(
         dataset: with measured points.
         options: what is asked of the fit; the result keeps it.
         effects: beyond the link errors.
-        sizes: of the effects' parameters, by full name, where their usual scale is not the prior to use.
+        prior_sigmas: of the effects' parameters, by full name, where their usual scale is not the prior to use.
         start: an earlier fit of the same arm to go on from, by its parameters' names. It saves iterations.
 
     Raises:
@@ -55,7 +55,7 @@ def calibrate(
     """
     residual, prior = options.residual, options.prior
     links = LinkErrors(dataset.robot, checked_tolerances(dataset.robot, options.tolerances))
-    model = Model(dataset.robot, (links, *effects), sizes=sizes or {}).hold(options.held)
+    model = Model(dataset.robot, (links, *effects), prior_sigmas=prior_sigmas or {}).hold(options.held)
     observed = Observations.of(dataset)
     if len(observed.points) < 3:
         raise FitError(
@@ -70,7 +70,7 @@ def calibrate(
     if options.robust and residual == "distance":
         raise FitError("robust weights need a residual of each point; take position, pairs or pose")
     way: tuple[Iteration, ...] = ()  # that led to where this fit begins
-    links_alone = Model(dataset.robot, (links,), model.fixed)
+    links_alone = Model(dataset.robot, (links,), model.held)
     if start is not None:
         way = _in_order_of(model, start.fit)
     elif effects and links_alone.parameters:

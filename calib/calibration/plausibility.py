@@ -12,7 +12,7 @@ LARGE = 0.02
 """Nor does a calibrated one err by this share of the space that its points span, whatever effect is missing."""
 
 
-def does_not_belong(calibration: Calibration) -> str:
+def implausibility_reason(calibration: Calibration) -> str:
     """What says that the data are not of this arm, in words; "" where nothing does.
 
     Large residuals say so, and corrections that the points forced far beyond what their tolerances allow: one point

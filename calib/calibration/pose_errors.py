@@ -22,7 +22,7 @@ _RANKS = 4  # to either side of a point, whose median is its smooth
 
 
 @dataclass(frozen=True)
-class Failure:
+class PoseErrors:
     """The residual of every measured pose, seen from several sides. N poses, in the dataset's order, n joints.
 
     Test poses are predicted: no fit saw them. The bands are of the measurement's noise alone, so where test poses leave
@@ -78,7 +78,7 @@ class Failure:
         return tuple(self.pose_ids[i] for i in order[:count])
 
 
-def failure_of(calibration: Calibration) -> Failure:
+def pose_errors_of(calibration: Calibration) -> PoseErrors:
     """Look at what a calibration left over, at all poses that were measured.
 
     The apparent error of joint j at a pose is the least-squares motion of that joint alone: d_j . e / |d_j|^2, d_j how
@@ -104,7 +104,7 @@ def failure_of(calibration: Calibration) -> Failure:
         noise[usable & (size > 0.0), j] = 1.0 / np.sqrt(size[usable & (size > 0.0)])
     sigma_mm = np.sqrt(np.trace(observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
     base_mm = frames.apply(frames.invert(scanner_T_base), observed.points.xyz_mm)
-    return Failure(
+    return PoseErrors(
         pose_ids=poses.ids,
         is_test=poses.is_test,
         error_mm=mean_by_pose(error_mm, row, len(poses)),

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from calib.array_types import BoolArray
-from calib.calibration.pose_errors import Failure, failure_of
+from calib.calibration.pose_errors import PoseErrors, pose_errors_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Poses
 from calib.fitting.observations import Observations
@@ -20,7 +20,7 @@ def residual_table(calibration: Calibration) -> pd.DataFrame:
     length error_mm; predicted_x_mm ... and measured_x_mm ..., all in the scanner's frame; then every input that varies,
     angles in degrees, further columns of poses.csv as they are there. An input whose name is taken is called input_...
     """
-    failure = failure_of(calibration)
+    pose_errors = pose_errors_of(calibration)
     dataset = calibration.dataset
     everything = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
     poses, row = everything.used_poses
@@ -32,22 +32,22 @@ def residual_table(calibration: Calibration) -> pd.DataFrame:
         "points": points_by_pose(row, len(poses)),
     }
     for name, values in (
-        ("error", failure.error_mm),
-        ("predicted", measured_mm + failure.error_mm),
+        ("error", pose_errors.error_mm),
+        ("predicted", measured_mm + pose_errors.error_mm),
         ("measured", measured_mm),
     ):
         columns |= {f"{name}_{axis}_mm": values[:, k] for k, axis in enumerate("xyz")}
         if name == "error":
             columns["error_mm"] = np.linalg.norm(values, axis=1)
-    for name, given in _inputs(failure, poses, dataset.robot.is_revolute).items():
+    for name, given in _inputs(pose_errors, poses, dataset.robot.is_revolute).items():
         columns[f"input_{name}" if name in columns else name] = given
     return pd.DataFrame(columns)
 
 
-def _inputs(failure: Failure, poses: Poses, is_revolute: BoolArray) -> dict[str, object]:
+def _inputs(pose_errors: PoseErrors, poses: Poses, is_revolute: BoolArray) -> dict[str, object]:
     """The inputs by the name that a column has; the place of the point is `measured_...` already."""
     out: dict[str, object] = {}
-    for name, values in failure.inputs.items():
+    for name, values in pose_errors.inputs.items():
         stem = name.rstrip("0123456789")
         joint = name.removeprefix(stem)
         if name in poses.extra.columns:

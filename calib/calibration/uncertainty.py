@@ -40,7 +40,7 @@ class Combination:
         return self.sigma < 0.5 * self.tolerance
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         terms = []
         for name, coefficient in self.coefficients.items():
             size = "" if abs(abs(coefficient) - 1.0) < 1e-9 else f"{abs(coefficient):.6g} "
@@ -81,7 +81,7 @@ def combination(calibration: Calibration, coefficients: Mapping[str, float]) -> 
     )
 
 
-def known_sums(calibration: Calibration) -> tuple[Combination, ...]:
+def identifiable_combinations(calibration: Calibration) -> tuple[Combination, ...]:
     """For each group of parameters that act alike: the one sum that the data know (a6 + aTCP, theta4 - beta4).
 
     Left out are sums that these poses leave as vague as their tolerance, and groups without influence on distances or

@@ -86,7 +86,7 @@ def calibrate_with(
     for effect in selected:
         prior_sigmas |= effect.prior_sigmas
     members = [member for effect in selected for member in effect.members]
-    return calibrate(dataset, options, effects=[*effects, *members], sizes=prior_sigmas, start=start)
+    return calibrate(dataset, options, effects=[*effects, *members], prior_sigmas=prior_sigmas, start=start)
 
 
 def add_in_turn(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.calibration.noise_check import is_declared
-from calib.calibration.plausibility import does_not_belong
+from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import MIN_LEAD
 from calib.diagnosis.effect_selection import FitStep
@@ -206,7 +206,7 @@ def _unconfirmed(diagnosis: Diagnosis) -> str:
 def verdict_words(diagnosis: Diagnosis) -> str:
     """The verdict alone, a sentence or two."""
     named = " and ".join(diagnosis.missing)
-    doubt = does_not_belong(diagnosis.steps[0].calibration)
+    doubt = implausibility_reason(diagnosis.steps[0].calibration)
     were = "was" if len(diagnosis.missing) == 1 else "were"
     return {
         "adequate": f"Verdict: adequate. {_nothing(diagnosis)}, and nothing else shows.",

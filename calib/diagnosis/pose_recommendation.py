@@ -74,7 +74,7 @@ def _places(calibration: Calibration, candidate: Candidate, q: Array) -> Array:
         calibration.dataset,
         calibration.options,
         effects=[*calibration.model.added_effects, *candidate.members],
-        sizes={**calibration.model.sizes, **candidate.prior_sigmas},
+        prior_sigmas={**calibration.model.prior_sigmas, **candidate.prior_sigmas},
     )
     scanner_T_base = next(iter(fitted.after.scanner_T_base.values()))
     poses = conditions_at(calibration.dataset.poses, q)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.calibration.plausibility import does_not_belong
+from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.decision_rules import (
@@ -89,7 +89,7 @@ def search_stepwise(space: SearchSpace, *, max_steps: int, tell: Tell) -> Search
     tell("fitting the geometry")
     geometry = space.fit((), None)
     search = Search((first_step(geometry),), (space.screen(geometry),))
-    if does_not_belong(geometry):
+    if implausibility_reason(geometry):
         return replace(search, ended=True, implausible=True)
     while len(search.chosen) < max_steps and not search.ended:
         search = _next_step(space, search, tell)

@@ -1,6 +1,6 @@
 """The model: a robot, a list of effects, and the one bridge between parameter names and the solver's vector.
 
-The vector x holds corrections, zero for the nominal robot. Parameters named in `fixed` stay at zero and are invisible
+The vector x holds corrections, zero for the nominal robot. Parameters named in `held` stay at zero and are invisible
 to the solver. Jacobians follow by the chain rule: d point / d state (analytic) x d state / d parameter (the effect's).
 """
 
@@ -38,8 +38,8 @@ class Model:
 
     robot: Robot
     effects: tuple[Effect, ...]
-    fixed: frozenset[str] = frozenset()
-    sizes: Mapping[str, float] = field(
+    held: frozenset[str] = frozenset()
+    prior_sigmas: Mapping[str, float] = field(
         default_factory=dict
     )  # of parameters, by name, in place of their usual scale
     loads_of: Robot | None = None  # whose links decide what gravity does; None: those of the state itself
@@ -52,16 +52,16 @@ class Model:
         )
 
     def _named(self, name: str, parameter: Parameter) -> Parameter:
-        return replace(parameter, name=name, scale=self.sizes.get(name, parameter.scale))
+        return replace(parameter, name=name, scale=self.prior_sigmas.get(name, parameter.scale))
 
     @cached_property
     def _is_free(self) -> BoolArray:
-        return np.array([p.name not in self.fixed for p in self._all_parameters], dtype=bool)
+        return np.array([p.name not in self.held for p in self._all_parameters], dtype=bool)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """What the solver may move, in the order of x."""
-        return tuple(p for p in self._all_parameters if p.name not in self.fixed)
+        return tuple(p for p in self._all_parameters if p.name not in self.held)
 
     @property
     def added_effects(self) -> tuple[Effect, ...]:
@@ -87,7 +87,7 @@ class Model:
                 f"no parameter named {unknown[0]!r}; there are {self._all_parameters[0].name} ... "
                 f"{self._all_parameters[-1].name}"
             )
-        return replace(self, fixed=self.fixed | wanted)
+        return replace(self, held=self.held | wanted)
 
     def _values_by_effect(self, x: ArrayLike) -> list[Array]:
         full = np.zeros(len(self._is_free))

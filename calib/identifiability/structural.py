@@ -31,7 +31,7 @@ MM_A_RADIAN = 500.0
 """How turns count beside lengths where no measurement says so: 0.05 mm against 0.1 mrad."""
 
 _KNOWN = "in the base frame, as if the scanner's place were known (Park)"
-SEEN = {
+MEASURED_BY = {
     "position": f"positions of the tool point {_KNOWN}",
     "pose": f"full poses, place and attitude of a jig that sits on the tool anyhow, {_KNOWN}",
     "distance": "distances to the reference pose, which need no scanner's place (Jang)",
@@ -47,19 +47,19 @@ def redundancy(dataset: Dataset, *, residual: str = "position") -> Redundancy:
 
     "position" and "pose" with the scanner's place known; "distance" and "pairs" need none.
     """
-    columns, moved = _at_training_poses(dataset, residual, place_known=True)
+    columns, moved = _at_training_poses(dataset, residual, frame_known=True)
     return analyse(
         columns,
         dataset.robot.parameter_names,
         dataset.robot.parameter_units,
         moved=moved,
-        seen=SEEN[residual],
+        seen=MEASURED_BY[residual],
         silent=_SILENT.get(residual, "the distances"),
     )
 
 
 @dataclass(frozen=True)
-class PlaceUnknown:
+class FreeFrameRank:
     """What is left of the rank where nobody knows the scanner's place, as in a fit."""
 
     residual: str
@@ -82,13 +82,13 @@ class PlaceUnknown:
         )
 
 
-def with_place_unknown(dataset: Dataset, *, residual: str = "position") -> PlaceUnknown:
+def free_frame_rank(dataset: Dataset, *, residual: str = "position") -> FreeFrameRank:
     """How many parameters can be told where the scanner's place is unknown."""
-    columns, moved = _at_training_poses(dataset, residual, place_known=False)
+    columns, moved = _at_training_poses(dataset, residual, frame_known=False)
     names, units = dataset.robot.parameter_names, dataset.robot.parameter_units
     here = analyse(columns, names, units, moved=moved).rank
     best = {kind: structural_rank(dataset.robot, residual=kind) for kind in RESIDUAL_KINDS}
-    return PlaceUnknown(residual, here, best)
+    return FreeFrameRank(residual, here, best)
 
 
 def structural_rank(robot: Robot, *, residual: str = "position") -> int:
@@ -96,7 +96,7 @@ def structural_rank(robot: Robot, *, residual: str = "position") -> int:
     rng, poses = np.random.default_rng(0), 200  # any generic poses give the same rank
     span = np.where(robot.is_revolute, np.pi, 500.0)
     q = rng.uniform(-1.0, 1.0, (poses, robot.n_joints)) * span
-    columns, moved = _columns(robot, q, np.full(poses, ""), residual, place_known=False)
+    columns, moved = _columns(robot, q, np.full(poses, ""), residual, frame_known=False)
     return analyse(columns, robot.parameter_names, robot.parameter_units, moved=moved).rank
 
 
@@ -112,11 +112,11 @@ def fewest_poses(robot: Robot, *, residual: str = "position", setups: int = 1, r
     return (max(structural_rank(robot, residual=residual), rank) + unknowns) // each + 1
 
 
-def _at_training_poses(dataset: Dataset, residual: str, *, place_known: bool) -> tuple[Array, Array]:
+def _at_training_poses(dataset: Dataset, residual: str, *, frame_known: bool) -> tuple[Array, Array]:
     poses = dataset.poses
     rows = [poses.reference, *(int(i) for i in np.flatnonzero(poses.role == "train"))]
     columns, moved = _columns(
-        dataset.robot, poses.q[rows], poses.setup[rows], residual, place_known=place_known
+        dataset.robot, poses.q[rows], poses.setup[rows], residual, frame_known=frame_known
     )
     if len(columns) < 2:
         raise FitError(
@@ -127,7 +127,7 @@ def _at_training_poses(dataset: Dataset, residual: str, *, place_known: bool) ->
 
 
 def _columns(
-    robot: Robot, q: Array, setup: NDArray[np.str_], residual: str, *, place_known: bool
+    robot: Robot, q: Array, setup: NDArray[np.str_], residual: str, *, frame_known: bool
 ) -> tuple[Array, Array]:
     """(R, P) how the table's entries move what a residual sees, and (P,) how far before unknowns take up their part.
 
@@ -142,7 +142,7 @@ def _columns(
         distances = [_distance_columns(chain.target_mm[rows], columns[rows]) for rows in setups]
         return np.concatenate(distances), np.linalg.norm(columns, axis=(0, 1))
     absorbed = []
-    if not place_known or residual == "pairs":
+    if not frame_known or residual == "pairs":
         absorbed = [_motion(chain.target_mm, rows) for rows in setups]
     if residual == "pose":
         turn = MM_A_RADIAN * kinematics.turn_jacobian(chain).reshape(len(q), 3, -1)

@@ -10,7 +10,7 @@ import numpy as np
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Figures
 from calib.calibration.noise_check import is_declared, noise_floor_mm
-from calib.calibration.plausibility import does_not_belong
+from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
@@ -24,7 +24,7 @@ from calib.measurement.measured_points import failed_searches, with_corners
 from calib.options import FitOptions
 from calib.scans.scan import PointCount
 from calib.validation.cross_validation import SUSPICIOUS, noise_ratio
-from calib.validation.splits import training_places
+from calib.validation.splits import training_groups
 
 HOPELESS = 100.0
 """A residual this many times the declared sigma is no calibrated arm, whatever the improvement."""
@@ -33,16 +33,16 @@ HALF = 0.5  # of a scan's points; one that loses more is told
 
 
 @dataclass(frozen=True)
-class Finding:
+class CheckItem:
     """One link of the chain. `passed` is None for what is told, not judged; some of that is a warning."""
 
     name: str
     passed: bool | None
-    words: str
+    description: str
     warning: bool = False
 
     @property
-    def mark(self) -> str:
+    def status(self) -> str:
         if self.passed is None:
             return "WARN" if self.warning else "note"
         return "ok  " if self.passed else "FAIL"
@@ -50,30 +50,30 @@ class Finding:
 
 @dataclass(frozen=True)
 class Check:
-    """All findings on a dataset. It passes where none failed."""
+    """All items on a dataset. It passes where none failed."""
 
     dataset: Dataset  # with the points that were judged
-    findings: tuple[Finding, ...]
+    items: tuple[CheckItem, ...]
     calibration: Calibration | None
     repeats: tuple[Repeats, ...]
     diagnosis: Diagnosis | None = None  # where the fit leaves enough to judge a cause by
 
     @property
     def passed(self) -> bool:
-        return all(finding.passed is not False for finding in self.findings)
+        return all(item.passed is not False for item in self.items)
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why it did not pass."""
-        return tuple(f"{f.name}: {f.words}" for f in self.findings if f.passed is False)
+        return tuple(f"{f.name}: {f.description}" for f in self.items if f.passed is False)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What one should look at although it does not decide."""
-        return tuple(f"{f.name}: {f.words}" for f in self.findings if f.warning)
+        return tuple(f"{f.name}: {f.description}" for f in self.items if f.warning)
 
     def summary(self) -> str:
-        lines = [f"{f.mark}  {f.name}: {f.words}" for f in self.findings]
+        lines = [f"{f.status}  {f.name}: {f.description}" for f in self.items]
         count = len(self.warnings)
         more = f", with {count} warning{'s' if count > 1 else ''}" if count else ""
         return "\n".join(
@@ -97,34 +97,34 @@ def check(
         max_test_rmse_mm: what the 3D error of the test poses may be; without it, it has to be less than before.
         on_step: hears a line of words before each stage of the diagnosis.
     """
-    findings = [Finding("dataset", None, warning, warning=True) for warning in dataset.warnings]
+    items = [CheckItem("dataset", None, warning, warning=True) for warning in dataset.warnings]
     if searches:
-        findings += thin_scans({pose: s.count for pose, s in searches.items() if s.count is not None})
-        findings.append(_corners(searches))
+        items += thin_scans({pose: s.count for pose, s in searches.items() if s.count is not None})
+        items.append(_corners(searches))
         dataset = with_corners(dataset, searches, orientation=options.residual == "pose")
     repeats = find_repeats(dataset)
     if repeats:
-        findings.append(_repeats(dataset, repeats))
+        items.append(_repeats(dataset, repeats))
     calibration = diagnosis = None
-    places = training_places(dataset)
-    needed = fewest_poses(dataset.robot, residual=options.residual, setups=len(np.unique(places.setup)))
-    if len(places) < needed:
+    groups = training_groups(dataset)
+    needed = fewest_poses(dataset.robot, residual=options.residual, setups=len(np.unique(groups.setup)))
+    if len(groups) < needed:
         words = (
-            f"not tried: {len(places)} different training poses are measured, a fit takes at least {needed}"
+            f"not tried: {len(groups)} different training poses are measured, a fit takes at least {needed}"
         )
-        findings.append(Finding("fit", None if repeats else False, words))
+        items.append(CheckItem("fit", None if repeats else False, words))
     else:
         calibration = calibrate(dataset, options)
-        findings += _fit(calibration, max_test_rmse_mm)
+        items += _fit(calibration, max_test_rmse_mm)
         try:
             diagnosis = diagnose(dataset, options.with_residual("position"), on_step=on_step)
-            findings.append(Finding("diagnosis", None, verdict_words(diagnosis).removeprefix("Verdict: ")))
+            items.append(CheckItem("diagnosis", None, verdict_words(diagnosis).removeprefix("Verdict: ")))
         except FitError as error:  # a fit that leaves no equation to judge by is told of, it is no failure
-            findings.append(Finding("diagnosis", None, f"not tried: {error}"))
-    return Check(dataset, tuple(findings), calibration, repeats, diagnosis)
+            items.append(CheckItem("diagnosis", None, f"not tried: {error}"))
+    return Check(dataset, tuple(items), calibration, repeats, diagnosis)
 
 
-def thin_scans(counts: Mapping[str, PointCount]) -> list[Finding]:
+def thin_scans(counts: Mapping[str, PointCount]) -> list[CheckItem]:
     """A warning where scans lose more than half of their points for want of a value."""
     thin = {pose_id: count for pose_id, count in counts.items() if count.share_dropped > HALF}
     if not thin:
@@ -135,31 +135,31 @@ def thin_scans(counts: Mapping[str, PointCount]) -> list[Finding]:
         f"{worst.dropped} of {worst.points + worst.dropped}; where the jig should be among them, look at the exposure, "
         "the distance and glare"
     )
-    return [Finding("scans", None, words, warning=True)]
+    return [CheckItem("scans", None, words, warning=True)]
 
 
-def _corners(searches: Mapping[str, CornerSearch]) -> Finding:
+def _corners(searches: Mapping[str, CornerSearch]) -> CheckItem:
     failed = failed_searches(searches)
     if failed:
         first, reason = next(iter(failed.items()))
         words = f"{len(failed)} of {len(searches)} scans have none; the first, {first}: {reason}"
-        return Finding("corners", False, words)
+        return CheckItem("corners", False, words)
     sigmas = [search.corner.sigma_mm() for search in searches.values() if search.corner is not None]
-    return Finding(
+    return CheckItem(
         "corners", True, f"found in all {len(searches)} scans, median sigma {float(np.median(sigmas)):.4f} mm"
     )
 
 
-def _repeats(dataset: Dataset, repeats: tuple[Repeats, ...]) -> Finding:
+def _repeats(dataset: Dataset, repeats: tuple[Repeats, ...]) -> CheckItem:
     sigma_mm = pooled_sigma_mm(repeats)
     words = f"{len(repeats)} places measured again and again: one coordinate's sigma is {sigma_mm:.4f} mm"
     hopeless = is_declared(dataset) and sigma_mm > HOPELESS * declared_sigma_mm(dataset)
     if hopeless:
         words += f", {sigma_mm / declared_sigma_mm(dataset):.3g} times the declared: these are not points of one place"
-    return Finding("repeats", False if hopeless else None, words)
+    return CheckItem("repeats", False if hopeless else None, words)
 
 
-def _against_training(calibration: Calibration, train: Figures, test: Figures) -> Finding:
+def _against_training(calibration: Calibration, train: Figures, test: Figures) -> CheckItem:
     """The test error as a multiple of the training error, against what noise makes of it.
 
     A warning where it is more: that training error is not what to expect elsewhere. A test error that is no more than
@@ -169,7 +169,7 @@ def _against_training(calibration: Calibration, train: Figures, test: Figures) -
     name, words = "test against training", f"{ratio:.2f} times the training error"
     floor_mm = noise_floor_mm(calibration) or _NO_NOISE_MM
     if ratio <= SUSPICIOUS * expected or test.rmse_mm <= SUSPICIOUS * floor_mm:
-        return Finding(name, None, words)
+        return CheckItem(name, None, words)
     after = calibration.after
     error_mm = np.linalg.norm(after.error_mm, axis=1)
     worst = int(np.argmax(np.where(after.is_test[after.pose], error_mm, -1.0)))
@@ -178,46 +178,46 @@ def _against_training(calibration: Calibration, train: Figures, test: Figures) -
         f"model, or wrong test points, the worst at {calibration.dataset.poses.ids[after.pose[worst]]} with "
         f"{error_mm[worst]:.3g} mm"
     )
-    return Finding(name, None, words, warning=True)
+    return CheckItem(name, None, words, warning=True)
 
 
-def _fit(calibration: Calibration, max_test_rmse_mm: float | None) -> list[Finding]:
+def _fit(calibration: Calibration, max_test_rmse_mm: float | None) -> list[CheckItem]:
     fit = calibration.fit
     return [
-        Finding("fit", fit.converged, fit.summary()),
-        *(Finding("fit", None, note) for note in calibration.after.notes),
+        CheckItem("fit", fit.converged, fit.summary()),
+        *(CheckItem("fit", None, note) for note in calibration.after.notes),
         *_test_poses(calibration, max_test_rmse_mm),
         *_residual(calibration),
     ]
 
 
-def _test_poses(calibration: Calibration, max_test_rmse_mm: float | None) -> list[Finding]:
+def _test_poses(calibration: Calibration, max_test_rmse_mm: float | None) -> list[CheckItem]:
     train, test, before = calibration.after.train, calibration.after.test, calibration.before.test
     asked = max_test_rmse_mm is not None
     if test is None or before is None:
         words = "no pose has the role test, so nothing says how good this is away from the training poses"
-        return [Finding("test poses", False if asked else None, words, warning=not asked)]
+        return [CheckItem("test poses", False if asked else None, words, warning=not asked)]
     words = (
         f"RMSE {before.rmse_mm:.4g} -> {test.rmse_mm:.4g} mm, max {before.max_mm:.4g} -> {test.max_mm:.4g} mm"
     )
     if max_test_rmse_mm is None:
-        findings = [Finding("test poses", test.rmse_mm < before.rmse_mm, words)]
+        items = [CheckItem("test poses", test.rmse_mm < before.rmse_mm, words)]
     else:
         good = test.rmse_mm <= max_test_rmse_mm
-        findings = [Finding("test poses", good, f"{words}; {max_test_rmse_mm:g} mm was asked for")]
+        items = [CheckItem("test poses", good, f"{words}; {max_test_rmse_mm:g} mm was asked for")]
     if train is not None and train.rmse_mm > 0.0:
-        findings.append(_against_training(calibration, train, test))
-    return findings
+        items.append(_against_training(calibration, train, test))
+    return items
 
 
-def _residual(calibration: Calibration) -> list[Finding]:
+def _residual(calibration: Calibration) -> list[CheckItem]:
     noise = calibration.fit.noise
     if not np.isfinite(noise):
         return []
     meaning = ""
     declared = is_declared(calibration.dataset)
     ratio_words = f", {noise:.3g} times the declared sigma" if declared else "; no sigma is declared"
-    doubt = does_not_belong(calibration)
+    doubt = implausibility_reason(calibration)
     if not doubt and declared and noise > HOPELESS:
         doubt = "the model does not describe these data; check joint signs, units and the order of the poses"
     if doubt:
@@ -227,4 +227,4 @@ def _residual(calibration: Calibration) -> list[Finding]:
             ": more than noise is left; something is missing from the model, or sigma was declared too small"
         )
     words = f"{calibration.sigma_mm:.4g} mm a coordinate{ratio_words}{meaning}"
-    return [Finding("residual", False if doubt else None, words, warning=bool(meaning) and not doubt)]
+    return [CheckItem("residual", False if doubt else None, words, warning=bool(meaning) and not doubt)]

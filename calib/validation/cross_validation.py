@@ -24,7 +24,7 @@ from calib.effects.effect import Effect
 from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.options import FitOptions
-from calib.validation.splits import deal_folds, split_dataset, training_places
+from calib.validation.splits import deal_folds, split_dataset, training_groups
 
 Progress = Callable[[int, int, str], None]
 
@@ -171,26 +171,26 @@ def cross_validate(
     Raises:
         FitError: no points, fewer than two folds, more folds than poses, or too few poses in a fold's training part.
     """
-    places = training_places(dataset)
+    groups = training_groups(dataset)
     if folds < 2:
         raise FitError(f"found {folds} folds; cross-validation needs 2 at least, 5 is usual")
-    if folds > len(places):
+    if folds > len(groups):
         raise FitError(
-            f"dataset {dataset.name}: found {folds} folds for {len(places)} different training poses; "
+            f"dataset {dataset.name}: found {folds} folds for {len(groups)} different training poses; "
             "ask for fewer folds, 5 is usual"
         )
-    dealt, small = deal_folds(places, folds, rng or np.random.default_rng(0))
+    dealt, small = deal_folds(groups, folds, rng or np.random.default_rng(0))
     if any(len(fold) == 0 for fold in dealt):
         raise FitError(
-            f"dataset {dataset.name}: {len(places)} different training poses cannot fill {folds} folds and leave "
+            f"dataset {dataset.name}: {len(groups)} different training poses cannot fill {folds} folds and leave "
             "each setup three poses for its frame; ask for fewer folds or measure more poses"
         )
-    everything = places.poses_of(range(len(places)))
+    everything = groups.poses_of(range(len(groups)))
     whole = calibrate(split_dataset(dataset, everything, everything[:0])[0], options, effects=effects)
     done: list[Fold] = []
     before, after = [], []
     for fold in dealt:
-        held_out = places.poses_of(fold)
+        held_out = groups.poses_of(fold)
         split, rows = split_dataset(dataset, np.setdiff1d(everything, held_out), held_out)
         fitted = calibrate(split, options, effects=effects)
         before.append(_held_out(fitted.before, rows, len(dataset.poses)))

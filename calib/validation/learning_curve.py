@@ -25,11 +25,11 @@ from calib.options import FitOptions
 from calib.validation.cross_validation import Progress
 from calib.validation.splits import (
     MIN_FRAME_POSES,
-    Places,
+    JointGroups,
     deal_folds,
     growing_order,
     split_dataset,
-    training_places,
+    training_groups,
 )
 
 FLAT = 0.05  # twice the poses lower the error by less than this share: not worth measuring
@@ -180,11 +180,11 @@ def learning_curve(
         FitError: no points, too few poses, or counts that cannot be.
     """
     rng = rng or np.random.default_rng(0)
-    places = training_places(dataset)
+    groups = training_groups(dataset)
     if repeats < 1:
         raise FitError(f"found {repeats} repeats; a learning curve needs 1 at least, 5 is usual")
-    held_out, draws = _draws(dataset, places, repeats, rng)
-    fewest = _fewest(dataset, places, options.residual)
+    held_out, draws = _draws(dataset, groups, repeats, rng)
+    fewest = _fewest(dataset, groups, options.residual)
     most = min(len(order) for order, _ in draws)
     if counts is None:
         counts = np.unique(np.round(np.geomspace(fewest, max(most, fewest), 6)).astype(int)).tolist()
@@ -198,10 +198,10 @@ def learning_curve(
     fits: dict[int, list[Calibration]] = {n: [] for n in counts}
     for repeat, (order, held) in enumerate(draws):
         for k, n in enumerate(counts):
-            if n == len(places) and fits[n]:
+            if n == len(groups) and fits[n]:
                 continue  # all poses and the same test poses: the same fit again
-            outside = tests if held is None else places.poses_of(held)
-            split, _ = split_dataset(dataset, places.poses_of(order[:n]), outside)
+            outside = tests if held is None else groups.poses_of(held)
+            split, _ = split_dataset(dataset, groups.poses_of(order[:n]), outside)
             fits[n].append(calibrate(split, options, effects=effects))
             if on_progress is not None:
                 on_progress(repeat * len(counts) + k + 1, repeats * len(counts), f"{n} poses")
@@ -211,26 +211,26 @@ def learning_curve(
 
 
 def _draws(
-    dataset: Dataset, places: Places, repeats: int, rng: np.random.Generator
+    dataset: Dataset, groups: JointGroups, repeats: int, rng: np.random.Generator
 ) -> tuple[str, list[tuple[IndexArray, IndexArray | None]]]:
-    """For each repeat the order in which places join, and the places held out; None: the test poses."""
+    """For each repeat the order in which groups join, and the groups held out; None: the test poses."""
     assert dataset.points is not None
-    everything = np.arange(len(places))
+    everything = np.arange(len(groups))
     if np.any(dataset.poses.is_test[dataset.points.pose]):
-        return "test poses", [(growing_order(places, everything, rng), None) for _ in range(repeats)]
-    folds = [fold for fold in deal_folds(places, _FOLDS, rng)[0] if len(fold)]
+        return "test poses", [(growing_order(groups, everything, rng), None) for _ in range(repeats)]
+    folds = [fold for fold in deal_folds(groups, _FOLDS, rng)[0] if len(fold)]
     if not folds:
         raise FitError(
-            f"dataset {dataset.name}: no test poses, and {len(places)} training poses are too few to hold some out"
+            f"dataset {dataset.name}: no test poses, and {len(groups)} training poses are too few to hold some out"
         )
     held = [folds[repeat % len(folds)] for repeat in range(repeats)]
-    return "folds", [(growing_order(places, np.setdiff1d(everything, fold), rng), fold) for fold in held]
+    return "folds", [(growing_order(groups, np.setdiff1d(everything, fold), rng), fold) for fold in held]
 
 
-def _fewest(dataset: Dataset, places: Places, residual: str) -> int:
-    """The fewest places that carry a fit: two more than parameters and frames ask for, three a setup at least."""
+def _fewest(dataset: Dataset, groups: JointGroups, residual: str) -> int:
+    """The fewest groups that carry a fit: two more than parameters and frames ask for, three a setup at least."""
     assert dataset.points is not None
-    setups = len(np.unique(places.setup))
+    setups = len(np.unique(groups.setup))
     knowable = structural_rank(dataset.robot)
     if residual == "distance":
         return max(knowable + setups + 2, MIN_FRAME_POSES * setups)

@@ -1,7 +1,7 @@
 """Splitting a dataset's training poses: folds, growing subsets, and the dataset that a split makes.
 
-What is dealt are *places*: joint vectors. Repeats, several targets, and poses of the same joints under another name
-stay together, else a place would be tested by what it was fitted to. Every setup keeps training poses, because its
+What is dealt are *groups*: joint vectors. Repeats, several targets, and poses of the same joints under another name
+stay together, else a group would be tested by what it was fitted to. Every setup keeps training poses, because its
 scanner frame is fitted to them. Poses of the role test take no part.
 """
 
@@ -21,23 +21,23 @@ MIN_FRAME_POSES = 3  # fewer points than three leave a scanner frame open
 
 
 @dataclass(frozen=True)
-class Places:
-    """The training poses of a dataset that have points, by place."""
+class JointGroups:
+    """The training poses of a dataset that have points, by group."""
 
-    poses: tuple[IndexArray, ...]  # of each place, indices into the dataset's poses
-    setup: NDArray[np.str_]  # (K,) the setup of each place's first pose
+    poses: tuple[IndexArray, ...]  # of each group, indices into the dataset's poses
+    setup: NDArray[np.str_]  # (K,) the setup of each group's first pose
 
     def __len__(self) -> int:
         return len(self.poses)
 
-    def poses_of(self, places: Sequence[int] | IndexArray) -> IndexArray:
-        """IndexArray of the poses of some places, in the dataset's order."""
-        chosen = [self.poses[int(k)] for k in places]
+    def poses_of(self, groups: Sequence[int] | IndexArray) -> IndexArray:
+        """IndexArray of the poses of some groups, in the dataset's order."""
+        chosen = [self.poses[int(k)] for k in groups]
         return np.sort(np.concatenate(chosen)) if chosen else np.zeros(0, dtype=np.int64)
 
 
-def training_places(dataset: Dataset) -> Places:
-    """The places of the training and reference poses. Raises FitError where the dataset has no points."""
+def training_groups(dataset: Dataset) -> JointGroups:
+    """The groups of the training and reference poses. Raises FitError where the dataset has no points."""
     if dataset.points is None:
         raise FitError(f"dataset {dataset.name}: no measured points yet; find the corners of its scans first")
     poses = dataset.poses
@@ -46,38 +46,40 @@ def training_places(dataset: Dataset) -> Places:
     for i in np.flatnonzero(measured):
         by_joints.setdefault((np.round(poses.q[i], 9) + 0.0).tobytes(), []).append(int(i))
     groups = tuple(np.array(rows, dtype=np.int64) for rows in by_joints.values())
-    return Places(groups, np.array([str(poses.setup[rows[0]]) for rows in groups], dtype=str))
+    return JointGroups(groups, np.array([str(poses.setup[rows[0]]) for rows in groups], dtype=str))
 
 
-def deal_folds(places: Places, folds: int, rng: np.random.Generator) -> tuple[list[IndexArray], list[str]]:
-    """Deal the places into folds, setup by setup, so that each fold has its share of every setup.
+def deal_folds(
+    groups: JointGroups, folds: int, rng: np.random.Generator
+) -> tuple[list[IndexArray], list[str]]:
+    """Deal the groups into folds, setup by setup, so that each fold has its share of every setup.
 
     Returns:
-        The places of each fold, and the setups that are too small to lose any: fewer than three of their places would
+        The groups of each fold, and the setups that are too small to lose any: fewer than three of their groups would
         be left for the scanner's frame, so all of them always train.
     """
     dealt: list[list[int]] = [[] for _ in range(folds)]
     small, turn = [], 0
-    for setup in np.unique(places.setup):
-        members = rng.permutation(np.flatnonzero(places.setup == setup))
+    for setup in np.unique(groups.setup):
+        members = rng.permutation(np.flatnonzero(groups.setup == setup))
         if len(members) - int(np.ceil(len(members) / folds)) < MIN_FRAME_POSES:
             small.append(str(setup))
             continue
-        for place in members:
-            dealt[turn % folds].append(int(place))
+        for group in members:
+            dealt[turn % folds].append(int(group))
             turn += 1
     return [np.array(sorted(fold), dtype=np.int64) for fold in dealt], small
 
 
-def growing_order(places: Places, among: IndexArray, rng: np.random.Generator) -> IndexArray:
-    """Some places in an order whose every start is fair to the setups: three of each first, then in proportion."""
+def growing_order(groups: JointGroups, among: IndexArray, rng: np.random.Generator) -> IndexArray:
+    """Some groups in an order whose every start is fair to the setups: three of each first, then in proportion."""
     rank, share = {}, {}
-    for setup in np.unique(places.setup[among]):
-        members = rng.permutation(among[places.setup[among] == setup])
-        for k, place in enumerate(members):
-            rank[int(place)] = 0 if k < MIN_FRAME_POSES else 1
-            share[int(place)] = (k + rng.uniform()) / len(members)
-    return np.array(sorted(rank, key=lambda place: (rank[place], share[place])), dtype=np.int64)
+    for setup in np.unique(groups.setup[among]):
+        members = rng.permutation(among[groups.setup[among] == setup])
+        for k, group in enumerate(members):
+            rank[int(group)] = 0 if k < MIN_FRAME_POSES else 1
+            share[int(group)] = (k + rng.uniform()) / len(members)
+    return np.array(sorted(rank, key=lambda group: (rank[group], share[group])), dtype=np.int64)
 
 
 def split_dataset(dataset: Dataset, train: IndexArray, held_out: IndexArray) -> tuple[Dataset, IndexArray]:

@@ -22,7 +22,7 @@ from calib.dataset.files.robot_checks import refuse_beyond
 from calib.dataset.files.robot_toml import builtin_robot, load_robot
 from calib.effects.catalogue import descriptions
 from calib.errors import DatasetError
-from calib.identifiability.structural import redundancy, with_place_unknown
+from calib.identifiability.structural import free_frame_rank, redundancy
 from calib.measurement.measured_points import failed_searches, label_faces, require_corners, with_corners
 from calib.options import BUILTIN_ROBOTS, FitOptions
 from calib.validation.acceptance import check
@@ -88,7 +88,7 @@ def run_redundancy(options: RedundancyOptions) -> int:
     result = redundancy(dataset, residual=options.residual)
     if options.out is not None:
         write_text_atomically(options.out, redundancy_csv(result))
-    unknown = with_place_unknown(dataset, residual=options.residual)
+    unknown = free_frame_rank(dataset, residual=options.residual)
     document = documents.redundancy_document(result, unknown)
     show(options, document, f"{result.summary()}\n{unknown.summary()}")
     return 0

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
-from calib.calibration.plausibility import does_not_belong
+from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
-from calib.calibration.uncertainty import known_sums
+from calib.calibration.uncertainty import identifiable_combinations
 from calib.compensation.target_correction import corrected_joints
 from calib.compensation.targets_csv import corrected_table, load_targets, require_conditions
 from calib.dataset.dataset import Dataset
@@ -90,7 +90,8 @@ def _calibration_text(steps: Sequence[FitStep]) -> str:
     result = steps[-1].calibration
     lines = [result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.6g}")]
     lines += [
-        f"known: {c.words} = {c.value:.6g} +- {c.sigma:.2g} {c.unit}".rstrip() for c in known_sums(result)
+        f"known: {c.description} = {c.value:.6g} +- {c.sigma:.2g} {c.unit}".rstrip()
+        for c in identifiable_combinations(result)
     ]
     if len(steps) > 1:
         lines.append(f"link errors: {_errors(steps[0].calibration)}")
@@ -101,7 +102,7 @@ def _calibration_text(steps: Sequence[FitStep]) -> str:
 def _require_sense(result: Calibration, force: bool) -> None:
     """Refuse to write what no controller should run by. Raises CalibError unless `force`."""
     result.require_improvement(force=force)
-    doubt = "" if force else does_not_belong(result)
+    doubt = "" if force else implausibility_reason(result)
     if doubt:
         raise CalibError(
             f"dataset {result.dataset.name}: {doubt}; nothing was written, --force writes it anyway"

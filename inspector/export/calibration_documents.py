@@ -8,7 +8,7 @@ from typing import Any
 
 from calib.calibration.evaluation import Evaluation, Figures
 from calib.calibration.result import Calibration
-from calib.calibration.uncertainty import correlated_pairs, known_sums
+from calib.calibration.uncertainty import correlated_pairs, identifiable_combinations
 from calib.compensation.target_correction import Correction
 from calib.diagnosis.effect_selection import FitStep
 from calib.validation.cross_validation import CrossValidation
@@ -50,7 +50,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
                 "sigma": c.sigma,
                 "worst_part_sigma": c.worst_part_sigma,
             }
-            for c in known_sums(calibration)
+            for c in identifiable_combinations(calibration)
         ],
         "correlated": [asdict(pair) for pair in correlated_pairs(calibration)],
         "warnings": calibration.warnings,

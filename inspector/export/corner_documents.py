@@ -7,7 +7,7 @@ from typing import Any
 
 from calib.corners.search import CornerSearch
 from calib.identifiability.redundancy import Redundancy
-from calib.identifiability.structural import PlaceUnknown
+from calib.identifiability.structural import FreeFrameRank
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import failed_searches
 
@@ -50,7 +50,7 @@ def corners_document(searches: Mapping[str, CornerSearch], labels: FaceLabels) -
     return {"corners": found, "failed": failed, "orientations": labels.document()}
 
 
-def redundancy_document(redundancy: Redundancy, unknown: PlaceUnknown) -> dict[str, Any]:
+def redundancy_document(redundancy: Redundancy, unknown: FreeFrameRank) -> dict[str, Any]:
     """What `redundancy --json` prints; `unknown` is what is left where the scanner's place is unknown."""
     return {
         "residual": unknown.residual,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
 
 from calib.dataset.repeats import repeats_frame
@@ -36,7 +35,15 @@ def check_document(check: Check) -> dict[str, Any]:
         "passed": check.passed,
         "reasons": check.reasons,
         "warnings": check.warnings,
-        "findings": [asdict(finding) for finding in check.findings],
+        "findings": [
+            {
+                "name": item.name,
+                "passed": item.passed,
+                "words": item.description,
+                "warning": item.warning,
+            }
+            for item in check.items
+        ],
         "repeats": repeats_frame(check.repeats).to_dict(orient="records"),
         "calibration": None if check.calibration is None else calibration_document(check.calibration),
         "diagnosis": None if check.diagnosis is None else diagnosis_document(check.diagnosis),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.calibration.pose_errors import Failure
+from calib.calibration.pose_errors import PoseErrors
 from calib.kinematics.robot import Robot
 from inspector.markup import numbers
 
@@ -20,15 +20,15 @@ NAMES = {
 }
 
 
-def band_note(failure: Failure, band: tuple[float, float]) -> str:
+def band_note(pose_errors: PoseErrors, band: tuple[float, float]) -> str:
     """What the grey band is, and how many poses leave it where that is counted."""
-    grey = f"Grey: where noise alone ({numbers.length(failure.noise_mm)} a coordinate) leaves 19 of 20 poses."
+    grey = f"Grey: where noise alone ({numbers.length(pose_errors.noise_mm)} a coordinate) leaves 19 of 20 poses."
     if not np.isfinite(band).all():
         return "These poses do not tell how much noise alone would make of it: there is no band."
-    outside = failure.error_length_mm > failure.length_noise_mm
+    outside = pose_errors.error_length_mm > pose_errors.length_noise_mm
     counts = [
         f"{np.count_nonzero(outside & of)} of {numbers.count(int(np.count_nonzero(of)), name)}"
-        for of, name in ((~failure.is_test, "training pose"), (failure.is_test, "test pose"))
+        for of, name in ((~pose_errors.is_test, "training pose"), (pose_errors.is_test, "test pose"))
         if of.any()
     ]
     return f"{grey} By their length, {numbers.listing(counts)} are off by more."
@@ -66,14 +66,14 @@ def joint_title(joint: int, robot: Robot) -> str:
 
 
 def shown(
-    failure: Failure, what: str, joint: int | None, robot: Robot
+    pose_errors: PoseErrors, what: str, joint: int | None, robot: Robot
 ) -> tuple[NDArray, str, tuple[float, float]]:
     """The values to plot, their name with the unit, and the band that noise alone fills."""
     if joint is not None:
         scale = float(np.degrees(1.0)) * 1000.0 if robot.joints[joint].is_revolute else 1.0
-        half = 2.0 * scale * failure.joint_noise(joint)
-        return scale * failure.apparent_joint_error[:, joint], what, (-half, half)
+        half = 2.0 * scale * pose_errors.joint_noise(joint)
+        return scale * pose_errors.apparent_joint_error[:, joint], what, (-half, half)
     if what in AXES:
-        half = 2.0 * failure.noise_mm
-        return failure.error_mm[:, AXES[what]], f"{what}, mm", (-half, half)
-    return failure.error_length_mm, f"{LENGTH}, mm", (0.0, failure.length_noise_mm)
+        half = 2.0 * pose_errors.noise_mm
+        return pose_errors.error_mm[:, AXES[what]], f"{what}, mm", (-half, half)
+    return pose_errors.error_length_mm, f"{LENGTH}, mm", (0.0, pose_errors.length_noise_mm)

@@ -156,7 +156,7 @@ class MissingEffectsPanel:
         if session.screening is None or separation is None:
             self._next.content = ""
             return
-        noise_mm = session.failure.noise_mm if session.failure is not None else float("nan")
+        noise_mm = session.pose_errors.noise_mm if session.pose_errors is not None else float("nan")
         robot = session.dataset.robot
         self._next.content = html.next_html(self.chosen, separation.rival, separation.poses, robot, noise_mm)
 

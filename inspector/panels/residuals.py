@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import viser
 
-from calib.calibration.pose_errors import Failure, running_median
+from calib.calibration.pose_errors import PoseErrors, running_median
 from inspector.figures.residual_plots import place_views, residual_against, select
 from inspector.markup import elements
 from inspector.markup.residuals import AXES, LENGTH, band_note, input_title, joint_title, shown, turned
@@ -66,8 +66,8 @@ class ResidualsPanel:
 
     def update(self, view: View) -> None:
         """The session's residual."""
-        failure = view.session.failure
-        if failure is None:
+        pose_errors = view.session.pose_errors
+        if pose_errors is None:
             self._plot.visible = self._places.visible = False
             self._table.content = ""
             if view.session.calibration is None:  # what could be chosen was another dataset's
@@ -78,7 +78,7 @@ class ResidualsPanel:
                 self._state.content = elements.note("Being worked out, or too few poses to judge by.")
             return
         robot = view.session.dataset.robot
-        inputs = {input_title(name, robot): name for name in failure.inputs}
+        inputs = {input_title(name, robot): name for name in pose_errors.inputs}
         joints = {joint_title(j, robot): j for j in range(robot.n_joints)}
         _offer(self.against, (*inputs, PLACES))
         _offer(self.what, (LENGTH, *AXES, *joints))
@@ -86,29 +86,29 @@ class ResidualsPanel:
         title, what = str(self.against.value), str(self.what.value)
         places = title == PLACES
         plot = self._places if places else self._plot
-        drawing = (failure, title, what, view.dark)
-        if self._drawn and failure is self._drawn[0] and drawing[1:] == self._drawn[1:]:
+        drawing = (pose_errors, title, what, view.dark)
+        if self._drawn and pose_errors is self._drawn[0] and drawing[1:] == self._drawn[1:]:
             plot.figure = select(plot.figure, view.pose_id)  # only another pose
         else:
-            values, y_title, band = shown(failure, what, joints.get(what), robot)
+            values, y_title, band = shown(pose_errors, what, joints.get(what), robot)
             if places:
                 plot.figure = place_views(
-                    failure.place_mm, values, failure.pose_ids, failure.is_test,
+                    pose_errors.place_mm, values, pose_errors.pose_ids, pose_errors.is_test,
                     title=y_title, signed=what != LENGTH, selected=view.pose_id, dark=view.dark,
                 )  # fmt: skip
             else:
-                x = turned(inputs[title], failure.inputs[inputs[title]], robot)
-                train = ~failure.is_test
+                x = turned(inputs[title], pose_errors.inputs[inputs[title]], robot)
+                train = ~pose_errors.is_test
                 plot.figure = residual_against(
-                    x, values, failure.pose_ids, failure.is_test, x_title=title, y_title=y_title, band=band,
+                    x, values, pose_errors.pose_ids, pose_errors.is_test, x_title=title, y_title=y_title, band=band,
                     smooth=running_median(x[train], values[train]), selected=view.pose_id, dark=view.dark,
                 )  # fmt: skip
             self._state.content = elements.note(
-                PLACES_NOTE if places else f"{band_note(failure, band)} {RINGED}"
+                PLACES_NOTE if places else f"{band_note(pose_errors, band)} {RINGED}"
             )
             self._drawn = drawing
         self._plot.visible, self._places.visible = not places, places
-        self._show_worst(failure, view)
+        self._show_worst(pose_errors, view)
 
     def _suggest(self, view: View, inputs: dict[str, str], joints: dict[str, int]) -> None:
         """Show where the pattern is clearest, as long as nobody has chosen anything else."""
@@ -123,19 +123,20 @@ class ResidualsPanel:
         shown_by |= {"xyz"[k]: title for title, k in AXES.items()}
         put(self.what, shown_by.get(first.where, self.what.value))
 
-    def _show_worst(self, failure: Failure, view: View) -> None:
-        length = dict(zip(failure.pose_ids, failure.error_length_mm, strict=True))
+    def _show_worst(self, pose_errors: PoseErrors, view: View) -> None:
+        length = dict(zip(pose_errors.pose_ids, pose_errors.error_length_mm, strict=True))
         role = {
-            i: "test" if t else "training" for i, t in zip(failure.pose_ids, failure.is_test, strict=True)
+            i: "test" if t else "training"
+            for i, t in zip(pose_errors.pose_ids, pose_errors.is_test, strict=True)
         }
-        worst = failure.worst(WORST)
+        worst = pose_errors.worst(WORST)
         labels = {pose_id: f"{pose_id} ({role[pose_id]}) · {length[pose_id]:.3f} mm" for pose_id in worst}
         self._ids = {label: pose_id for pose_id, label in labels.items()}
         options = (NONE, *labels.values())
         if options != tuple(self.worst.options):
             self.worst.options = options
         put(self.worst, labels.get(view.pose_id, NONE))
-        error = dict(zip(failure.pose_ids, failure.error_mm, strict=True))
+        error = dict(zip(pose_errors.pose_ids, pose_errors.error_mm, strict=True))
         rows = [(i, role[i], f"{length[i]:.4f}", *(f"{e:+.4f}" for e in error[i])) for i in worst]
         self._table.content = elements.heading("Worst poses, mm in the scanner's frame") + elements.table(
             ("pose", "role", "length", "x", "y", "z"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calib.calibration.pose_errors import Failure, failure_of
+from calib.calibration.pose_errors import PoseErrors, pose_errors_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.result import Diagnosis
@@ -20,7 +20,7 @@ class ModelResidual:
     """What the fit of one model leaves over: the errors of the poses, and the tests of them against every input."""
 
     title: str  # the model, see `model_name`
-    failure: Failure
+    pose_errors: PoseErrors
     residual_tests: ResidualTests
 
 
@@ -55,14 +55,14 @@ def report_of(session: Session) -> Report:
     model = model_name(calibration)
     found = session.diagnosis
     residual_tests = session.residual_tests or run_residual_tests(calibration.dataset, ranking.projected)
-    residuals = [ModelResidual(model, session.failure or failure_of(calibration), residual_tests)]
+    residuals = [ModelResidual(model, session.pose_errors or pose_errors_of(calibration), residual_tests)]
     ranking_of = model
     if found is not None:
         first = found.steps[0]
         ranking, ranking_of = found.screenings[0], model_name(first.calibration)
         if len(found.steps) > 1:
             before = run_residual_tests(first.calibration.dataset, ranking.projected)
-            residuals.insert(0, ModelResidual(ranking_of, failure_of(first.calibration), before))
+            residuals.insert(0, ModelResidual(ranking_of, pose_errors_of(first.calibration), before))
     return Report(session, calibration, ranking, ranking_of, tuple(residuals), analysis)
 
 

@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from calib.calibration.noise_check import check_sigma
 from calib.calibration.pose_errors import running_median
 from calib.calibration.result import Calibration
-from calib.calibration.uncertainty import Combination, known_sums
+from calib.calibration.uncertainty import Combination, identifiable_combinations
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.measurement.measured_points import failed_searches
@@ -139,7 +139,7 @@ def _likeness(candidate: Candidate) -> str:
 
 def model_residual(report: Report, model: ModelResidual) -> list[Block]:
     """What a fit leaves over against the inputs that it has most order in."""
-    inputs = [test for test in model.residual_tests.inputs if test.input in model.failure.inputs]
+    inputs = [test for test in model.residual_tests.inputs if test.input in model.pose_errors.inputs]
     if not inputs:
         return [Paragraph(f"{model.title}: no input varies that the residual could follow.")]
     rows = [
@@ -155,29 +155,29 @@ def model_residual(report: Report, model: ModelResidual) -> list[Block]:
 
 
 def _channel(test: InputTest, dataset: Dataset) -> str:
-    """What `failure.shown` calls the part of the residual that a test saw most order in."""
+    """What `residuals.shown` calls the part of the residual that a test saw most order in."""
     if test.where.startswith("joint"):
         return joint_title(int(test.where.split()[1]) - 1, dataset.robot)
     return next(title for title, axis in AXES.items() if "xyz"[axis] == test.where)
 
 
 def _against(report: Report, model: ModelResidual, test: InputTest) -> Figure:
-    robot, failure = report.dataset.robot, model.failure
+    robot, pose_errors = report.dataset.robot, model.pose_errors
     joint = int(test.where.split()[1]) - 1 if test.where.startswith("joint") else None
-    x = turned(test.input, failure.inputs[test.input], robot)
-    y, y_title, band = shown(failure, _channel(test, report.dataset), joint, robot)
-    x_title, train = input_title(test.input, robot), ~failure.is_test
+    x = turned(test.input, pose_errors.inputs[test.input], robot)
+    y, y_title, band = shown(pose_errors, _channel(test, report.dataset), joint, robot)
+    x_title, train = input_title(test.input, robot), ~pose_errors.is_test
 
     def draw(dark: bool) -> go.Figure:
         drawn = residual_against(
-            x, y, failure.pose_ids, failure.is_test, x_title=x_title, y_title=y_title, band=band,
+            x, y, pose_errors.pose_ids, pose_errors.is_test, x_title=x_title, y_title=y_title, band=band,
             smooth=running_median(x[train], y[train]), dark=dark,
         )  # fmt: skip
         return drawn.for_each_trace(_hide, selector={"name": SELECTED})  # no pose is selected on paper
 
     order = "No order beyond noise" if test.p_value >= _P else "Order"
     found = f"{order} against {x_title} (p = {probability(test.p_value)})"
-    caption = f"Model: {model.title}. {found}. {band_note(failure, band)}"
+    caption = f"Model: {model.title}. {found}. {band_note(pose_errors, band)}"
     return Figure(draw, caption)
 
 
@@ -229,7 +229,7 @@ def parameters(report: Report) -> list[Block]:
             soft=True,
         ),
     ]
-    sums = known_sums(report.calibration)
+    sums = identifiable_combinations(report.calibration)
     if sums:
         out.append(Paragraph("Sums that the data know better than their parts:"))
         out.append(Bullets([_sum(c, report.calibration) for c in sums]))
@@ -241,4 +241,4 @@ def _sum(known: Combination, calibration: Calibration) -> str:
     units = {p.name: p.unit for p in calibration.fit.parameters}
     angle = units[next(iter(known.coefficients))] == "rad"
     scale, unit = (float(np.degrees(1.0)), "°") if angle else (1.0, " mm")
-    return f"{known.words} = {scale * known.value:.6g}{unit} ± {scale * known.sigma:.2g}{unit}"
+    return f"{known.description} = {scale * known.value:.6g}{unit} ± {scale * known.sigma:.2g}{unit}"

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from calib.calibration.model_versions import Version
-from calib.calibration.pose_errors import Failure
+from calib.calibration.pose_errors import PoseErrors
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
@@ -52,7 +52,7 @@ class Session:
     calibration: Calibration | None = None
     effects: tuple[SelectedEffect, ...] = ()  # beyond the link errors
     screening: Screening | None = None  # of everything not in this calibration's model
-    failure: Failure | None = None  # where the calibration is off; known with the screening
+    pose_errors: PoseErrors | None = None  # where the calibration is off; known with the screening
     separations: Mapping[str, Separation] = field(default_factory=dict)  # by candidate, as far as asked for
     residual_tests: ResidualTests | None = (
         None  # of what the calibration leaves over; known soon after the screening

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from calib.calibration.model_versions import LINKS, versions
-from calib.calibration.pose_errors import failure_of
+from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
 from calib.corners.batch import search_file
 from calib.dataset.files.folder import load_dataset
@@ -108,8 +108,8 @@ def with_ranking(session: Session) -> Session:
     """The first half of `with_screening`: where the calibration is off, and what each effect would make of it."""
     calibration = _calibrated(session)
     screening = screen(calibration, (*effects_for(session.measured), *session.user_effects))
-    failure = failure_of(calibration)
-    return replace(session, screening=screening, failure=failure, residual_tests=None, separations={})
+    pose_errors = pose_errors_of(calibration)
+    return replace(session, screening=screening, pose_errors=pose_errors, residual_tests=None, separations={})
 
 
 def with_judgement(session: Session) -> Session:
@@ -195,7 +195,7 @@ def with_found(session: Session, found: Diagnosis) -> Session:
     return replace(
         with_steps(session, found.steps),
         screening=found.screenings[-1],
-        failure=failure_of(found.calibration),
+        pose_errors=pose_errors_of(found.calibration),
         residual_tests=found.residual_tests,
         diagnosis=found,
     )
@@ -230,5 +230,5 @@ def start_of(last: FitStep, effects: Sequence[SelectedEffect]) -> Calibration | 
 
 def _unjudged(session: Session) -> Session:
     """A new fit, of which nothing more is known yet."""
-    unknown = replace(session, screening=None, failure=None, residual_tests=None, diagnosis=None)
+    unknown = replace(session, screening=None, pose_errors=None, residual_tests=None, diagnosis=None)
     return replace(unknown, separations={}, versions=())

@@ -79,7 +79,7 @@ def test_poses_are_recommended_by_fits_as_was_asked(dataset: Dataset, asked: Fit
     first, second = (c for c in screen(result, effects_for(dataset)).candidates[:2])
 
     def places(candidate: Candidate, q: np.ndarray) -> np.ndarray:
-        fitted = calibrate(dataset, asked, effects=candidate.members, sizes=candidate.prior_sigmas)
+        fitted = calibrate(dataset, asked, effects=candidate.members, prior_sigmas=candidate.prior_sigmas)
         at_mm = fitted.model.predict(fitted.fit.x, conditions_at(dataset.poses, q))
         return frames.apply(next(iter(fitted.after.scanner_T_base.values())), at_mm)
 

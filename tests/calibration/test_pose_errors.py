@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.calibration.calibrate import calibrate
-from calib.calibration.pose_errors import failure_of, running_median
+from calib.calibration.pose_errors import pose_errors_of, running_median
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.kinematics.chain import target_points
 from calib.simulation.simulate import simulate_dataset
@@ -49,27 +49,30 @@ def test_test_poses_are_predicted_and_lie_where_the_arm_is() -> None:
         builtin_robot("rb5"), rng=np.random.default_rng(3), effects=["joint_compliance"], noise_mm=0.02
     ).dataset
     result = calibrate(dataset)
-    failure = failure_of(result)
-    assert failure.pose_ids == dataset.poses.ids
-    np.testing.assert_array_equal(failure.is_test, dataset.poses.is_test)
-    for role, figures in ((failure.is_test, result.after.test), (~failure.is_test, result.after.train)):
+    pose_errors = pose_errors_of(result)
+    assert pose_errors.pose_ids == dataset.poses.ids
+    np.testing.assert_array_equal(pose_errors.is_test, dataset.poses.is_test)
+    for role, figures in (
+        (pose_errors.is_test, result.after.test),
+        (~pose_errors.is_test, result.after.train),
+    ):
         assert figures is not None
-        assert np.sqrt(np.mean(failure.error_length_mm[role] ** 2)) == pytest.approx(figures.rmse_mm)
-    frame = failure.to_frame()
+        assert np.sqrt(np.mean(pose_errors.error_length_mm[role] ** 2)) == pytest.approx(figures.rmse_mm)
+    frame = pose_errors.to_frame()
     assert frame["role"].tolist() == np.where(dataset.poses.is_test, "test", "train").tolist()
     # The nominal chain is right to a few millimetres, and knows nothing of the scanner.
     nominal_mm = target_points(dataset.robot, dataset.poses.q)
-    assert np.linalg.norm(failure.place_mm - nominal_mm, axis=1).max() < 15.0
-    worst = failure.worst(3)
-    assert worst[0] == dataset.poses.ids[int(np.argmax(failure.error_length_mm))]
+    assert np.linalg.norm(pose_errors.place_mm - nominal_mm, axis=1).max() < 15.0
+    worst = pose_errors.worst(3)
+    assert worst[0] == dataset.poses.ids[int(np.argmax(pose_errors.error_length_mm))]
 
 
 def test_noise_alone_stays_in_the_bands_as_often_as_they_say() -> None:
     dataset = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(5), poses=400).dataset
-    failure = failure_of(calibrate(dataset))
-    assert abs(np.mean(failure.error_length_mm < failure.length_noise_mm) - 0.95) < 0.04
+    pose_errors = pose_errors_of(calibrate(dataset))
+    assert abs(np.mean(pose_errors.error_length_mm < pose_errors.length_noise_mm) - 0.95) < 0.04
     for joint in range(6):
-        told = np.isfinite(failure.apparent_joint_noise[:, joint])
-        normal = failure.apparent_joint_error[told, joint] / failure.apparent_joint_noise[told, joint]
+        told = np.isfinite(pose_errors.apparent_joint_noise[:, joint])
+        normal = pose_errors.apparent_joint_error[told, joint] / pose_errors.apparent_joint_noise[told, joint]
         assert 0.8 < np.std(normal) < 1.15
-    assert failure.joint_noise(0) == np.median(failure.apparent_joint_noise[:, 0])
+    assert pose_errors.joint_noise(0) == np.median(pose_errors.apparent_joint_noise[:, 0])

@@ -7,7 +7,12 @@ import pytest
 
 from calib import frames
 from calib.calibration.calibrate import calibrate
-from calib.calibration.uncertainty import combination, correlated_pairs, known_sums, prediction_covariance
+from calib.calibration.uncertainty import (
+    combination,
+    correlated_pairs,
+    identifiable_combinations,
+    prediction_covariance,
+)
 from calib.errors import FitError
 from tests.support.arms import dataset_of, elementary_points, jang_arm, park_arm, perturbed
 
@@ -17,7 +22,7 @@ def test_sums_are_known_although_their_parts_are_not() -> None:
     robot = park_arm("rb5")
     true = perturbed(robot, rng, mm=0.5, rad=0.001)
     result = calibrate(dataset_of(robot, true, rng, noise_mm=0.03))
-    sums = {c.words: c for c in known_sums(result)}
+    sums = {c.description: c for c in identifiable_combinations(result)}
     assert {"d2 + d3 + d4", "a6 + aTCP", "theta4 - beta4"} <= set(sums)
     for words in ("a6 + aTCP", "d2 + d3 + d4", "d6 + dTCP"):
         known = sums[words]
@@ -32,7 +37,7 @@ def test_a_sum_that_these_poses_leave_open_is_not_called_known() -> None:
     robot = jang_arm()
     few = calibrate(dataset_of(robot, perturbed(robot, rng), rng, poses=10, noise_mm=0.03, range_rad=0.01))
     many = calibrate(dataset_of(robot, perturbed(robot, rng), rng, poses=60, noise_mm=0.03))
-    told = [{c.words for c in known_sums(result)} for result in (few, many)]
+    told = [{c.description for c in identifiable_combinations(result)} for result in (few, many)]
     assert "d6 + dTCP" in told[1]
     assert told[0] < told[1]
     both = combination(few, {"d6": 1.0, "dTCP": 1.0})
@@ -46,7 +51,7 @@ def test_any_sum_can_be_asked_for_and_an_unknown_name_is_refused() -> None:
     robot = jang_arm()
     result = calibrate(dataset_of(robot, perturbed(robot, rng), rng, noise_mm=0.03))
     half = combination(result, {"a2": 0.5, "a3": -2.0})
-    assert half.words == "0.5 a2 - 2 a3"
+    assert half.description == "0.5 a2 - 2 a3"
     table = result.robot.table
     assert half.value == pytest.approx(0.5 * table[1, 0] - 2 * table[2, 0])
     with pytest.raises(FitError, match="no fitted parameter named 'x1'"):

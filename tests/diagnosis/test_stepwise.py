@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from calib.calibration.calibrate import calibrate
-from calib.calibration.plausibility import does_not_belong
-from calib.calibration.pose_errors import failure_of
+from calib.calibration.plausibility import implausibility_reason
+from calib.calibration.pose_errors import pose_errors_of
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
@@ -309,9 +309,9 @@ def test_points_of_other_poses_are_told_as_such_and_nothing_is_named() -> None:
     assert result.missing == ()
     assert result.verdict == "unexplained"
     assert "the order of the poses" in explain(result)
-    assert does_not_belong(calibrate(shifted))
-    assert not does_not_belong(calibrate(dataset))
-    assert not does_not_belong(calibrate(simulated(["joint_compliance"], seed=3, sigmas=60.0)))
+    assert implausibility_reason(calibrate(shifted))
+    assert not implausibility_reason(calibrate(dataset))
+    assert not implausibility_reason(calibrate(simulated(["joint_compliance"], seed=3, sigmas=60.0)))
 
 
 def test_rows_written_twice_are_no_repeats_to_judge_by() -> None:
@@ -349,13 +349,13 @@ def test_where_it_fails_shows_the_joint_that_fails() -> None:
     error = 1e-3 * np.sin(3 * q[:, 1])
     moved = target_jacobian(dataset.robot, q)[..., column] * error[:, None] @ frame[:3, :3].T
     hidden = dataset.with_points(replace(dataset.points, xyz_mm=dataset.points.xyz_mm + moved))
-    failure = failure_of(calibrate(hidden))
-    assert failure.pose_ids == dataset.poses.ids
-    for of_role in (failure.is_test, ~failure.is_test):
-        assert np.corrcoef(failure.apparent_joint_error[of_role, 1], error[of_role])[0, 1] > 0.8
-    frame_of = failure.to_frame()
+    pose_errors = pose_errors_of(calibrate(hidden))
+    assert pose_errors.pose_ids == dataset.poses.ids
+    for of_role in (pose_errors.is_test, ~pose_errors.is_test):
+        assert np.corrcoef(pose_errors.apparent_joint_error[of_role, 1], error[of_role])[0, 1] > 0.8
+    frame_of = pose_errors.to_frame()
     assert {"pose", "error_mm", "apparent_2", "q2", "torque2", "temperature_c"} <= set(frame_of.columns)
-    assert failure.worst(3)[0] == frame_of.sort_values("error_mm").iloc[-1]["pose"]
+    assert pose_errors.worst(3)[0] == frame_of.sort_values("error_mm").iloc[-1]["pose"]
 
 
 @pytest.mark.slow

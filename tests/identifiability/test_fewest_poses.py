@@ -48,9 +48,9 @@ def test_the_check_says_the_same(residual: str) -> None:
     needed = fewest_poses(builtin_robot("rb5"), residual=residual)
     few = check(measured("rb5", needed - 1), options=FitOptions(residual))
     assert not few.passed
-    (fit,) = few.findings
+    (fit,) = few.items
     assert (
-        fit.words
+        fit.description
         == f"not tried: {needed - 1} different training poses are measured, a fit takes at least {needed}"
     )
     enough = check(measured("rb5", needed), options=FitOptions(residual))
@@ -64,7 +64,7 @@ def test_poses_without_a_point_are_not_counted_by_the_check() -> None:
     assert dataset.points is not None
     part = check(dataset.with_points(dataset.points.select(np.arange(6))))
     assert not part.passed
-    assert re.match(r"not tried: 6 different training poses are measured", part.findings[0].words)
+    assert re.match(r"not tried: 6 different training poses are measured", part.items[0].description)
 
 
 def test_effects_that_ask_for_more_are_counted() -> None:

@@ -16,7 +16,7 @@ from calib.errors import FitError
 from calib.fitting.model import geometric_model
 from calib.fitting.observations import Observations
 from calib.fitting.residual_kinds import make_residuals
-from calib.identifiability.structural import redundancy, structural_rank, with_place_unknown
+from calib.identifiability.structural import free_frame_rank, redundancy, structural_rank
 from calib.kinematics.robot import Joint, Robot, Tool
 from calib.simulation.truth.equilibrium import Truth, base_T_target
 from inspector.cli.parser import main
@@ -87,7 +87,7 @@ def test_the_rank_is_that_of_what_a_fit_makes_small(name: str, kind: str) -> Non
     dataset = measured(ARMS[name])
     rank = rank_of_the_fit(dataset, kind)
     assert structural_rank(dataset.robot, residual=kind) == rank
-    unknown = with_place_unknown(dataset, residual=kind)
+    unknown = free_frame_rank(dataset, residual=kind)
     assert unknown.here == rank == unknown.best[kind]
 
 
@@ -104,7 +104,7 @@ def test_simple_arms_counted_by_hand() -> None:
 
 def test_few_poses_tell_less_than_an_arm_could() -> None:
     dataset = measured(ARMS["rb5"], poses=6)
-    unknown = with_place_unknown(dataset)
+    unknown = free_frame_rank(dataset)
     assert unknown.here == 3 * 6 - 6
     assert unknown.best["position"] == 19
     assert "positions tell 12 at these poses, and 19 at best" in unknown.summary()
@@ -112,8 +112,8 @@ def test_few_poses_tell_less_than_an_arm_could() -> None:
 
 def test_each_placement_of_the_scanner_is_unknown_by_itself() -> None:
     dataset = measured(ARMS["rb5"], poses=8, setups=2)
-    assert with_place_unknown(dataset).here == 3 * 8 - 12
-    assert with_place_unknown(dataset, residual="pose").here == rank_of_the_fit(dataset, "pose")
+    assert free_frame_rank(dataset).here == 3 * 8 - 12
+    assert free_frame_rank(dataset, residual="pose").here == rank_of_the_fit(dataset, "pose")
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.jig import Jig
 from calib.scans.readers.by_suffix import READERS
 from calib.scans.scan import PointCount, write_scan
-from calib.validation.acceptance import Finding, check, thin_scans
+from calib.validation.acceptance import CheckItem, check, thin_scans
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
 from tests.support.scan_scene import make_scene
@@ -38,7 +38,7 @@ def spoilt(dataset: Dataset, by_mm: float, poses: int = 13) -> Dataset:
     return dataset.with_points(replace(dataset.points, xyz_mm=xyz))
 
 
-def finding(of: tuple[Finding, ...], name: str) -> Finding:
+def finding(of: tuple[CheckItem, ...], name: str) -> CheckItem:
     (found,) = (f for f in of if f.name == name)
     return found
 
@@ -46,37 +46,39 @@ def finding(of: tuple[Finding, ...], name: str) -> Finding:
 @pytest.mark.slow
 def test_a_test_error_of_a_multiple_of_the_training_error_is_a_warning() -> None:
     """That names the worst pose; without a bound an improvement passes all the same, with one the bound decides."""
-    good = finding(check(measured()).findings, "test against training")
+    good = finding(check(measured()).items, "test against training")
     assert (good.passed, good.warning) == (None, False)
     for poses, least in ((13, 10.0), (1, 2.0)):
         dataset = spoilt(measured(), 0.5, poses=poses)
         found = check(dataset)
-        against = finding(found.findings, "test against training")
+        against = finding(found.items, "test against training")
         assert (against.passed, against.warning) == (None, True)
         ratio, expected = map(
             float,
-            re.findall(r"([\d.]+) times the training error, noise explains ([\d.]+):", against.words)[0],
+            re.findall(r"([\d.]+) times the training error, noise explains ([\d.]+):", against.description)[
+                0
+            ],
         )
         assert ratio > least
         assert expected == pytest.approx(
             np.sqrt((111 + 25) / (111 - 25)), abs=0.01
         )  # 19 and a frame of 37 poses
         assert found.passed
-        assert found.warnings == (f"test against training: {against.words}",)
+        assert found.warnings == (f"test against training: {against.description}",)
         assert found.summary().endswith("passed, with 1 warning")
         assert "WARN  test against training: " in found.summary()
     first = dataset.poses.ids[int(np.flatnonzero(dataset.poses.is_test)[0])]
-    assert f"the worst at {first} with 0." in against.words
+    assert f"the worst at {first} with 0." in against.description
     assert not check(dataset, max_test_rmse_mm=0.1).passed
 
 
 def test_no_more_than_noise_is_well_however_small_the_training_error() -> None:
     """Few poses more than parameters: the fit bends to its own noise, and does not know the arm the worse for it."""
     declared = check(measured(poses=22 + 13, noise_mm=0.0, sigma_mm=0.03))
-    assert finding(declared.findings, "test against training").passed is None
-    assert not finding(declared.findings, "test against training").warning
+    assert finding(declared.items, "test against training").passed is None
+    assert not finding(declared.items, "test against training").warning
     exact = check(measured(noise_mm=0.0, sigma_mm=None))
-    assert finding(exact.findings, "test against training").passed is None
+    assert finding(exact.items, "test against training").passed is None
     assert exact.passed
 
 
@@ -87,7 +89,7 @@ def test_points_of_another_arm_fail_without_test_poses_too() -> None:
     mixed = np.random.default_rng(0).permutation(dataset.points.xyz_mm)
     found = check(replace(dataset, poses=only_training, points=replace(dataset.points, xyz_mm=mixed)))
     assert not found.passed
-    assert "the model does not describe these data" in finding(found.findings, "residual").words
+    assert "the model does not describe these data" in finding(found.items, "residual").description
 
 
 def test_what_to_look_at_is_a_warning_and_in_the_json(
@@ -115,7 +117,7 @@ def test_what_to_look_at_is_a_warning_and_in_the_json(
 def test_scans_that_lose_more_than_half_of_their_points_are_a_warning() -> None:
     def told(**counts: tuple[int, int]) -> list[str]:
         given = {pose: PointCount(*count) for pose, count in counts.items()}
-        return [f.words for f in thin_scans(given)]
+        return [f.description for f in thin_scans(given)]
 
     assert told(p1=(100, 0), p2=(100, 100)) == []
     (words,) = told(p1=(100, 0), p2=(100, 101), p3=(10, 90))

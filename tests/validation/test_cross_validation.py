@@ -20,7 +20,7 @@ from calib.errors import FitError
 from calib.options import FitOptions
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import LearningCurve, LearningStep, learning_curve
-from calib.validation.splits import deal_folds, growing_order, split_dataset, training_places
+from calib.validation.splits import deal_folds, growing_order, split_dataset, training_groups
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, elementary_points, jang_arm, perturbed, random_transform
 
@@ -68,23 +68,23 @@ def test_folds_hold_out_each_place_once_and_leave_every_setup_its_frame(
     q = np.repeat(dataset.poses.q[:n], repeats, axis=0)  # other ids, the same joints
     setup = np.repeat([f"s{k}" for k, size in enumerate(sizes) for _ in range(size)], repeats)
     dataset = replace(dataset, poses=replace(dataset.poses, q=q, setup=setup))
-    places = training_places(dataset)
-    assert len(places) == n
-    dealt, small = deal_folds(places, folds, rng)
+    groups = training_groups(dataset)
+    assert len(groups) == n
+    dealt, small = deal_folds(groups, folds, rng)
     held = np.concatenate(dealt)
     assert len(held) == len(set(held.tolist()))
-    assert set(held.tolist()) == set(np.flatnonzero(~np.isin(places.setup, small)).tolist())
+    assert set(held.tolist()) == set(np.flatnonzero(~np.isin(groups.setup, small)).tolist())
     assert max(map(len, dealt)) - min(map(len, dealt)) <= 1
     for fold in dealt:
-        poses = places.poses_of(fold)
+        poses = groups.poses_of(fold)
         assert len(poses) == repeats * len(fold)
         outside = np.setdiff1d(np.arange(n * repeats), poses)
         assert not set(map(bytes, q[poses])) & set(map(bytes, q[outside]))  # no place on both sides
         for name in np.unique(setup[poses]):
             assert len(np.unique(q[outside][setup[outside] == name], axis=0)) >= 3
-    order = growing_order(places, np.arange(n), rng)
+    order = growing_order(groups, np.arange(n), rng)
     assert sorted(order.tolist()) == list(range(n))
-    start = places.setup[order[: 3 * len(sizes)]]
+    start = groups.setup[order[: 3 * len(sizes)]]
     assert all(np.sum(start == f"s{k}") >= min(size, 3) for k, size in enumerate(sizes))
 
 

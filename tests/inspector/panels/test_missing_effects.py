@@ -341,8 +341,8 @@ def ring(page: WireClient) -> tuple[float, float]:
 
 
 def test_the_residual_is_drawn_against_what_is_chosen_test_poses_apart(app: App, page: WireClient) -> None:
-    failure = session(app).failure
-    assert failure is not None
+    pose_errors = session(app).pose_errors
+    assert pose_errors is not None
     residual_tests = session(app).residual_tests
     assert residual_tests is not None
     first = residual_tests.inputs[0]
@@ -352,36 +352,38 @@ def test_the_residual_is_drawn_against_what_is_chosen_test_poses_apart(app: App,
     page.set("Against", "joint 1 angle, °")
     page.set("Show", "error length")
     page.wait(lambda p: left_plot(p).get("titles") == ("joint 1 angle, °", "error length, mm"))
-    for name, rows in (("training", ~failure.is_test), ("test", failure.is_test)):
-        assert left_plot(page)[name]["y"] == pytest.approx(failure.error_length_mm[rows].tolist())
-    assert len(page.props("Against")["options"]) == len(failure.inputs) + 1
+    for name, rows in (("training", ~pose_errors.is_test), ("test", pose_errors.is_test)):
+        assert left_plot(page)[name]["y"] == pytest.approx(pose_errors.error_length_mm[rows].tolist())
+    assert len(page.props("Against")["options"]) == len(pose_errors.inputs) + 1
     page.set("Against", "temperature, °C")
     page.set("Show", "apparent motion of joint 3, millidegrees")
     page.wait(
         lambda p: left_plot(p)["titles"] == ("temperature, °C", "apparent motion of joint 3, millidegrees")
     )
     degrees = 1000 * 180 / 3.141592653589793
-    for name, rows in (("training", ~failure.is_test), ("test", failure.is_test)):
+    for name, rows in (("training", ~pose_errors.is_test), ("test", pose_errors.is_test)):
         drawn = left_plot(page)[name]
-        assert drawn["x"] == pytest.approx(failure.inputs["temperature_c"][rows].tolist())
-        assert drawn["y"] == pytest.approx((degrees * failure.apparent_joint_error[rows, 2]).tolist())
+        assert drawn["x"] == pytest.approx(pose_errors.inputs["temperature_c"][rows].tolist())
+        assert drawn["y"] == pytest.approx((degrees * pose_errors.apparent_joint_error[rows, 2]).tolist())
 
 
 def test_the_work_space_is_a_choice_and_follows_the_selection(app: App, page: WireClient) -> None:
-    failure = session(app).failure
-    assert failure is not None
+    pose_errors = session(app).pose_errors
+    assert pose_errors is not None
     assert not visible_places(page)
     page.set("Against", PLACES)
     page.set("Show", "error length")
     page.wait(lambda p: any("error length" in t.get("hovertemplate", "") for t in visible_places(p)))
     above = next(t for t in visible_places(page) if t["name"] == "test" and t["yaxis"] == "y")
-    assert above["x"] == pytest.approx(failure.place_mm[failure.is_test, 0].tolist())
-    assert above["marker"]["color"] == pytest.approx(failure.error_length_mm[failure.is_test].tolist())
+    assert above["x"] == pytest.approx(pose_errors.place_mm[pose_errors.is_test, 0].tolist())
+    assert above["marker"]["color"] == pytest.approx(
+        pose_errors.error_length_mm[pose_errors.is_test].tolist()
+    )
     page.trigger("Next pose")
     page.wait(
         lambda p: (
             next(t for t in visible_places(p) if t["name"] == SELECTED)["x"]
-            == pytest.approx([failure.place_mm[1, 0]])
+            == pytest.approx([pose_errors.place_mm[1, 0]])
         )
     )
     page.set("Against", "joint 1 angle, °")
@@ -389,18 +391,18 @@ def test_the_work_space_is_a_choice_and_follows_the_selection(app: App, page: Wi
 
 
 def test_a_pose_chosen_among_the_worst_is_selected_everywhere(app: App, page: WireClient) -> None:
-    failure = session(app).failure
-    assert failure is not None
-    worst = failure.worst(1)[0]
+    pose_errors = session(app).pose_errors
+    assert pose_errors is not None
+    worst = pose_errors.worst(1)[0]
     page.set("Against", "joint 1 angle, °")
     page.set("Show", "error length")
     page.wait(lambda p: left_plot(p).get("titles") == ("joint 1 angle, °", "error length, mm"))
     page.set("Worst poses", page.props("Worst poses")["options"][1])
     page.wait(lambda p: p.value("Pose").startswith(f"{worst} "))
-    page.wait(lambda p: ring(p)[1] == pytest.approx(failure.error_length_mm.max()))
+    page.wait(lambda p: ring(p)[1] == pytest.approx(pose_errors.error_length_mm.max()))
     page.trigger("Previous pose")
     page.wait(lambda p: not p.value("Worst poses").startswith(f"{worst} "))
-    assert ring(page)[1] < failure.error_length_mm.max()
+    assert ring(page)[1] < pose_errors.error_length_mm.max()
 
 
 def test_arrows_go_from_measured_to_predicted_and_say_how_far_they_exaggerate(

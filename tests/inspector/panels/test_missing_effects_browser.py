@@ -99,9 +99,9 @@ def test_find_what_is_missing_ends_with_the_commands_verdict(page: Any, app: App
 def test_where_it_fails_selects_the_pose_everywhere(page: Any, app: App) -> None:
     page.get_by_role("tab", name="Where it fails", exact=True).click()
     says(page, "Worst poses, mm")
-    failure = app.state.now.session.failure
-    assert failure is not None
-    worst = failure.worst(1)[0]
+    pose_errors = app.state.now.session.pose_errors
+    assert pose_errors is not None
+    worst = pose_errors.worst(1)[0]
     page.get_by_label("Worst poses", exact=True).first.click()
     page.get_by_role("option", name=f"{worst} (").locator("visible=true").first.click()
     place = app.state.now.session.dataset.poses.index(worst) + 1

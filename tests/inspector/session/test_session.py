@@ -49,7 +49,7 @@ def test_an_effect_is_added_as_the_screening_proposes_it(ranked: Session, added:
     assert ranked.screening is not None
     best = ranked.screening.candidates[0]
     assert best.name == HIDDEN
-    again = calibrate(ranked.dataset, effects=best.members, sizes=best.prior_sigmas)
+    again = calibrate(ranked.dataset, effects=best.members, prior_sigmas=best.prior_sigmas)
     assert added.calibration is not None
     assert added.calibration.fit.x == pytest.approx(again.fit.x, rel=1e-9)
     assert labels(added) == ["nominal", GEOMETRY, f"+ {HIDDEN}"]
@@ -83,9 +83,9 @@ def test_wrong_names_are_refused_in_words(ranked: Session, added: Session, name:
 
 
 def test_a_ranking_is_there_before_its_judgement_and_is_not_judged_twice(ranked: Session) -> None:
-    early = sessions.with_ranking(replace(ranked, screening=None, failure=None, residual_tests=None))
+    early = sessions.with_ranking(replace(ranked, screening=None, pose_errors=None, residual_tests=None))
     assert early.screening is not None
-    assert early.failure is not None
+    assert early.pose_errors is not None
     assert early.residual_tests is None
     assert sessions.with_judgement(early).residual_tests == ranked.residual_tests
     assert sessions.with_judgement(ranked) is ranked
