@@ -36,7 +36,7 @@ def find_corners(
     covariance where BLAS has another number of threads there (OPENBLAS_NUM_THREADS; Dask's workers have 1). Each job
     loads its own scan, so no more scans are in memory than jobs run at a time. A scan that cannot be read becomes a
     failed search with `unreadable` set. Without `intermediate` the searches come back without the arrays that are only
-    looked at (some 2 MB a scan of 200,000 points): with the corner, the counts and the reason.
+    shown (some 2 MB a scan of 200,000 points): with the corner, the counts and the reason.
 
     Raises DatasetError where the dataset has no scans; CornerError where a process of the executor died.
     """
@@ -82,7 +82,7 @@ def search_file(
 
 
 def _brief(search: CornerSearch) -> CornerSearch:
-    """The search without its points: what is found, counted and said stays."""
+    """The search without its arrays of points: the corner, the counts and the reason stay."""
     none, no_bits = np.zeros((0, 3)), np.zeros(0, dtype=np.uint8)
     corner = search.corner
     if corner is not None:

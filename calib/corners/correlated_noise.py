@@ -1,14 +1,15 @@
-"""How well three fitted planes are known when neighbouring points err together.
+"""The covariance of three fitted planes where the errors of neighbouring points are correlated.
 
-A structured-light scanner's error is white noise and a part that is smooth over some millimetres. A fit that counts
-points believes the smooth part away. Here the residuals say how large it is and how far it reaches: their means over
-patches of each face follow, beside the white noise of a patch, a Gaussian process of variance w^2 and correlation
-exp(-r^2 / 2 l^2). The likelihood of w and l is that of the contrasts that the planes leave (REML, Patterson and
-Thompson 1971), and the covariance is the mean over what is plausible: no smooth part at all, or any w and l of a
-grid, in one of two forms - an error along the ray that crosses from face to face, or unevenness of each face alone.
+A structured-light scanner's error is white noise and a part that is smooth over some millimetres. A covariance for
+independent points is too small then, the more points there are. The residuals show how large the correlated part is and
+how far it reaches: their means over patches of each face have, beside the white noise of a patch, the covariance of a
+Gaussian process of variance w^2 and correlation exp(-r^2 / 2 l^2). The likelihood of w and l is that of the contrasts
+that the planes leave (REML, Patterson and Thompson 1971), and the covariance is the posterior mean over no correlated
+part at all, or any w and l of a grid, in one of two forms: an error along the line of sight that is continuous from
+face to face, or unevenness of each face by itself.
 
-What is smooth over more than a face tilts and shifts its plane without a trace in the residuals: no scan alone can
-tell it, only repeats can.
+An error that is smooth over more than a face tilts and shifts its plane and leaves no residuals: only repeated scans
+show it.
 """
 
 from __future__ import annotations
@@ -25,13 +26,15 @@ _PATCHES_AN_EDGE = 6
 _POINTS_A_PATCH = 4  # at least, on average: otherwise the patches are larger
 _LENGTHS = (1 / 30, 1 / 16, 1 / 9, 1 / 6, 1 / 4, 1 / 2.8)  # of the edge
 _SIZES = np.geomspace(0.02, 20.0, 25)  # of the patch means' own standard deviation
-_PRIOR_WHITE = 0.75  # with half, white noise alone would widen the covariance by a tenth
+_PRIOR_WHITE = (
+    0.75  # of no correlated part; with 0.5 the covariance of white noise alone comes out a tenth larger
+)
 _POINTS_OF_OTHERS = 3
 
 
 @dataclass(frozen=True)
 class PlaneUncertainty:
-    """What the residuals say about the three planes."""
+    """The joint covariance of the three planes, and the correlated part of the error, from the residuals."""
 
     covariance: (
         Array  # (9, 9) of height (mm) and two slopes (rad) of each plane in turn, as in PlaneFit.design
@@ -66,23 +69,23 @@ def plane_uncertainty(planes: Sequence[PlaneFit], edge_mm: float, sight: Array) 
         )
         parts.append(patches)
     patches = _Patches(*(np.concatenate(columns) for columns in zip(*map(_columns, parts), strict=True)))
-    evidence, covariances, squares, lengths = [], [], [], []
+    log_evidences, covariances, variances_mm2, lengths_mm = [], [], [], []
     for length in _LENGTHS:
         for kernel in (
-            _seen_kernel(patches, planes, sight, length * edge_mm),
+            _sight_kernel(patches, planes, sight, length * edge_mm),
             _surface_kernel(patches, planes, length * edge_mm),
         ):
-            log_evidence, square_mm2 = _restricted_likelihood(patches, kernel)
-            evidence.append(log_evidence)
-            squares.append(square_mm2)
-            lengths.append(length * edge_mm)
+            log_evidence, variance_mm2 = _restricted_likelihood(patches, kernel)
+            log_evidences.append(log_evidence)
+            variances_mm2.append(variance_mm2)
+            lengths_mm.append(length * edge_mm)
             covariances.append(patches.influence.T @ kernel @ patches.influence)
-    log_odds = np.array(evidence) + np.log((1 - _PRIOR_WHITE) / _PRIOR_WHITE / len(evidence))
+    log_odds = np.array(log_evidences) + np.log((1 - _PRIOR_WHITE) / _PRIOR_WHITE / len(log_evidences))
     share = np.exp(log_odds - np.logaddexp(0.0, np.logaddexp.reduce(log_odds)))
-    smooth = share * np.array(squares)
-    covariance = white + np.einsum("k,kij->ij", smooth, np.array(covariances))
-    length_mm = float(smooth @ np.array(lengths) / max(smooth.sum(), 1e-300))
-    return PlaneUncertainty(covariance, white, float(np.sqrt(smooth.sum())), length_mm)
+    correlated_mm2 = share * np.array(variances_mm2)
+    covariance = white + np.einsum("k,kij->ij", correlated_mm2, np.array(covariances))
+    length_mm = float(correlated_mm2 @ np.array(lengths_mm) / max(correlated_mm2.sum(), 1e-300))
+    return PlaneUncertainty(covariance, white, float(np.sqrt(correlated_mm2.sum())), length_mm)
 
 
 def _columns(patches: _Patches) -> tuple[Array | IndexArray, ...]:
@@ -97,7 +100,8 @@ def _patches(
 ) -> tuple[_Patches, Array]:
     """Patches of one face, and the covariance (3, 3) of its plane from white noise.
 
-    A face of ten points hardly tells its own noise: the largest of the faces' counts as three points more.
+    The noise of a face of ten points is hardly known from them: the largest variance of the faces counts as that of
+    three further points.
     """
     plane = planes[face]
     design = plane.design(plane.points_mm)
@@ -118,7 +122,7 @@ def _patches(
         return np.asarray(np.bincount(patch, column) / count)
 
     means = mean(values)
-    # Within the patches what is smooth does not show, so this is the white part; the plane has been taken out before.
+    # Differences within a patch have no correlated part, so this is the white one; the plane is subtracted already.
     squares = float(np.sum((values - means[patch]) ** 2)) + _POINTS_OF_OTHERS * other_variance_mm2
     within = squares / (max(total - max(len(count), 3), 0) + _POINTS_OF_OTHERS)
     normal_matrix = np.linalg.inv(design.T @ design)
@@ -137,15 +141,15 @@ def _patches(
     return patches, np.asarray(within * normal_matrix, dtype=np.float64)
 
 
-def _seen_kernel(patches: _Patches, planes: Sequence[PlaneFit], sight: Array, length_mm: float) -> Array:
-    """(B, B) covariance of patch means under an error along the ray of variance 1, smooth across the view."""
+def _sight_kernel(patches: _Patches, planes: Sequence[PlaneFit], sight: Array, length_mm: float) -> Array:
+    """(B, B) covariance of patch means under an error along the line of sight of variance 1, correlated across it."""
     across = np.linalg.svd(sight[None])[2][1:]
     cosine = np.abs(np.array([plane.normal @ sight for plane in planes]))[patches.face]
     return _kernel(patches, across, length_mm, slice(None)) * np.outer(cosine, cosine)
 
 
 def _surface_kernel(patches: _Patches, planes: Sequence[PlaneFit], length_mm: float) -> Array:
-    """(B, B) covariance of patch means under unevenness of variance 1 of each face by itself."""
+    """(B, B) covariance of patch means under an unevenness of variance 1 of each face by itself."""
     kernel = np.zeros((len(patches.face), len(patches.face)))
     for face, plane in enumerate(planes):
         on = np.flatnonzero(patches.face == face)
@@ -169,7 +173,7 @@ def _kernel(patches: _Patches, axes: Array, length_mm: float, on: IndexArray | s
 
 
 def _restricted_likelihood(patches: _Patches, kernel: Array) -> tuple[float, float]:
-    """Log of the evidence for a smooth part over none, and the mean of its variance w^2, over the grid of sizes.
+    """Log evidence of a correlated part over none, and the posterior mean of its variance w^2, over the grid of sizes.
 
     With the patch means whitened, Q the contrasts that the planes leave and Q^T K Q = U diag(k) U^T, the values
     z = U^T Q^T y are independent of variance 1 + w^2 k.

@@ -1,7 +1,7 @@
 """A face's outline: the triangle between the two edges that leave the apex, and which points lie where in it.
 
-Coordinates along the two edges, from the apex, follow from the heights over the two other faces. Everything that asks
-how much of a face is seen, or which points of the scan are its own, asks in these.
+A point's coordinates along the two edges, from the apex, are its heights over the two other faces. In these it is
+decided how much of a face is seen, and which points of the scan are its own.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ from calib.planes.robust_fit import TUKEY, PlaneFit
 _CELLS = 12  # cells along an edge when a face's area is counted
 _TRIANGLE_CELLS = _CELLS * (_CELLS - 1) // 2  # whole cells in the triangle
 _COLLAR = 0.25  # of the edge
-_SOLID = 0.5  # of the points that a cell of a surface has; nobody sees through so many
+_SOLID = 0.5  # of the points that a cell of a surface has; a cell with more is a surface
 _NEAR_POINT = 0.8  # spacings; a square grid leaves no place farther than 0.71 from a point
 # Margins to choose from, of the edge.
 _RINGS = (1 / 200, 1 / 120, 1 / 80, 1 / 60, 1 / 40, 1 / 30, 1 / 20, 1 / 12)
-_RING_SIGMA = 3.5  # mean height of a ring of points along the edges that tells rounding from noise
+_RING_SIGMA = (
+    3.5  # mean height of a ring of points along the edges, in its sigmas, beyond which the edge is rounded
+)
 _FARTHEST = 4.0  # standard deviations of the points across a face
 _PEELINGS = 4
 
@@ -47,8 +49,8 @@ def face_points(heights: Array, face: int, band_mm: float, jig: Jig, margin_mm: 
     return np.asarray(inside & (np.abs(heights[:, face]) <= band_mm))
 
 
-def with_the_rest(along_mm: Array) -> BoolArray:
-    """Mask of the points of a face that lie where the others do. along_mm  # (K, 2), from the apex along its edges
+def without_far_points(along_mm: Array) -> BoolArray:
+    """Mask of a face's points that are not far from the others. along_mm  # (K, 2), from the apex along its edges
 
     Where only a part of a face is seen, a stray point far from it would turn the plane by its lever alone. Measured by
     the covariance of the points, no point of an evenly covered triangle is farther than sqrt(8) from their middle.
@@ -103,12 +105,13 @@ def outline_shares(
 
     along_mm  # (K, 2) coordinates of the plane's points along the face's two edges, from the apex; agrees  # (K,)
     whether a point's own normal is that of the plane, without which it is not counted as spilt: it may belong to what
-    the plane cuts. What spills does so in a collar around the triangle; farther off the plane may graze something else.
+    the plane cuts. Only points in a collar around the triangle count as spilt; farther off the plane may
+    touch other things.
     through_mm  # (M, 2) where the rays of points behind the plane went through it.
 
     All areas are counted in cells of a twelfth of the edge, so that the density of the points does not matter. A cell
     with more points behind it than on it is seen through, unless it has half of the points that a surface has there:
-    what lies behind that was seen from elsewhere, as in a mesh of several views. In a scan whose points are
+    the points behind were then seen from another place, as in a mesh of several views. In a scan whose points are
     `spacing_mm` apart a cell between two of them is filled too.
     """
     on, behind = np.zeros((2, 2 * _CELLS, 2 * _CELLS), dtype=np.int64)

@@ -47,7 +47,9 @@ class Corner:
     xyz_mm: Array  # (3,)
     covariance_mm2: Array  # (3, 3)
     faces: tuple[Face, Face, Face]
-    plane_covariance: Array  # (9, 9) of the faces' (h, s_1, s_2) in turn: a smooth scanner error is shared
+    plane_covariance: (
+        Array  # (9, 9) of the faces' (h, s_1, s_2) in turn; a correlated scanner error is shared by faces
+    )
     quality: CornerQuality
 
     def sigma_mm(self) -> float:

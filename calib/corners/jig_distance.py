@@ -1,4 +1,4 @@
-"""How far scan points lie from the jig: the jig's model put where its corner was found, and distances to its faces."""
+"""Distances of scan points to the jig: the jig's model placed at the found corner, and heights over its faces."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ RIM = 0.02  # of the jig's edge: how far over a face's rim a point may lie
 
 
 def place_jig(corner: Corner, jig: Jig) -> tuple[Array, tuple[int, int, int]]:
-    """scanner_T_jig (4, 4) of the jig's model at an estimated corner, and which of its faces is which.
+    """scanner_T_jig (4, 4) of the jig's model at an estimated corner, and which of its faces is which of the corner's.
 
     The apex lies in the corner; the turn brings the model's face normals to the estimated ones with the least squared
-    error (Kabsch). Which face is which is not known beforehand: of the six ways to pair them the best is taken, and
-    face i of the corner is face `order[i]` of `jig_geometry`.
+    error (Kabsch). Which face is which is not known: of the six ways to pair them the one with the least error is
+    taken, and face i of the corner is face `order[i]` of `jig_geometry`.
     """
     found = np.array([face.normal for face in corner.faces])
     _, normals = jig_geometry(jig)
@@ -32,7 +32,7 @@ def place_jig(corner: Corner, jig: Jig) -> tuple[Array, tuple[int, int, int]]:
 
 
 def _turn(found: Array, model: Array) -> tuple[Array, float]:
-    """The rotation (3, 3) that brings model normals (3, 3) to those found, and what is left over."""
+    """The rotation (3, 3) that brings model normals (3, 3) to those found, and the norm of what remains."""
     turn = frames.best_fit_rotation(model, found)
     return turn, float(np.linalg.norm(found - model @ turn.T))
 
@@ -59,7 +59,7 @@ def face_distances(points_mm: ArrayLike, corner: Corner, jig: Jig) -> tuple[Arra
         raise ScanError(f"distances to the jig: found points of shape {points.shape}; (N, 3) would do")
     distance = np.full(len(points), np.nan)
     nearest = np.full(len(points), -1)
-    # Most of a scan is wall and arm: only points in the box around the jig are looked at closely.
+    # Most of a scan is wall and arm: the rest is computed for points in the box around the jig only.
     box_mm = (1.0 + RIM + REACH) * jig.edge_mm
     near = np.ones(len(points), dtype=bool)
     for axis in range(3):

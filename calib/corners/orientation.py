@@ -5,8 +5,8 @@ scanner's side, which is right-handed for convex and concave jigs alike. Where t
 (rows) satisfy N N^T = G with G_ij = -cos f_ij of the dihedral angles, and the frame is the right-handed one that lies
 closest to them: N = G^(1/2), the symmetric root, whose closest rotation is the identity.
 
-Three equal faces look alike under turns by a third: `candidates` gives all three, `calib.measurement.face_labels`
-tells which it is.
+Three equal faces look alike under turns by a third: `candidates` gives all three orientations,
+`calib.measurement.face_labels` selects one.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from calib.array_types import Array
 from calib.corners.intersection import Corner
 from calib.jig import Jig, jig_normals
 
-MOST_MISFIT = 21.1  # squared, of three angles: beyond it once in 10 000 scans of a jig that is as told
+MOST_MISFIT = 21.1  # squared, of three angles: exceeded once in 10 000 scans of a jig with the given angles
 _STEPS = 6
 _NULL = 1e-8  # of a covariance's largest eigenvalue: certified angles leave three of six slopes no freedom
 
 
 @dataclass(frozen=True)
 class Orientation:
-    """Which way the jig stands, one way of naming its faces taken for granted."""
+    """The jig's orientation under one labelling of its faces."""
 
     scanner_R_jig: Array  # (3, 3)
     covariance_rad2: Array  # (3, 3) of the small turn w in the scanner's frame: true = exp(w) scanner_R_jig
-    cross_mm_rad: (
-        Array  # (3, 3) covariance of the apex's error (rows, mm) with that turn (columns): same points
-    )
+    cross_mm_rad: Array  # (3, 3) covariance of the apex's error (rows, mm) with that turn (columns)
     order: tuple[int, int, int]  # which of the corner's faces are the jig's faces 1, 2, 3
-    misfit: float  # squared, between the faces' angles as found and as told: 3 on average for free planes
+    misfit: (
+        float  # squared, of the angles found between the faces and the jig's: 3 on average for free planes
+    )
 
     def quaternion(self) -> Array:
         """(4,) w, x, y, z of scanner_R_jig, w >= 0."""
@@ -48,7 +48,7 @@ class Orientation:
 
 
 def candidates(corner: Corner, jig: Jig) -> tuple[Orientation, Orientation, Orientation]:
-    """The orientation for each of the three ways to name the faces; the first begins with the corner's first face.
+    """The orientation for each of the three cyclic labellings; the first begins with the corner's first face.
 
     Raises CornerError for angles that no jig can have.
     """
@@ -56,7 +56,7 @@ def candidates(corner: Corner, jig: Jig) -> tuple[Orientation, Orientation, Orie
     found = np.array([face.normal for face in corner.faces])
     one, two, three = (0, 1, 2) if np.linalg.det(found) > 0.0 else (0, 2, 1)
     first = _orient(corner, known, (one, two, three))
-    if len(set(jig.face_angles_deg)) == 1:  # another name is the same rotation with its axes named anew
+    if len(set(jig.face_angles_deg)) == 1:  # another labelling permutes the columns
         turned = first.scanner_R_jig
         return (
             first,
@@ -71,7 +71,7 @@ def candidates(corner: Corner, jig: Jig) -> tuple[Orientation, Orientation, Orie
 
 
 def oriented(corner: Corner, jig: Jig, order: tuple[int, int, int]) -> Orientation:
-    """The orientation with the corner's faces named in this order, one of those that `candidates` gives.
+    """The orientation with the corner's faces labelled in this order, one of those that `candidates` gives.
 
     Raises CornerError for angles that no jig can have.
     """
@@ -82,8 +82,9 @@ def _orient(corner: Corner, known: Array, order: tuple[int, int, int]) -> Orient
     """Least squares on the rotations (a weighted Wahba problem), Gauss-Newton from the unweighted answer.
 
     A plane's slopes s say that its true normal is n - s_1 e_1 - s_2 e_2. Of a jig that stands at R the slopes would be
-    s_k = -e_k . R m, m the known normal; found are zeros with the planes' covariance. A small turn w changes s_k by
-    -(R m x e_k) . w. Certified angles leave the covariance of rank 3: its pseudo-inverse asks for the rest exactly.
+    s_k = -e_k . R m, m the known normal; the measured slopes are zeros with the planes' covariance. A small turn w
+    changes s_k by -(R m x e_k) . w. Under certified angles the covariance has rank 3; the weight is its
+    pseudo-inverse.
     """
     normals = np.array([corner.faces[i].normal for i in order])
     axes = np.array([corner.faces[i].axes for i in order])  # (3, 2, 3)
@@ -102,12 +103,10 @@ def _orient(corner: Corner, known: Array, order: tuple[int, int, int]) -> Orient
             break
     left = slope + by_turn @ step
     misfit = float(left @ weight @ left)
-    # Faces that do not meet as told make the answer depend on the weights: it is as uncertain as they show.
+    # Where the faces do not meet at the jig's angles, the result depends on the weights; the covariance grows with it.
     wider = misfit / 3.0 if misfit > MOST_MISFIT else 1.0
     turn_covariance = np.linalg.inv(information)
-    by_planes = (
-        turn_covariance @ by_turn.T @ weight
-    )  # how true slopes other than the found zeros turn the jig
+    by_planes = turn_covariance @ by_turn.T @ weight  # (3, 6) the turn w by errors of the slopes
     cross = _apex_by_planes(corner) @ corner.plane_covariance[:, slopes] @ by_planes.T
     return Orientation(scanner_R_jig, wider * turn_covariance, np.sqrt(wider) * cross, order, misfit)
 

@@ -1,4 +1,4 @@
-"""How good a corner is, in figures that a person can act on."""
+"""Quality figures of a corner, and the doubts that follow from them, each with what would help."""
 
 from __future__ import annotations
 
@@ -32,27 +32,27 @@ class FaceQuality:
 
 @dataclass(frozen=True)
 class CornerQuality:
-    """The figures of a corner, and what they say."""
+    """The figures of a corner, and the doubts that follow from them."""
 
     faces: tuple[FaceQuality, FaceQuality, FaceQuality]
     angles_deg: tuple[float, float, float]  # as measured, between faces 1-2, 2-3, 3-1
     angle_sigmas_deg: tuple[float, float, float]
     angle_errors_deg: tuple[
         float, float, float
-    ]  # measured less the nearest naming of the jig's face_angles_deg
+    ]  # measured less the jig's, under the labelling that fits best
     condition: float  # of the three normals: 1 where perpendicular; the worst amplification over the best
     amplification: (
         float  # sigma of the apex over that of the planes at their middles: how far it is extrapolated
     )
-    smooth_error_mm: float  # standard deviation of the part of the scanner's error that neighbours share
-    smooth_length_mm: float
+    smooth_error_mm: float  # standard deviation of the correlated part of the scanner's error
+    smooth_length_mm: float  # its correlation length
     smooth_factor: float  # sigma of the apex over what white noise alone would make it
     rigid: bool  # the faces were held to the certified angles
     margin_mm: float  # left out along every edge: rounding, blurred and flying pixels
     notes: tuple[str, ...] = field(default=())  # from the search itself
 
     def doubts(self) -> tuple[str, ...]:
-        """What deserves a look, each with its number and what would help; () where nothing does."""
+        """What should be checked, each with its number and what would help; () where nothing should."""
         said = list(self.notes)
         for number, face in enumerate(self.faces, start=1):
             if face.incidence_deg > HIGH_INCIDENCE_DEG:
@@ -108,7 +108,7 @@ class CornerQuality:
 
 
 def angle_errors(angles_deg: tuple[float, float, float], jig_angles_deg: tuple[float, float, float]) -> Array:
-    """Measured angles less the jig's (3,), the jig's faces named so that the errors are least.
+    """Measured angles less the jig's (3,), the jig's faces labelled so that the errors are least.
 
     Turning or mirroring the numbering of three faces permutes the three angles in every possible way.
     """

@@ -1,8 +1,8 @@
 """The corner from all points of the three faces: robust total least squares, where the accuracy comes from.
 
-Sample sets find the planes but throw the data away; a corner from group fits does not get better with more points.
-Here every scan point of a face takes part, weighted by Tukey's biweight, and the residuals say how well the apex is
-known. The outline of each face follows from the three planes, so planes and outlines are refined in turns.
+Sample sets find the planes but use few of the points; a corner from their groups does not get better with more points.
+Here every scan point of a face takes part, weighted by Tukey's biweight, and the apex's covariance follows from the
+residuals. The outline of each face follows from the three planes, so planes and outlines are refined in turns.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from calib.corners.face_outline import (
     face_points,
     flat_margins_mm,
     outline_shares,
-    with_the_rest,
+    without_far_points,
 )
 from calib.corners.intersection import Corner, Face, intersect, intersection_covariance, packed
 from calib.corners.quality import CornerQuality, FaceQuality, angle_errors
@@ -32,16 +32,16 @@ from calib.planes.robust_fit import PlaneFit, fit_plane_robustly
 _ROUNDS = 6
 _LAST_ROUNDS = 2
 _POINTS_AT_FIRST = 20_000
-_POINTS_TO_TELL_A_LINE = 3_000
+_POINTS_FOR_SPREAD = 3_000
 _BAND_SIGMA = 12.0
 _LESS_MARGIN = (1.0, 0.5, 0.2)
 _MARGIN_SIGMA = 3.0  # a face's own noise must not carry its points over the edge into the other face's band
 _LEAST_SPREAD = 1 / 200  # standard deviation across the strip of points on a face, of the edge
 SQUARENESS_DEG = 1.0
 MOST_INCIDENCE_DEG = 84.0
-_DEEP = 0.035  # of the edge: nine of ten points nearer to an edge than this are no face's
+_DEEP = 0.035  # of the edge: points of which nine in ten lie nearer to an edge than this are not a face's
 _ROUGHEST = 10.0  # times the scatter of the other faces; a face seen at 84 deg scatters some 6 times as much
-_ROUGH = 1 / 3000  # of the edge: below this the scatter tells nothing
+_ROUGH = 1 / 3000  # of the edge: a scatter below this is not compared
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def _fit_faces(
     bands = np.full(3, _BAND_SIGMA * max(sigma_mm, jig.edge_mm / 1800))
     margins_mm = np.full(3, options.edge_margin_mm or jig.edge_mm / 40)
     planes: list[PlaneFit] = []
-    step = max(1, len(local) // _POINTS_AT_FIRST)  # at first some thousands of points tell enough
+    step = max(1, len(local) // _POINTS_AT_FIRST)  # at first some thousands of points are enough
     members = [(local[::step], near[::step])] * 3
     for turn in range(_ROUNDS):
         if turn == _ROUNDS - _LAST_ROUNDS:  # from here on all points that may be a face's, and no others
@@ -127,7 +127,7 @@ def _fit_faces(
             members = [(local[on], near[on]) for on in at_plane]
         heights = [points @ normals.T - offsets for points, _ in members]
         if turn == _ROUNDS - 1 and options.edge_margin_mm is None:
-            # Not before: planes of some of the points would look off by themselves.
+            # Not before: planes fitted to a part of the points have rings off the plane by themselves.
             margins_mm = flat_margins_mm(heights, planes, jig)
         margins_mm = np.maximum(margins_mm, _MARGIN_SIGMA * bands.max() / _BAND_SIGMA)
         planes = []
@@ -155,7 +155,7 @@ def _points_of_face(
     """
     for share in _LESS_MARGIN:
         on = np.flatnonzero(face_points(heights, face, band_mm, jig, share * margin_mm))
-        on = on[with_the_rest(np.column_stack(along_edges(heights[on], face, jig)))]
+        on = on[without_far_points(np.column_stack(along_edges(heights[on], face, jig)))]
         lack = _lack_of_points(points[on], jig, options)
         if not lack:
             return on
@@ -177,7 +177,7 @@ def _lack_of_points(points: Array, jig: Jig, options: RefinementOptions) -> str:
             f"only {len(points)} points on one of the faces, at least {options.min_face_points} are needed; "
             "turn the jig toward the scanner, or scan it finer"
         )
-    some = points[:: max(1, len(points) // _POINTS_TO_TELL_A_LINE)]
+    some = points[:: max(1, len(points) // _POINTS_FOR_SPREAD)]
     centred = some - some.mean(axis=0)
     # Of points on one line the eigenvalue is zero but for rounding, which may fall below it.
     across = np.sqrt(max(np.linalg.eigvalsh(centred.T @ centred)[1], 0.0) / len(some))

@@ -25,7 +25,7 @@ from calib.scans.scan import PointCount, Scan
 MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
 MOST_TRIPLES = 4  # of planes, that are refined in one search pass
 _EDGE_VOXELS = 28  # voxels along the jig's edge
-_POINTS_A_SET = 8  # thinned points: a wide scene takes more sets, or few would fall on the jig
+_POINTS_A_SET = 8  # thinned points a sample set; a wide scene needs more sets for some to fall on the jig
 # (neighbours of a normal, factor on the number of sample sets) of the search passes, until one finds the jig. Few
 # neighbours fit into a narrow or sparsely seen face, many sets meet a jig that is a small part of the scan.
 _SEARCH_PASSES = ((NEIGHBOURS, 1), (9, 4), (NEIGHBOURS, 12))
@@ -33,7 +33,7 @@ _SEARCH_PASSES = ((NEIGHBOURS, 1), (9, 4), (NEIGHBOURS, 12))
 
 @dataclass(frozen=True)
 class CornerOptions:
-    """What one may want to turn. Lengths that are not here follow from the jig's edge and the noise."""
+    """Options of the search. Lengths that are not here follow from the jig's edge and the noise."""
 
     sample_sets: int = 5000
     local_sets: bool = True  # False: four points from the whole scan, as in the paper
@@ -42,7 +42,7 @@ class CornerOptions:
 
 @dataclass(frozen=True)
 class CornerSearch:
-    """Every intermediate product of one search, success or not, so that it can be looked at."""
+    """Every intermediate product of one search, successful or not, for inspection."""
 
     scan: str
     voxel_points_mm: Array  # (V, 3) the points that the sample sets were drawn from
@@ -244,7 +244,7 @@ def failed_search(name: str, failure: str, *, unreadable: bool = False) -> Corne
 
 
 def _generator(points_mm: Array) -> np.random.Generator:
-    """A generator that these points have: that of some ten thousand of them, and their number."""
+    """A generator seeded by some ten thousand of the points (N, 3), and their number."""
     some = points_mm[:: max(1, len(points_mm) // 10_000)]
     content = np.ascontiguousarray(some, dtype=np.float64).tobytes() + str(len(points_mm)).encode()
     return np.random.default_rng(int.from_bytes(blake2b(content, digest_size=8).digest(), "big"))

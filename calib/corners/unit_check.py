@@ -1,4 +1,4 @@
-"""In which unit a scan is that shows no jig: told where the jig is found in another, and never scaled in silence."""
+"""The unit of a scan in which no jig is found: reported if the jig is found in another unit; no scan is scaled."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from calib.jig import Jig
 from calib.planes.normals import finite_rows
 from calib.units import UNITS_MM
 
-MOST_EDGES = 400.0  # across, in edges of the jig: a hall; what is larger is not searched
-_LEAST_EDGES = 0.5  # what is smaller than a face is not searched either
+MOST_EDGES = 400.0  # across, in edges of the jig: a hall; larger scans are not searched
+_LEAST_EDGES = 0.5  # scans smaller than a face are not searched either
 # Across in edges, of a scan in millimetres that shows the jig; beyond, where no jig is found, its unit is in doubt.
 _USUAL_EDGES = (1.0, 200.0)
 
 
 def extent_of(points_mm: Array) -> float:
-    """The longest side of the box about points (N, 3), the outer 2 % left out: stray points do not tell the unit.
+    """The longest side of the box about points (N, 3), the outer 2 % left out as stray points.
 
     Zero where there are none.
     """
@@ -31,7 +31,7 @@ def extent_of(points_mm: Array) -> float:
 
 
 def failure_with_unit(failure: str, points_mm: Array, jig: Jig, is_found: Callable[[Array], bool]) -> str:
-    """Why a scan (N, 3) has no corner, with what its size says of its unit.
+    """Why a scan (N, 3) has no corner, with what follows about its unit from its size.
 
     Of a scan that is smaller than the jig or far larger, the other units are tried in which its size would do;
     `is_found` searches points for the jig. A jig has the outline that edge_mm gives it in one unit only, so where it is

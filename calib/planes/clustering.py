@@ -71,7 +71,7 @@ def process_3(centre_mm: Array, normal: Array, centroids_mm: Array, height_mm: f
 def cluster(sets: SampleSets, tolerances: ClusterTolerances) -> tuple[PlaneGroup, ...]:
     """Plane groups of the sets that passed the filters, the group with the most sets first.
 
-    Sets found groups in the order of their size: a large set's normal carries farther.
+    Sets found groups in the order of their size: a large set's normal is more exact.
     """
     passed = sets.passed()
     size = np.linalg.norm(sets.points_mm[passed] - sets.centroids_mm[passed, None], axis=2).min(axis=1)
@@ -98,9 +98,8 @@ def _found_group(sets: SampleSets, free: IndexArray, tolerances: ClusterToleranc
             break
         members = free[joins]
         centre, normal = fit_plane(sets.points_mm[members].reshape(-1, 3), toward=normal)
-    members = np.union1d(
-        members, founder
-    )  # a founder that its own group's plane has left must not found again
+    # The founder stays a member even where it is off the fitted plane, or it would found the same group again.
+    members = np.union1d(members, founder)
     return PlaneGroup(members, centre, normal, float(normal @ centre))
 
 

@@ -2,8 +2,8 @@
 
 A passing set is a small piece of a plane: its points, its centroid and the mean normal of its four triangles. The
 paper draws the four points from the whole scan; there one set in 8000 passes filter 1 in a scene with background. Here
-the sets are drawn among neighbours, at two scales: the small one fits into a narrow face, the large one gives a normal
-that carries across it, and is larger still where the noise is. All sets pass the filters in one batch, as arrays.
+the sets are drawn among neighbours, at two scales: the small one fits into a narrow face, the large one, which grows
+with the noise, gives a more exact normal. All sets pass the filters in one batch, as arrays.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _TRIANGLES = tuple(combinations(range(4), 3))
 
 @dataclass(frozen=True)
 class SampleSets:
-    """M sample sets with their fate."""
+    """M sample sets, and which filter rejected each."""
 
     points_mm: Array  # (M, 4, 3)
     centroids_mm: Array  # (M, 3)
@@ -41,7 +41,7 @@ class SampleSets:
 
 @dataclass(frozen=True)
 class FilterTolerances:
-    """What the three filters let through."""
+    """What the three filters accept."""
 
     distance_mm: tuple[
         float, float
@@ -78,9 +78,9 @@ def draw_sample_sets(
 
 
 def walk_for(distance_mm: float, step_mm: float) -> int:
-    """Steps of a walk that strays `distance_mm` off (RMS), between neighbourhoods of radius `step_mm`; 8 at least.
+    """Steps of a walk that ends `distance_mm` away (RMS), between neighbourhoods of radius `step_mm`; 8 at least.
 
-    One step strays r / sqrt(2) off, n steps sqrt(n) times as far.
+    One step leads r / sqrt(2) away, n steps sqrt(n) times as far.
     """
     return int(np.clip(2 * (distance_mm / max(step_mm, 1e-9)) ** 2, LONG_WALK, _LONGEST_WALK))
 
@@ -101,7 +101,7 @@ def filter_2(point_normals: Array, tolerance_rad: float) -> BoolArray:
 def filter_3(triangles: Array, point_normals: Array, tolerance_rad: float) -> BoolArray:
     """True where all four triangles' normals agree with the mean of the point normals: |t_i . n| >= cos(tolerance).
 
-    It catches points on two parallel faces, whose own normals agree. triangles, point_normals  # (M, 4, 3) unit.
+    It rejects points on two parallel faces, whose own normals agree. triangles, point_normals  # (M, 4, 3) unit.
     """
     mean = _unit(point_normals.mean(axis=1))
     dots = np.matmul(triangles, mean[:, :, None])[:, :, 0]
@@ -129,7 +129,7 @@ def apply_filters(points_mm: Array, point_normals: Array, tolerances: FilterTole
     for number, passed in reversed(list(enumerate(passes, start=1))):
         rejected_by[~passed] = number
     mean = _unit(point_normals.mean(axis=1))
-    side = np.sign(np.matmul(triangles, mean[:, :, None]))  # a triangle's normal has no side of its own
+    side = np.sign(np.matmul(triangles, mean[:, :, None]))  # a triangle's normal may point to either side
     normals = _unit((triangles * side).mean(axis=1))
     return SampleSets(points_mm, points_mm.mean(axis=1), normals, rejected_by)
 

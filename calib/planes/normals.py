@@ -1,6 +1,6 @@
 """From the whole cloud to the points that sample sets are drawn from: one point a voxel, with a normal each.
 
-Normals of a full structured-light cloud cost more than everything after them, and say no more: a face of the jig
+Normals of a full structured-light cloud take longer than all later steps and improve none of them: a face of the jig
 needs some hundreds of normals, not a hundred thousand.
 """
 
@@ -34,8 +34,8 @@ class Neighbourhoods:
 
     points_mm: Array  # (V, 3)
     normals: Array  # (V, 3) unit, toward the scanner
-    thickness_mm: Array  # (V,) noise along the normal, as the neighbours show it
-    normal_sigma_rad: Array  # (V,) the normal's own uncertainty
+    thickness_mm: Array  # (V,) noise along the normal, from the neighbours' heights
+    normal_sigma_rad: Array  # (V,) standard deviation of the normal's direction
     neighbours: IndexArray  # (V, k) indices of the nearest points, the point itself first
     radius_mm: Array  # (V,) distance of the farthest of the neighbours
 
@@ -46,7 +46,7 @@ class Neighbourhoods:
     def noise_mm(self) -> float:
         """Noise along the normals in the flat parts of the scene.
 
-        The lower quartile, not the median: creases, curved parts and stray points only ever thicken a neighbourhood.
+        The lower quartile, not the median: edges, curved parts and stray points only make neighbourhoods thicker.
         """
         return float(np.quantile(self.thickness_mm, 0.25)) * 1.1
 
@@ -56,8 +56,8 @@ def thin_to_voxels(points_mm: Array, voxel_mm: float) -> IndexArray:
 
     points_mm  # (N, 3). Stray points (flying pixels, reflections) fill space thinly where surfaces fill it densely. A
     voxel is left out where the block of 4 x 4 x 4 voxels around holds a twenty-fifth of the points that blocks of
-    surfaces hold, and where it has itself far fewer than the usual, if four or more are usual. Of a scan so fine that
-    a part of it fills the voxels as well, only that part is looked at.
+    surfaces hold, and where it has itself far fewer than the median, if that is four or more. Of a scan so fine that a
+    part of it fills the voxels as well, only every n-th point is used.
     """
     step = len(points_mm) // _ENOUGH_POINTS
     if step > 1:
@@ -68,7 +68,7 @@ def thin_to_voxels(points_mm: Array, voxel_mm: float) -> IndexArray:
 
 
 def _occupied(points_mm: Array, voxel_mm: float) -> tuple[IndexArray, IndexArray]:
-    """First point of each voxel that is no stray one's, and how many points the voxel holds."""
+    """Index of the first point of each voxel that holds no stray points, and how many points the voxel holds."""
     finite = np.flatnonzero(finite_rows(points_mm))
     if not len(finite):
         return finite, finite
@@ -83,7 +83,7 @@ def _occupied(points_mm: Array, voxel_mm: float) -> tuple[IndexArray, IndexArray
     cell = np.floor(cells).astype(np.int64)
     cell -= cell.min(axis=0)
     first, count = _first_of_each(_keys(cell))
-    # Thousands of points in one place are no surface: pixels without depth at the scanner's own, say.
+    # Thousands of points in one place are no surface, but for example pixels without depth at the scanner's origin.
     count = np.minimum(count, _MOST_OF_USUAL * np.median(count))
     block = np.unique(_keys(cell[first] // _BLOCK), return_inverse=True)[1].ravel()
     around = np.bincount(block, count)[block]

@@ -1,4 +1,4 @@
-"""One face's plane from all its points: robust total least squares, and what the fit has left over."""
+"""One face's plane from all its points: robust total least squares, and its residuals."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class PlaneFit:
     axes: Array  # (2, 3) two directions in the plane
     indices: IndexArray  # (K,) into the scan, of the inliers: points with a weight
     points_mm: Array  # (K, 3)
-    psi_mm: Array  # (K,) heights over the plane, pulled in by Tukey's weight
+    psi_mm: Array  # (K,) heights over the plane times Tukey's weights
     slope: float  # mean of psi': a height enters the fit as psi / slope
     sigma_mm: float  # 1.4826 MAD of the heights
 
@@ -35,7 +35,7 @@ class PlaneFit:
 
 
 def fit_plane_robustly(points: Array, indices: IndexArray, normal: Array, offset: float) -> PlaneFit:
-    """Total least squares with Tukey's weights, again and again, from the plane normal . p = offset. points  # (K, 3)
+    """Iteratively reweighted total least squares, starting from the plane normal . p = offset. points  # (K, 3)
 
     The scale s is the MAD of the heights h over the plane before; a weight is (1 - (h / 6 s)^2)^2, beyond that 0.
     To first order the estimate is ordinary least squares on the pseudo-values psi / mean(psi'), psi = w h (Huber 1981,
