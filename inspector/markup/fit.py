@@ -56,19 +56,29 @@ def state_html(result: Calibration) -> str:
     return elements.facts(rows) + "".join(elements.alert(w, colour="#E69F00") for w in result.warnings)
 
 
+def before_and_after(result: Calibration) -> list[tuple[str, str, float, float]]:
+    """Role, name of the figure, its value before and after in mm: of training poses, then of test poses."""
+    return [
+        (role, name, float(getattr(before, key)), float(getattr(after, key)))
+        for role, before, after in (
+            ("train", result.before.train, result.after.train),
+            ("test", result.before.test, result.after.test),
+        )
+        if before is not None and after is not None
+        for key, name in FIGURES
+    ]
+
+
 def figures_html(result: Calibration) -> str:
     """Before and after, training and test, with the reduction."""
-    rows: list[tuple[object, ...]] = []
-    for role, before, after in (
-        ("train", result.before.train, result.after.train),
-        ("test", result.before.test, result.after.test),
-    ):
-        if before is None or after is None:
-            continue
-        for key, name in FIGURES:
-            b, a = float(getattr(before, key)), float(getattr(after, key))
-            named = elements.named_swatch(ROLE_COLOURS[role], f"{numbers.role(role)} {name}")
-            rows.append((named, numbers.millimetres(b), numbers.millimetres(a), numbers.reduction(b, a)))
+    rows = [
+        (
+            elements.named_swatch(ROLE_COLOURS[role], f"{numbers.role(role)} {name}"),
+            *(numbers.millimetres(value) for value in (before, after)),
+            numbers.reduction(before, after),
+        )
+        for role, name, before, after in before_and_after(result)
+    ]
     columns = ("", "before", "after", "reduction")
     lengths = elements.heading("Errors before and after, mm") + elements.table(columns, rows)
     turns = attitude_rows(result)

@@ -13,12 +13,11 @@ from pathlib import Path
 import plotly.graph_objects as go
 
 from calib.calibration.noise_check import check_sigma, noise_floor_mm
-from calib.calibration.result import Calibration
 from calib.diagnosis.explanation import explain
 from inspector.figures.plots import error_history
 from inspector.markup import numbers
 from inspector.markup.effects import NEUTRAL, VERDICTS, last_change
-from inspector.markup.fit import FIGURES
+from inspector.markup.fit import before_and_after
 from inspector.report import sections
 from inspector.report.blocks import (
     Block,
@@ -143,6 +142,14 @@ def _history(report: Report) -> list[Block]:
         (s.label, *(numbers.millimetres(v) for v in (s.train_rmse_mm, s.test_rmse_mm, s.sigma_mm)))
         for s in steps
     ]
+    errors = [
+        (
+            f"{numbers.role(role)} {name}",
+            *(numbers.millimetres(value) for value in (before, after)),
+            numbers.reduction(before, after),
+        )
+        for role, name, before, after in before_and_after(report.calibration)
+    ]
     caption = (
         "3D RMSE of training and test poses after each change of the model; dashed: what noise alone leaves."
     )
@@ -152,27 +159,7 @@ def _history(report: Report) -> list[Block]:
         Table(columns, rows, caption="3D RMSE; the sigma is of one coordinate, by degrees of freedom"),
         Table(
             ("errors, mm", "before", "after", "reduction"),
-            _before_after(report.calibration),
+            errors,
             caption="All figures; distances are to the reference pose",
         ),
     ]
-
-
-def _before_after(calibration: Calibration) -> list[tuple[object, ...]]:
-    rows: list[tuple[object, ...]] = []
-    for role, before, after in (
-        ("train", calibration.before.train, calibration.after.train),
-        ("test", calibration.before.test, calibration.after.test),
-    ):
-        if before is not None and after is not None:
-            pairs = [(name, float(getattr(before, k)), float(getattr(after, k))) for k, name in FIGURES]
-            rows += [
-                (
-                    f"{numbers.role(role)} {name}",
-                    numbers.millimetres(b),
-                    numbers.millimetres(a),
-                    numbers.reduction(b, a),
-                )
-                for name, b, a in pairs
-            ]
-    return rows
