@@ -9,15 +9,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.calibration.evaluation import evaluate
 from calib.dataset.dataset import Dataset
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations
 from calib.fitting.position_residuals import PositionResiduals
 
-Array = NDArray[np.float64]
 Linearise = Callable[[Array], tuple[Array, Array]]
 Cost = Callable[[Array], float]
 

@@ -11,19 +11,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from calib import frames  # noqa: E402
+from calib.array_types import Array  # noqa: E402
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner  # noqa: E402
 from calib.dataset.files.robot_toml import builtin_robot  # noqa: E402
 from calib.kinematics.robot import Joint, Robot, Tool  # noqa: E402
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target  # noqa: E402
 from tests.support.arms import park_arm, random_arm  # noqa: E402
-
-Array = NDArray[np.float64]
 
 RIGHT = np.pi / 2
 NOISE_MM = 0.05

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import frames
+from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import RIVAL
 from calib.diagnosis.result import Diagnosis
 from calib.fitting.observations import conditions_at
 from calib.screening.candidates import Candidate, Screening
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,16 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
 from calib.effects.effect import Effect, Family, full_name
 from calib.fitting.model import effect_columns
 from calib.screening.evidence import Evidence, FamilyColumns, evaluate_family, holm
 from calib.screening.projected_residual import ProjectedResidual, project_residual
-
-Array = NDArray[np.float64]
 
 _HIDDEN = 0.02  # a column of which less than this is left after projection is geometry in disguise
 

@@ -12,9 +12,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.distributions import f_sf
-
-Array = NDArray[np.float64]
 
 _SCALES = np.geomspace(
     1e-3, 1e4, 57

@@ -10,14 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.dataset.dataset import Poses
 from calib.kinematics.robot import Robot
 from calib.screening.evidence import FamilyColumns, evaluate_family, evidence_of
 from calib.screening.projected_residual import ProjectedResidual, joint_directions
-
-Array = NDArray[np.float64]
 
 _WIDTHS_RAD = (0.12, 0.2, 0.35)  # standard deviations of a dent's shape
 _FEWEST = 2.0  # poses, each counted by the bump's height there: below, a bump is only an outlier

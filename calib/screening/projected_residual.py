@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.calibration.joint_directions import directions_at
 from calib.calibration.result import Calibration
 from calib.effects.state import RobotState
@@ -15,8 +15,6 @@ from calib.errors import FitError
 from calib.fitting.model import point_by_state
 from calib.fitting.observations import Observations, with_scanner_frames
 from calib.fitting.position_residuals import PositionResiduals
-
-Array = NDArray[np.float64]
 
 _KNOWN = 0.1  # a direction counts as fitted where the data know it ten times worse than the prior, or better
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
 from calib.calibration.input_variables import inputs_at
 from calib.dataset.dataset import Dataset
@@ -22,8 +23,6 @@ from calib.dataset.repeats import find_repeats, pooled_sigma_mm
 from calib.distributions import chi2_sf, f_sf
 from calib.screening.fault_models import JointFault, best_supported_fault
 from calib.screening.projected_residual import ProjectedResidual, joint_directions
-
-Array = NDArray[np.float64]
 
 DRAWS = 999
 STRUCTURE_LEVEL = 0.01

@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calib import frames
+from calib.array_types import Array
 from calib.calibration.model_versions import Version
 from calib.dataset.dataset import Poses
 from calib.effects.state import RobotState
 from calib.fitting.model import Model
 from calib.kinematics.robot import Robot
-
-Array = NDArray[np.float64]
 
 THICKNESS = 0.040  # radius of the first joint over the arm's reach
 LAST_THICKNESS = 0.45  # radius of the last joint over that of the first
