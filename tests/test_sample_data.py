@@ -111,6 +111,7 @@ def test_every_scan_is_a_plain_float_cloud_of_its_size(name: str) -> None:
     assert len(list((SAMPLES / name / "scans").iterdir())) == len(dataset.poses)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_seed_gives_the_same_poses_and_truth(
     name: str, made: dict[str, Simulation], maker: ModuleType

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -14,6 +12,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.pose_recommendation import discriminating_poses
 from calib.effects.catalogue import effects_for
 from calib.errors import FitError
@@ -23,7 +22,7 @@ from calib.screening.candidates import Candidate, screen
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import learning_curve
-from inspector.session.transitions import Session, with_effect, with_screening
+from inspector.session.transitions import Session, with_effect, with_screening, with_steps
 
 ASKED = [
     FitOptions(held=("a2", "beta3")),
@@ -60,6 +59,7 @@ def test_comparison_fits_the_link_errors_alone_as_was_asked(dataset: Dataset, as
     assert same_request(versions(full)[1].calibration, full)
 
 
+@pytest.mark.slow
 def test_comparison_fits_the_link_errors_without_prior_where_that_was_asked(dataset: Dataset) -> None:
     effects = next(f.members for f in effects_for(dataset) if f.name == "transmission_error")
     asked = FitOptions(prior=False)
@@ -91,7 +91,8 @@ def test_poses_are_recommended_by_fits_as_was_asked(dataset: Dataset, asked: Fit
 
 @pytest.mark.parametrize("asked", ASKED[:3], ids=str)
 def test_an_effect_is_added_to_a_session_as_was_asked(dataset: Dataset, asked: FitOptions) -> None:
-    session = with_screening(replace(Session(dataset), calibration=calibrate(dataset, asked)))
+    session = with_steps(Session(dataset), [FitStep("link errors", (), calibrate(dataset, asked))])
+    session = with_screening(session)
     assert session.calibration is not None
     added = with_effect(session, "transmission_error").calibration
     assert added is not None
@@ -107,6 +108,7 @@ def test_comparison_holds_only_what_the_link_errors_have(dataset: Dataset) -> No
     assert versions(full, links)[1].calibration is links
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", ASKED[:3], ids=str)
 def test_every_step_of_a_diagnosis_is_fitted_as_was_asked(dataset: Dataset, asked: FitOptions) -> None:
     found = diagnose(dataset, asked)

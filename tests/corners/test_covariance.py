@@ -97,6 +97,7 @@ def test_the_size_and_the_length_of_a_smooth_error_are_seen() -> None:
     assert all("smooth over" in " ".join(f.quality.doubts()) for f in found)
 
 
+@pytest.mark.slow
 def test_plane_covariance_is_what_repeats_show(free: list[Corner]) -> None:
     """Height and slopes of the true planes over the fitted ones, against the covariance of each face."""
     found = []

@@ -168,10 +168,12 @@ def test_covariance_holds_for_white_noise() -> None:
     assert 2.0 < found.mean() < 4.1  # ideal 3; the mean of 45 has a sigma of 0.37 itself
 
 
+@pytest.mark.slow
 def test_stray_points_on_one_side_do_not_drag_the_corner() -> None:
     assert mahalanobis_squared(0.02, 0.0, 0.15).mean() < 4.5
 
 
+@pytest.mark.slow
 def test_smooth_scanner_errors_widen_the_covariance() -> None:
     """Waves four times the white noise: most of what they do to the apex has to show in its covariance."""
     assert np.median(mahalanobis_squared(0.005, 0.02, 0.0)) < 12  # 38 where neighbours count as independent

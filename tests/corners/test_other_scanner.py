@@ -72,6 +72,7 @@ def test_no_corner_where_three_faces_of_a_jig_are_not_seen(name: str, seed: int)
     assert search.failure
 
 
+@pytest.mark.slow
 def test_points_without_noise_lie_on_planes_that_meet_square_in_the_apex() -> None:
     shape = JigShape(60.0, chamfer=1.0, tip_cut=2.0, holes=2, sticker=0.2, plate=0.5)
     scanner = Scanner("laser lines", points=30_000, sigma=1e-7, quantum=0.0, origin_away=40.0)

@@ -121,6 +121,7 @@ def test_a_box_alone_is_not_taken_for_the_jig_in_a_coarse_scan(
     assert search(scene.scan.points_mm[~np.isin(scene.label, away)]).corner is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["plain", "jig small in view", "50 % outliers", "noise 0.3 untold", "room"])
 def test_coarse_scans(name: str) -> None:
     """Some 40 points a face where the jig is small in view, some 350 otherwise."""
@@ -177,6 +178,7 @@ def test_a_rigid_motion_of_the_scan_moves_the_corner_rigidly(
     np.testing.assert_allclose(after.covariance_mm2, turned, atol=0.1 * np.trace(turned))
 
 
+@pytest.mark.slow
 @settings(max_examples=3, deadline=None)
 @given(seed=st.integers(0, 1000))
 def test_the_order_of_the_points_changes_nothing_beyond_the_noise(seed: int) -> None:

@@ -395,6 +395,7 @@ def test_an_ambiguous_set_comes_with_poses_that_split_it() -> None:
     assert splitting_poses(diagnose(simulated(seed=8))) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["rb5", "panda"])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_without_masses_gravity_is_still_named_and_fitted(robot: str, seed: int) -> None:

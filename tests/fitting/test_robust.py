@@ -118,6 +118,7 @@ def test_a_third_of_all_names_wrong_is_seen_too() -> None:
     assert squared(geometric_model(dataset.robot), fit, true) < chi2_ppf(0.999, 24)
 
 
+@pytest.mark.slow
 def test_where_nothing_is_wrong_the_weights_cost_five_per_cent() -> None:
     """An estimate of 95 % efficiency differs from the best by 1 / 0.95 - 1 = 0.053 of a parameter's variance."""
     apart, noise, sigma, off = [], [], [], []

@@ -142,6 +142,7 @@ def test_where_the_scanner_stands_changes_nothing(seed: int, kind: str) -> None:
     assert off.max() < 0.02  # both ended within a small part of a sigma of the one minimum
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(SEEDS, st.integers(4, 7))
 def test_noise_and_a_missing_effect_do_not_make_it_diverge(seed: int, joints: int) -> None:
@@ -232,6 +233,7 @@ def test_estimates_lie_within_their_sigmas() -> None:
     assert 0.7 < float(np.mean(np.square(errors))) < 1.35
 
 
+@pytest.mark.slow
 def test_degrees_of_freedom_and_noise_are_right() -> None:
     robot = park_arm("rb5")
     noise = []

@@ -73,6 +73,7 @@ def test_a_slip_is_found_at_its_joint_and_pose(robot: str, seed: int) -> None:
     assert fault.size == pytest.approx(true.offset_rad[joint], rel=0.2)
 
 
+@pytest.mark.slow
 def test_a_hose_that_pulls_is_an_unknown_motion() -> None:
     told = 0
     for seed in range(4):

@@ -143,6 +143,7 @@ def scans(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_corners_tells_the_points_that_were_left_out(capsys: pytest.CaptureFixture[str], scans: Path) -> None:
     assert ".xyz" in READERS
     assert main(["corners", str(scans), "--json"]) == 0

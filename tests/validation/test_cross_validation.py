@@ -52,6 +52,7 @@ def bent(dataset: Dataset) -> Dataset:
     return dataset.with_points(Points(points.pose, points.xyz_mm + waves[points.pose], points.target))
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     sizes=st.lists(st.integers(1, 25), min_size=1, max_size=4),

@@ -87,6 +87,7 @@ def test_a_folder_of_datasets_opens_at_the_first_and_works_through_it(app: App, 
     assert len(drawn_figures(page)) >= 5
 
 
+@pytest.mark.slow
 def test_a_single_dataset_opens_too_and_a_wrong_path_is_one_clear_error(folder: Path, tmp_path: Path) -> None:
     with idle_app(folder / "points") as app:
         assert session(app).calibration is not None
@@ -138,6 +139,7 @@ def outlined(page: WireClient) -> list[str]:
 # ---- one selection everywhere ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_next_and_previous_change_every_place(app: App, page: WireClient) -> None:
     ids = session(app).dataset.poses.ids
     page.set(label="", value=NEXT)

@@ -257,6 +257,7 @@ def test_points_without_orientations_fall_back_to_positions_where_poses_were_cho
         assert "found no orientation" in told["props"]["body"]
 
 
+@pytest.mark.slow
 def test_points_with_orientations_need_no_names(folder: Path, tmp_path: Path) -> None:
     made = simulate_dataset(
         builtin_robot("rb5"), rng=np.random.default_rng(4), poses=20, orientation_sigma_rad=1e-4
@@ -282,6 +283,7 @@ def searched(folder: Path) -> Session:
     return opened
 
 
+@pytest.mark.slow
 def test_a_new_corner_makes_old_names_stale(searched: Session) -> None:
     named = sessions.with_face_labels(searched)
     assert named.face_labels is not None

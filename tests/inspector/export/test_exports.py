@@ -339,6 +339,7 @@ def test_a_session_from_the_page_opens_in_the_same_state(app: App, folder: Path,
             assert HIDDEN in page.text()
 
 
+@pytest.mark.slow
 def test_a_session_of_a_dataset_that_changed_says_so_on_the_page(
     app: App, folder: Path, tmp_path: Path
 ) -> None:

@@ -104,6 +104,7 @@ def test_the_arm_is_drawn_in_the_scanners_frame_at_every_pose(app: App, page: Wi
         assert off == pytest.approx(version(app, LINKS).pose_errors_mm()[pose], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_key_figures_are_those_of_each_version_with_the_noise(app: App, page: WireClient) -> None:
     app.add_effect("transmission_error")
     assert app.worker.wait_idle(IDLE_S)
@@ -209,6 +210,7 @@ def test_a_hostile_page_changes_nothing(app: App, page: WireClient) -> None:
     assert not page.notifications
 
 
+@pytest.mark.slow
 def test_a_link_with_a_mesh_is_drawn_as_it_and_moves_with_its_frame(app: App, page: WireClient) -> None:
     app.open("meshed")
     assert app.worker.wait_idle(IDLE_S)

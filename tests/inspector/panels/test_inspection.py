@@ -81,6 +81,7 @@ def test_rejected_sets_have_the_colour_of_their_filter_in_the_scene_and_in_the_t
     shows(page, "sets rejected by filter")
 
 
+@pytest.mark.slow
 def test_a_scan_that_was_not_searched_for_planes_has_no_tables_of_zeros(app: App) -> None:
     assert "40 points" in search(app, FEW).failure
     said = planes_html(view(app, FEW))

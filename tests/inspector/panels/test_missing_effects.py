@@ -139,6 +139,7 @@ def test_what_cannot_be_fitted_leaves_nothing_of_the_dataset_before(folder: Path
             page.wait(lambda p, label=label: list(p.props(label)["options"]) == ["–"])  # type: ignore[misc]
 
 
+@pytest.mark.slow
 def test_the_ranking_is_the_commands_too(folder: Path, page: WireClient) -> None:
     candidates = command("diagnose", folder, "--max-steps", 0)["candidates"]
     shows(page, "What could be missing")
@@ -229,6 +230,7 @@ def test_a_page_that_vanishes_in_the_middle_harms_no_one(app: App, page: WireCli
     assert not page.notifications
 
 
+@pytest.mark.slow
 def test_an_effect_that_does_not_help_is_shown_as_such(app: App, page: WireClient) -> None:
     page.click(ADD)
     shows(page, f"+ {HIDDEN}: the test error fell")
@@ -269,6 +271,7 @@ def test_unlisted_effects_are_told_or_ignored(app: App, page: WireClient) -> Non
     assert session(app) is before
 
 
+@pytest.mark.slow
 def test_what_is_left_is_judged_after_each_change_without_find(app: App, page: WireClient) -> None:
     shows(page, "What is left: a pattern against", f"{HIDDEN} is missing", "Add it.")
     page.click(ADD)
@@ -367,6 +370,7 @@ def test_the_residual_is_drawn_against_what_is_chosen_test_poses_apart(app: App,
         assert drawn["y"] == pytest.approx((degrees * pose_errors.apparent_joint_error[rows, 2]).tolist())
 
 
+@pytest.mark.slow
 def test_the_work_space_is_a_choice_and_follows_the_selection(app: App, page: WireClient) -> None:
     pose_errors = session(app).pose_errors
     assert pose_errors is not None
@@ -405,6 +409,7 @@ def test_a_pose_chosen_among_the_worst_is_selected_everywhere(app: App, page: Wi
     assert ring(page)[1] < pose_errors.error_length_mm.max()
 
 
+@pytest.mark.slow
 def test_arrows_go_from_measured_to_predicted_and_say_how_far_they_exaggerate(
     app: App, page: WireClient
 ) -> None:

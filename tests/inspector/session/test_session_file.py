@@ -84,6 +84,7 @@ def test_a_diagnosis_comes_back_with_its_words(folder: Path, tmp_path: Path) -> 
     assert selections(again) == selections(found)
 
 
+@pytest.mark.slow
 def test_poses_that_were_left_out_stay_out(worked_on: Session, folder: Path, tmp_path: Path) -> None:
     out = worked_on.dataset.poses.ids[3:5]
     steps = tuple(replace(step, left_out=out) for step in worked_on.steps)
