@@ -26,7 +26,7 @@ from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
 
-MOST_TOLERANCE = 1e6  # mm or rad: whoever wants no prior switches it off
+MAX_TOLERANCE = 1e6  # mm or rad: whoever wants no prior switches it off
 
 
 @one_blas_thread()
@@ -137,9 +137,9 @@ def checked_tolerances(robot: Robot, tolerances: Mapping[str, float]) -> Mapping
             raise FitError(
                 f"no parameter named {name!r}; there are {', '.join(robot.parameter_names[:6])} ..."
             )
-        if not 0.0 < value <= MOST_TOLERANCE:
+        if not 0.0 < value <= MAX_TOLERANCE:
             raise FitError(
-                f"tolerance of {name}: found {value!r}; a size above 0 and up to {MOST_TOLERANCE:g} is needed, "
+                f"tolerance of {name}: found {value!r}; a size above 0 and up to {MAX_TOLERANCE:g} is needed, "
                 "in mm or rad"
             )
     return tolerances

@@ -18,7 +18,7 @@ from calib.fitting.pose_residuals import PoseResiduals
 
 
 @dataclass(frozen=True)
-class AttitudeFigures:
+class OrientationFigures:
     """Errors of the jig's orientation over some measured poses: the angle between predicted and measured."""
 
     poses: int
@@ -27,20 +27,20 @@ class AttitudeFigures:
 
 
 @dataclass(frozen=True)
-class Attitudes:
+class OrientationErrors:
     """A model against the measured orientations; the scanner's frames and the jig's seat are of the training poses."""
 
-    train: AttitudeFigures | None
-    test: AttitudeFigures | None
+    train: OrientationFigures | None
+    test: OrientationFigures | None
 
 
-def evaluate_attitudes(model: Model, x: Array, dataset: Dataset) -> Attitudes:
+def evaluate_orientations(model: Model, x: Array, dataset: Dataset) -> OrientationErrors:
     """Hold the model at x against the dataset's orientations. Setups without training poses are left out.
 
     Raises FitError where no training pose has an orientation, or orientations have no covariance.
     """
     training = with_nominal_scanner_frames(Observations.of(dataset), dataset.robot)  # as the fit had it
-    placed = PoseResiduals(model, training).placement(x)
+    placed = PoseResiduals(model, training).frames_and_seat(x)
     everything = Observations.of(dataset, np.isin(dataset.poses.setup, list(placed.scanner_T_base)))
     everything = replace(everything, scanner_T_base=training.scanner_T_base)
     residuals = PoseResiduals(model, everything)
@@ -48,16 +48,16 @@ def evaluate_attitudes(model: Model, x: Array, dataset: Dataset) -> Attitudes:
     angle = np.linalg.norm(residuals.errors(placed, base_mm, attitude)[:, 3:], axis=1)
     is_test = dataset.poses.is_test[everything.points.pose]
 
-    def figures(rows: BoolArray) -> AttitudeFigures | None:
-        off = angle[rows & residuals.turned]
+    def figures(rows: BoolArray) -> OrientationFigures | None:
+        off = angle[rows & residuals.has_orientation]
         if len(off) == 0:
             return None
-        return AttitudeFigures(len(off), float(np.sqrt(np.mean(off**2))), float(off.max()))
+        return OrientationFigures(len(off), float(np.sqrt(np.mean(off**2))), float(off.max()))
 
-    return Attitudes(figures(~is_test), figures(is_test))
+    return OrientationErrors(figures(~is_test), figures(is_test))
 
 
-def attitude_lines(before: Attitudes, after: Attitudes) -> list[str]:
+def orientation_lines(before: OrientationErrors, after: OrientationErrors) -> list[str]:
     """Before and after in words, a line for the training poses and one for the test poses."""
     lines = []
     for label, was, now in (("train", before.train, after.train), ("test ", before.test, after.test)):

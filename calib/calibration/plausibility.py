@@ -6,9 +6,9 @@ import numpy as np
 
 from calib.calibration.result import Calibration
 
-FAR = 100.0
+MAX_TOLERANCES = 100.0
 """No arm has a length or an angle this many tolerances (100 mm, 50 deg) from its nominal value."""
-LARGE = 0.02
+MAX_SHARE_OF_SPAN = 0.02
 """Nor does a calibrated one err by this share of the space that its points span, whatever effect is missing."""
 
 
@@ -22,7 +22,7 @@ def implausibility_reason(calibration: Calibration) -> str:
     fit, xyz_mm = calibration.fit, calibration.dataset.points.xyz_mm
     remedy = "check units, joint signs, the order of the poses and robot.toml before any cause"
     tolerances = np.abs(fit.x) / calibration.model.scales
-    if len(tolerances) and tolerances.max() > FAR:
+    if len(tolerances) and tolerances.max() > MAX_TOLERANCES:
         k = int(tolerances.argmax())
         p = fit.parameters[k]
         return (
@@ -30,7 +30,7 @@ def implausibility_reason(calibration: Calibration) -> str:
             f"{tolerances[k]:.0f} times its tolerance; {remedy}"
         )
     span_mm = float(np.sqrt(np.mean(np.var(xyz_mm, axis=0))))  # a coordinate, as the residual's sigma
-    if calibration.sigma_mm > LARGE * span_mm:
+    if calibration.sigma_mm > MAX_SHARE_OF_SPAN * span_mm:
         return (
             f"the model does not describe these data: {calibration.sigma_mm:.3g} mm a coordinate are left of points "
             f"that spread over {span_mm:.3g} mm; {remedy}"

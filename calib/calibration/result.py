@@ -10,7 +10,7 @@ import pandas as pd
 
 from calib.array_types import Array
 from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
-from calib.calibration.orientation_errors import Attitudes, attitude_lines, evaluate_attitudes
+from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations, orientation_lines
 from calib.dataset.dataset import Dataset
 from calib.errors import FitError
 from calib.fitting.fit import Fit
@@ -59,12 +59,12 @@ class Calibration:
         return tuple(_iteration_errors(evaluation) for evaluation in at)
 
     @cached_property
-    def attitudes(self) -> tuple[Attitudes, Attitudes] | None:
+    def orientation_errors(self) -> tuple[OrientationErrors, OrientationErrors] | None:
         """Errors of the orientations before and after, where they were fitted."""
         if self.residual != "pose":
             return None
         before, after = (
-            evaluate_attitudes(self.model, x, self.dataset) for x in (0.0 * self.fit.x, self.fit.x)
+            evaluate_orientations(self.model, x, self.dataset) for x in (0.0 * self.fit.x, self.fit.x)
         )
         return before, after
 
@@ -134,8 +134,8 @@ class Calibration:
         ):
             if before is not None and after is not None:
                 lines.append(f"{label} {figures_line(before, after)}")
-        if self.attitudes is not None:
-            lines += attitude_lines(*self.attitudes)
+        if self.orientation_errors is not None:
+            lines += orientation_lines(*self.orientation_errors)
         if self.faces_named:
             lines.append(self.faces_named)
         return "\n".join([*lines, *self.warnings])

@@ -57,7 +57,7 @@ def require_orientations(dataset: Dataset, observed: Observations) -> None:
 
 
 @dataclass(frozen=True)
-class Placement:
+class FramesAndSeat:
     """What a pose's prediction needs beside the arm."""
 
     scanner_T_base: Mapping[str, Array]  # by setup, (4, 4)
@@ -81,7 +81,7 @@ class PoseResiduals:
         return [np.flatnonzero(setup == name) for name in np.unique(setup)]
 
     @cached_property
-    def turned(self) -> BoolArray:
+    def has_orientation(self) -> BoolArray:
         """(M,) which points have an orientation."""
         orientations = self.observed.points.orientations
         known = np.zeros(len(self.observed.points), dtype=bool)
@@ -91,9 +91,9 @@ class PoseResiduals:
     def _measured(self) -> Array:
         """(M, 3, 3) scanner_R_jig; the identity where it is not known."""
         orientations = self.observed.points.orientations
-        if orientations is None or not self.turned.any():
+        if orientations is None or not self.has_orientation.any():
             raise FitError(_NO_ORIENTATION)
-        return np.where(self.turned[:, None, None], orientations.scanner_R_jig, np.eye(3))
+        return np.where(self.has_orientation[:, None, None], orientations.scanner_R_jig, np.eye(3))
 
     @cached_property
     def _whiten(self) -> Array:
@@ -107,10 +107,10 @@ class PoseResiduals:
             )
         covariance = np.zeros((len(observed.points), 6, 6))
         covariance[:, :3, :3] = observed.covariance_mm2
-        covariance[:, 3:, 3:] = np.where(self.turned[:, None, None], turns, np.eye(3))
+        covariance[:, 3:, 3:] = np.where(self.has_orientation[:, None, None], turns, np.eye(3))
         orientations = observed.points.orientations
         if orientations is not None and orientations.cross_mm_rad is not None:
-            cross = np.where(self.turned[:, None, None], orientations.cross_mm_rad, 0.0)
+            cross = np.where(self.has_orientation[:, None, None], orientations.cross_mm_rad, 0.0)
             covariance[:, :3, 3:], covariance[:, 3:, :3] = cross, np.swapaxes(cross, 1, 2)
         try:
             whiten = np.linalg.inv(np.linalg.cholesky(covariance))
@@ -118,31 +118,33 @@ class PoseResiduals:
             raise FitError(
                 "the covariance of a measured pose is not positive definite; give each in mm^2, rad^2 and mm rad"
             ) from None
-        whiten[~self.turned, 3:] = 0.0
+        whiten[~self.has_orientation, 3:] = 0.0
         return np.asarray(whiten)
 
     @cached_property
     def _rows(self) -> BoolArray:
         """(6 M,) which equations there are."""
-        return np.repeat(self.turned, 6) | np.tile([True] * 3 + [False] * 3, len(self.turned))
+        return np.repeat(self.has_orientation, 6) | np.tile(
+            [True] * 3 + [False] * 3, len(self.has_orientation)
+        )
 
     @cached_property
     def degrees_spent(self) -> int:
         """Of the frames and the jig's seat."""
         base_mm, attitude = predict_poses(self.model, np.zeros(len(self.parameters)), self.observed)
-        return self._basis(*self._settled(base_mm, attitude)[1:]).shape[1]
+        return self._basis(*self._solve_frames_and_seat(base_mm, attitude)[1:]).shape[1]
 
-    def placement(self, x: Array) -> Placement:
+    def frames_and_seat(self, x: Array) -> FramesAndSeat:
         """The scanner's frames and the jig's seat at x."""
-        return self._settled(*predict_poses(self.model, x, self.observed))[0]
+        return self._solve_frames_and_seat(*predict_poses(self.model, x, self.observed))[0]
 
     def residual(self, x: Array) -> Array:
-        _, error, _ = self._settled(*predict_poses(self.model, x, self.observed))
+        _, error, _ = self._solve_frames_and_seat(*predict_poses(self.model, x, self.observed))
         return np.einsum("mij,mj->mi", self._whiten, error).ravel()[self._rows]
 
     def linearise(self, x: Array) -> Linearisation:
         base_mm, attitude, by_x = linearise_poses(self.model, x, self.observed)
-        placed, error, columns = self._settled(base_mm, attitude)
+        placed, error, columns = self._solve_frames_and_seat(base_mm, attitude)
         turn = self._scanner_R_base(placed)
         by_x = np.concatenate([turn @ by_x[:, :3], _by_left_turn(error[:, 3:]) @ turn @ by_x[:, 3:]], axis=1)
         jacobian = (self._whiten @ by_x).reshape(6 * len(error), -1)[self._rows]
@@ -150,7 +152,7 @@ class PoseResiduals:
         residual = np.einsum("mij,mj->mi", self._whiten, error).ravel()[self._rows]
         return Linearisation(residual, jacobian - basis @ (basis.T @ jacobian))
 
-    def errors(self, placed: Placement, base_mm: Array, attitude: Array) -> Array:
+    def errors(self, placed: FramesAndSeat, base_mm: Array, attitude: Array) -> Array:
         """(M, 6) predicted less measured: mm, and the turn's vector in rad (without meaning where it is not known)."""
         at_mm = np.empty_like(base_mm)
         for rows in self._setups:
@@ -160,7 +162,7 @@ class PoseResiduals:
         turn = frames.rotvec_from_rotation(jig @ np.swapaxes(self._measured, 1, 2))
         return np.concatenate([at_mm - self.observed.points.xyz_mm, turn], axis=1)
 
-    def _scanner_R_base(self, placed: Placement) -> Array:
+    def _scanner_R_base(self, placed: FramesAndSeat) -> Array:
         """(M, 3, 3)"""
         out = np.empty((len(self.observed.points), 3, 3))
         for rows in self._setups:
@@ -171,12 +173,12 @@ class PoseResiduals:
         """What motions of frames and seat can do to the residual: orthonormal (R, rank)."""
         return orthonormal((self._whiten @ columns).reshape(6 * len(error), -1)[self._rows])
 
-    def _settled(self, base_mm: Array, attitude: Array) -> tuple[Placement, Array, Array]:
+    def _solve_frames_and_seat(self, base_mm: Array, attitude: Array) -> tuple[FramesAndSeat, Array, Array]:
         """The best frames and seat for these predictions, the errors (M, 6) left, and the columns (M, 6, 6 S + 3).
 
         base_mm  # (M, 3); attitude  # (M, 3, 3)
         """
-        placed = self._first_placement(base_mm, attitude)
+        placed = self._first_guess(base_mm, attitude)
         for _ in range(_STEPS):
             error = self.errors(placed, base_mm, attitude)
             columns = self._nuisance_columns(placed, error, attitude)
@@ -189,18 +191,18 @@ class PoseResiduals:
             placed = self._moved(placed, motion, error)
         return placed, error, columns
 
-    def _first_placement(self, base_mm: Array, attitude: Array) -> Placement:
+    def _first_guess(self, base_mm: Array, attitude: Array) -> FramesAndSeat:
         """Frames from the positions alone, the seat as the orientations then have it on the whole."""
         placed = {}
         for rows in self._setups:
             placed[str(self.observed.setup[rows[0]])] = fit_scanner_frame(
                 base_mm[rows], self.observed.points.xyz_mm[rows], self.observed.covariance_mm2[rows]
             )
-        predicted = self._scanner_R_base(Placement(placed, np.eye(3))) @ attitude
-        seats = (np.swapaxes(predicted, 1, 2) @ self._measured)[self.turned]
-        return Placement(placed, frames.mean_rotation(seats))
+        predicted = self._scanner_R_base(FramesAndSeat(placed, np.eye(3))) @ attitude
+        seats = (np.swapaxes(predicted, 1, 2) @ self._measured)[self.has_orientation]
+        return FramesAndSeat(placed, frames.mean_rotation(seats))
 
-    def _nuisance_columns(self, placed: Placement, error: Array, attitude: Array) -> Array:
+    def _nuisance_columns(self, placed: FramesAndSeat, error: Array, attitude: Array) -> Array:
         """Of each setup a shift, and a turn about its points' centre; then the seat's turn about the tool's axes."""
         out = np.zeros((len(error), 6, 6 * len(self._setups) + 3))
         by_turn = _by_left_turn(error[:, 3:])
@@ -213,7 +215,7 @@ class PoseResiduals:
         out[:, 3:, -3:] = by_turn @ self._scanner_R_base(placed) @ attitude
         return out
 
-    def _moved(self, placed: Placement, motion: Array, error: Array) -> Placement:
+    def _moved(self, placed: FramesAndSeat, motion: Array, error: Array) -> FramesAndSeat:
         moved = {}
         at_mm = error[:, :3] + self.observed.points.xyz_mm
         for k, rows in enumerate(self._setups):
@@ -225,7 +227,7 @@ class PoseResiduals:
             centre = at_mm[rows].mean(axis=0)
             about_centre = frames.make_transform(turn, centre - turn @ centre + shift)
             moved[name] = about_centre @ placed.scanner_T_base[name]
-        return Placement(moved, frames.rotation_from_rotvec(motion[-3:]) @ placed.tool_R_jig)
+        return FramesAndSeat(moved, frames.rotation_from_rotvec(motion[-3:]) @ placed.tool_R_jig)
 
 
 def _by_left_turn(error: Array) -> Array:

@@ -82,7 +82,7 @@ def weighted(observed: Observations, weights: Array) -> Observations:
 def rows_of_points(residuals: Residuals, observed: Observations) -> IndexArray:
     """(M,) how many of the residual's rows are each point's."""
     rows = np.full(len(observed.points), 3)
-    return rows + 3 * residuals.turned if isinstance(residuals, PoseResiduals) else rows
+    return rows + 3 * residuals.has_orientation if isinstance(residuals, PoseResiduals) else rows
 
 
 def point_norms(residual: Array, rows: IndexArray) -> Array:

@@ -30,7 +30,7 @@ _FLOOR = 1e-9  # a residual this much below the first one is at the level of rou
 _LOOSE = (
     0.05  # a smaller share in the directions nobody knows is the working point's curvature, not redundancy
 )
-_SILENT = 1e-6  # a whole tolerance moves the residual by less than this many sigmas: nothing is told
+_NO_INFLUENCE = 1e-6  # a whole tolerance moves the residual by less than this many sigmas: nothing is told
 _WEIGHINGS = 8  # how often prior and noise are weighed anew at the most
 _CONVERGED = 3e-4  # a full step would move no parameter by more than this share of its sigma
 _MEMORY = 5  # full steps that are remembered
@@ -156,7 +156,7 @@ class _Descent:
         self.converged, self.reason = False, ""
         self._linearise()
         s = (self._factors_at(0.0 * self.z) if np.any(self.z) else self.factors).s
-        self.rank = int(np.sum(s > max(1e-9 * float(s[0]), _SILENT)))
+        self.rank = int(np.sum(s > max(1e-9 * float(s[0]), _NO_INFLUENCE)))
 
     def _factors_at(self, z: Array) -> _Factors:
         at = self.residuals.linearise(z * self.scales)

@@ -40,8 +40,8 @@ class Redundancy:
     combinations: tuple[
         dict[str, float], ...
     ]  # coefficients of corrections that cancel: three or more parameters
-    seen: str = ""  # by what measurements, in words
-    silent: str = "the measured point"  # what parameters without influence do not move
+    measured_by: str = ""  # by what measurements, in words
+    observed: str = "the measured point"  # what parameters without influence do not move
 
     @property
     def dropped(self) -> dict[str, str]:
@@ -63,15 +63,15 @@ class Redundancy:
 
     def summary(self) -> str:
         """In words: what acts together, what does nothing, what pairs cannot show."""
-        seen = f", seen by {self.seen}" if self.seen else ""
+        how = f", seen by {self.measured_by}" if self.measured_by else ""
         lines = [
-            f"{len(self.parameters)} parameters{seen}; Park's pairwise method keeps {len(self.kept)}, "
+            f"{len(self.parameters)} parameters{how}; Park's pairwise method keeps {len(self.kept)}, "
             f"the rank says that {self.rank} can be known."
         ]
         lines += [self._group_words(group) for group in self.groups]
         lines += [self._group_words(group) for group in self.mixed_groups]
         if self.no_influence:
-            lines.append(f"No influence on {self.silent}: {', '.join(self.no_influence)}.")
+            lines.append(f"No influence on {self.observed}: {', '.join(self.no_influence)}.")
         for relation in self.combinations:
             terms = " ".join(f"{value:+.6g} {name}" for name, value in relation.items())
             lines.append(f"Cancel each other, although no two are alike: corrections in the ratio {terms}.")
@@ -107,15 +107,15 @@ def analyse(
     units: tuple[str, ...],
     *,
     moved: ArrayLike | None = None,
-    seen: str = "",
-    silent: str = "the measured point",
+    measured_by: str = "",
+    observed: str = "the measured point",
 ) -> Redundancy:
     """Everything `Redundancy` holds, from a Jacobian (R, P) in the parameters' own units.
 
     Args:
         moved: (P,) lengths that the columns had before something was taken out of them, against which a rest counts
             as nothing; their own lengths where None.
-        seen, silent: as of `Redundancy`.
+        measured_by, observed: as of `Redundancy`.
 
     Raises FitError where the Jacobian has fewer than two rows or is not finite.
     """
@@ -148,8 +148,8 @@ def analyse(
         rank=len(independent),
         independent=independent,
         combinations=tuple(r for name, r in relations.items() if name not in paired),
-        seen=seen,
-        silent=silent,
+        measured_by=measured_by,
+        observed=observed,
     )
 
 

@@ -27,7 +27,7 @@ from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import Robot
 from calib.options import RESIDUAL_KINDS
 
-MM_A_RADIAN = 500.0
+MM_PER_RADIAN = 500.0
 """How turns count beside lengths where no measurement says so: 0.05 mm against 0.1 mrad."""
 
 _KNOWN = "in the base frame, as if the scanner's place were known (Park)"
@@ -38,7 +38,7 @@ MEASURED_BY = {
     "pairs": "the distances between all poses, which are positions from an unknown place",
 }
 """By what each kind of residual sees the parameters, in words."""
-_SILENT = {"position": "the measured point", "pose": "the full pose, but for what the jig's seat takes up"}
+_OBSERVED = {"position": "the measured point", "pose": "the full pose, but for what the jig's seat takes up"}
 
 
 @one_blas_thread()
@@ -53,8 +53,8 @@ def redundancy(dataset: Dataset, *, residual: str = "position") -> Redundancy:
         dataset.robot.parameter_names,
         dataset.robot.parameter_units,
         moved=moved,
-        seen=MEASURED_BY[residual],
-        silent=_SILENT.get(residual, "the distances"),
+        measured_by=MEASURED_BY[residual],
+        observed=_OBSERVED.get(residual, "the distances"),
     )
 
 
@@ -68,7 +68,7 @@ class FreeFrameRank:
 
     def summary(self) -> str:
         best = self.best[self.residual]
-        if self.residual in _SILENT:
+        if self.residual in _OBSERVED:
             what, option = (
                 ("full poses", " --residual pose") if self.residual == "pose" else ("positions", "")
             )
@@ -145,10 +145,10 @@ def _columns(
     if not frame_known or residual == "pairs":
         absorbed = [_motion(chain.target_mm, rows) for rows in setups]
     if residual == "pose":
-        turn = MM_A_RADIAN * kinematics.turn_jacobian(chain).reshape(len(q), 3, -1)
+        turn = MM_PER_RADIAN * kinematics.turn_jacobian(chain).reshape(len(q), 3, -1)
         columns = np.concatenate([columns, turn], axis=1)
         seat = np.zeros((len(q), 6, 3))
-        seat[:, 3:] = MM_A_RADIAN * chain.base_T_frame[:, -1, :3, :3]
+        seat[:, 3:] = MM_PER_RADIAN * chain.base_T_frame[:, -1, :3, :3]
         absorbed.append(seat)
     moved = np.linalg.norm(columns, axis=(0, 1))
     columns = np.asarray(columns.reshape(-1, columns.shape[-1]), dtype=np.float64)
@@ -166,7 +166,7 @@ def _motion(points_mm: Array, rows: IndexArray) -> Array:
     out = np.zeros((len(points_mm), 6, 6))
     out[rows, :3, :3] = np.eye(3)
     out[rows, :3, 3:] = -frames.skew(points_mm[rows] - points_mm[rows].mean(axis=0))
-    out[rows, 3:, 3:] = MM_A_RADIAN * np.eye(3)
+    out[rows, 3:, 3:] = MM_PER_RADIAN * np.eye(3)
     return out
 
 

@@ -26,10 +26,10 @@ from calib.scans.scan import PointCount
 from calib.validation.cross_validation import SUSPICIOUS, noise_ratio
 from calib.validation.splits import training_groups
 
-HOPELESS = 100.0
+MAX_SIGMA_RATIO = 100.0
 """A residual this many times the declared sigma is no calibrated arm, whatever the improvement."""
 _NO_NOISE_MM = 1e-6  # where none is declared
-HALF = 0.5  # of a scan's points; one that loses more is told
+MAX_SHARE_DROPPED = 0.5  # of a scan's points; one that loses more is told
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def check(
 
 def thin_scans(counts: Mapping[str, PointCount]) -> list[CheckItem]:
     """A warning where scans lose more than half of their points for want of a value."""
-    thin = {pose_id: count for pose_id, count in counts.items() if count.share_dropped > HALF}
+    thin = {pose_id: count for pose_id, count in counts.items() if count.share_dropped > MAX_SHARE_DROPPED}
     if not thin:
         return []
     pose_id, worst = max(thin.items(), key=lambda item: item[1].share_dropped)
@@ -153,7 +153,7 @@ def _corners(searches: Mapping[str, CornerSearch]) -> CheckItem:
 def _repeats(dataset: Dataset, repeats: tuple[Repeats, ...]) -> CheckItem:
     sigma_mm = pooled_sigma_mm(repeats)
     words = f"{len(repeats)} places measured again and again: one coordinate's sigma is {sigma_mm:.4f} mm"
-    hopeless = is_declared(dataset) and sigma_mm > HOPELESS * declared_sigma_mm(dataset)
+    hopeless = is_declared(dataset) and sigma_mm > MAX_SIGMA_RATIO * declared_sigma_mm(dataset)
     if hopeless:
         words += f", {sigma_mm / declared_sigma_mm(dataset):.3g} times the declared: these are not points of one place"
     return CheckItem("repeats", False if hopeless else None, words)
@@ -218,7 +218,7 @@ def _residual(calibration: Calibration) -> list[CheckItem]:
     declared = is_declared(calibration.dataset)
     ratio_words = f", {noise:.3g} times the declared sigma" if declared else "; no sigma is declared"
     doubt = implausibility_reason(calibration)
-    if not doubt and declared and noise > HOPELESS:
+    if not doubt and declared and noise > MAX_SIGMA_RATIO:
         doubt = "the model does not describe these data; check joint signs, units and the order of the poses"
     if doubt:
         meaning = f": {doubt}"

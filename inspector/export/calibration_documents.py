@@ -37,8 +37,8 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "rank": fit.rank,
         **_roles(calibration.after),
         "before": _roles(calibration.before),
-        "attitudes": calibration.attitudes
-        and dict(zip(("before", "after"), map(asdict, calibration.attitudes), strict=True)),
+        "attitudes": calibration.orientation_errors
+        and dict(zip(("before", "after"), map(asdict, calibration.orientation_errors), strict=True)),
         "faces_named": calibration.faces_named or None,
         "sigma_mm": calibration.sigma_mm,
         "degrees_of_freedom": fit.degrees_of_freedom,

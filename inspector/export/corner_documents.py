@@ -54,7 +54,7 @@ def redundancy_document(redundancy: Redundancy, unknown: FreeFrameRank) -> dict[
     """What `redundancy --json` prints; `unknown` is what is left where the scanner's place is unknown."""
     return {
         "residual": unknown.residual,
-        "seen_by": redundancy.seen,
+        "seen_by": redundancy.measured_by,
         "parameters": redundancy.parameters,
         "pearson": redundancy.pearson,
         "no_influence": redundancy.no_influence,

@@ -91,9 +91,9 @@ def figures_html(result: Calibration) -> str:
 
 def attitude_rows(result: Calibration) -> list[tuple[object, ...]]:
     """How far the jig's predicted attitude is from the measured one, where full poses were fitted; mrad."""
-    if result.attitudes is None:
+    if result.orientation_errors is None:
         return []
-    before, after = result.attitudes
+    before, after = result.orientation_errors
     rows: list[tuple[object, ...]] = []
     for role, was, now in (("train", before.train, after.train), ("test", before.test, after.test)):
         if was is None or now is None:

@@ -99,7 +99,7 @@ def redundancy_html(analysis: Redundancy) -> str:
     silent = ", ".join(parameter_label(name) for name in analysis.no_influence) or "none"
     useful = len(set(analysis.kept) - set(analysis.no_influence))
     parts = [
-        elements.note(f"Seen by {analysis.seen}."),
+        elements.note(f"Seen by {analysis.measured_by}."),
         elements.facts(
             [
                 ("parameters", len(analysis.parameters)),

@@ -213,7 +213,7 @@ def redundancy(report: Report) -> list[Block]:
     ]
     caption = "Pearson's r between the columns of the nominal Jacobian; grey: no influence."
     return [
-        Paragraph(f"Seen by {analysis.seen}."),
+        Paragraph(f"Seen by {analysis.measured_by}."),
         Facts(rows),
         Bullets(analysis.summary().split("\n")[1:]),
         Figure(draw, caption, height_px=640, width_px=740),

@@ -29,7 +29,7 @@ def test_poses_of_an_arm_with_an_effect_are_fitted_to_the_noise(effect: str) -> 
     with_it = calibrate(dataset, FitOptions("pose"), effects=family_of(dataset, effect).members)
     assert without.fit.noise > 3.0
     assert 0.8 < with_it.fit.noise < 1.2
-    assert with_it.attitudes is not None
-    after = with_it.attitudes[1].train
+    assert with_it.orientation_errors is not None
+    after = with_it.orientation_errors[1].train
     assert after is not None
     assert after.rmse_rad < 2.0 * np.sqrt(3.0) * 3e-5

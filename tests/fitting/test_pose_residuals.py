@@ -101,7 +101,7 @@ def test_no_other_frame_and_seat_fit_better() -> None:
     assert orientations is not None
     assert orientations.covariance_rad2 is not None
     assert orientations.cross_mm_rad is not None
-    placed = residuals.placement(x)
+    placed = residuals.frames_and_seat(x)
     (start,) = placed.scanner_T_base.values()
 
     def everything(u: np.ndarray) -> np.ndarray:
@@ -176,8 +176,8 @@ def test_data_without_what_it_takes_are_told() -> None:
 def test_calibrate_tells_attitudes_and_full_poses_know_two_parameters_more() -> None:
     dataset = full_poses(9, poses=50)
     result = calibrate(dataset, FitOptions("pose"))
-    assert result.attitudes is not None
-    before, after = result.attitudes
+    assert result.orientation_errors is not None
+    before, after = result.orientation_errors
     assert before.test is not None
     assert after.test is not None
     assert after.test.rmse_rad < 3.0 * SIGMA_RAD < 0.2 * before.test.rmse_rad
@@ -220,7 +220,7 @@ def test_a_joint_six_that_points_cannot_see_is_seen_by_poses() -> None:
     arm = builtin_robot("rb5")
     chain = geometric_model(arm).state(np.zeros(35), dataset.poses).chain
     nominal = PoseResiduals(geometric_model(arm), Observations.of(dataset, np.ones(60, dtype=bool)))
-    frame = next(iter(nominal.placement(np.zeros(35)).scanner_T_base.values()))
+    frame = next(iter(nominal.frames_and_seat(np.zeros(35)).scanner_T_base.values()))
     axis = np.einsum("ij,nj->ni", frame[:3, :3], chain.base_T_frame[:, 5, :3, 2])
     turned = frames.rotation_from_rotvec(2e-3 * np.sin(q6)[:, None] * axis) @ given.scanner_R_jig
     spoiled = dataset.with_points(replace(dataset.points, orientations=replace(given, scanner_R_jig=turned)))
