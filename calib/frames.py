@@ -66,8 +66,8 @@ def skew(vectors: ArrayLike) -> Array:
 def best_fit_transform(source_mm: ArrayLike, target_mm: ArrayLike, weights: ArrayLike | None = None) -> Array:
     """The rigid motion that takes source (N, 3) to target (N, 3) with the least weighted squared error.
 
-    Closed form by SVD (Kabsch 1976, Umeyama 1991), reflections excluded. Collinear points leave one rotation free;
-    then the answer is one of the equally good ones. Returns target_T_source (4, 4).
+    Closed form by SVD (Kabsch 1976, Umeyama 1991), reflections excluded. Points on a line leave the turn about it
+    open; the result is then one of the motions that fit equally well. Returns target_T_source (4, 4).
     """
     source = np.asarray(source_mm, dtype=float)
     target = np.asarray(target_mm, dtype=float)
@@ -90,6 +90,6 @@ def best_fit_rotation(source: ArrayLike, target: ArrayLike) -> Array:
 
 
 def mean_rotation(rotations: ArrayLike) -> Array:
-    """The rotation (3, 3) with the least sum of squared chords to rotations (K, 3, 3)."""
+    """The rotation (3, 3) with the least sum of squared Frobenius distances to rotations (K, 3, 3), by SVD."""
     u, _, vt = np.linalg.svd(np.mean(np.asarray(rotations, dtype=float), axis=0))
     return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)

@@ -1,1 +1,1 @@
-"""Physical effects: what turns the nominal robot's state at each pose into the real one's."""
+"""Physical effects: how a real arm and scanner, at each pose, differ from the nominal ones."""

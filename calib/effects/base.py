@@ -1,4 +1,4 @@
-"""The public place of what a user's own effect imports; `from calib import Effect, Parameter` is the same."""
+"""What a file of a user's own effects may import; `from calib import Effect, Parameter` gives the same."""
 
 from calib.effects.effect import Effect, Parameter
 

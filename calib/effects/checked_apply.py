@@ -1,4 +1,4 @@
-"""Someone else's effect at work: whatever goes wrong in its `apply` is one line that says where."""
+"""Checks around a user's own effect: what goes wrong in its code becomes an error of one line that says where."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from calib.errors import CalibError
 
 
 def is_users(effect: object) -> bool:
-    """Whether an effect comes from outside this package, so that its mistakes are its author's to mend."""
+    """Whether an effect's class is from outside this package, a user's own."""
     return type(effect).__module__.partition(".")[0] != "calib"
 
 
@@ -22,13 +22,13 @@ def checked_apply(effect: Any, state: RobotState, values: Mapping[str, float]) -
 
     Raises:
         CalibError: it raises, returns no state or one of the wrong shape, gives values that are not finite, or changes
-            the state that it was handed: fits share it, the poses are the dataset's own.
+            the state that it was handed, which fits share (its poses are the dataset's).
     """
     label = f"effect {type(effect).__name__}"
     before = [array.copy() for array in _handed(state)]
     expected = state.vector.shape[1]  # before it can be changed
     try:
-        with np.errstate(all="ignore"):  # what is not finite is told below
+        with np.errstate(all="ignore"):  # what is not finite is an error of its own, below
             after = effect.apply(state, **values)
     except CalibError:
         raise
@@ -81,7 +81,7 @@ def one_line(error: BaseException) -> str:
 
 
 def _handed(state: RobotState) -> tuple[np.ndarray, ...]:
-    """What `apply` can reach and must not write to."""
+    """The arrays that `apply` is given and must not write to."""
     poses = state.poses
     optional = (poses.payload_kg, poses.temperature_c, poses.time_s, poses.approach)
     arrays = (state.table, state.base_rotvec_rad, state.displacement_mm, poses.q)
@@ -89,7 +89,7 @@ def _handed(state: RobotState) -> tuple[np.ndarray, ...]:
 
 
 def _at(effect: Any, error: BaseException) -> str:
-    """The line of the effect's own file at which it went wrong, where there is one."""
+    """ " in line 12" of the file that defines the effect; "" where the error has no line there."""
     code = getattr(effect.apply, "__code__", None)
     frames = traceback.extract_tb(error.__traceback__)
     lines = [f.lineno for f in frames if code is not None and f.filename == code.co_filename]

@@ -1,4 +1,4 @@
-"""Effects of load: joints, links, base and tool that yield under gravity."""
+"""Effects of load: joints, links, base and tool that give way under gravity."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from calib.kinematics.robot import Robot
 
 
 def _where_masses_are_known(name: str, robot: Robot, members: tuple[Effect, ...]) -> Family:
+    """The family, which cannot be tested where robot.toml lacks masses."""
     if has_masses(robot):
         return Family(name, members)
     return Family(
@@ -36,7 +37,7 @@ def stiffness(c_rad_per_nm: float) -> str:
 
 @dataclass(frozen=True)
 class JointCompliance(CatalogueEffect):
-    """A joint that yields to the gravity torque about it: theta += c tau (a prismatic one: d += c force)."""
+    """A joint that gives way to gravity's torque about it: theta += c tau (a prismatic one: d += c force)."""
 
     joint: int
     name = "joint_compliance"
@@ -50,7 +51,7 @@ class JointCompliance(CatalogueEffect):
     )
 
     def apply(self, state: RobotState, *, c_rad_per_nm: float) -> RobotState:
-        """The joint's error added, for the torque at the state that comes in."""
+        """The joint's error added, for the torque at the state where loads are worked out (`RobotState.loaded`)."""
         return state.add_joint_error(
             self.joint, c_rad_per_nm * state.loaded.gravity.joint_torques[:, self.joint]
         )
@@ -65,7 +66,7 @@ class JointCompliance(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One for each joint; where masses are not known, with the masses among its unknowns."""
+        """A member for each joint; where masses are not known, one whose unknowns include them."""
         robot, poses = dataset.robot, dataset.poses
         if has_masses(robot):
             return Family(cls.name, tuple(cls(j) for j in range(robot.n_joints)))
@@ -84,13 +85,13 @@ class JointCompliance(CatalogueEffect):
 class JointComplianceUnknownMasses:
     """The same where masses are not known: theta += sum over frames beyond of (c m) x torque of 1 kg there.
 
-    Linear still: each parameter is compliance times the mass that hangs at one frame. A payload that varies is known,
-    so its torque comes with the compliance alone.
+    Still linear: each parameter is compliance times the mass that hangs at one frame. A payload that varies is known
+    in kg, so the factor of its torque is the compliance itself.
     """
 
     joint: int
     places: int  # frames beyond the joint, the tool point included
-    payload: bool  # whether it varies
+    payload: bool  # whether it varies over the training poses
     name = JointCompliance.name
     equation, symbols = JointCompliance.equation, JointCompliance.symbols
     needs, confirm = JointCompliance.needs, JointCompliance.confirm
@@ -98,7 +99,7 @@ class JointComplianceUnknownMasses:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """One for each frame beyond the joint, and the compliance where the payload tells it."""
+        """One for each frame beyond the joint, and the compliance where the payload varies."""
         masses = tuple(
             Parameter(
                 f"cm_at_{self.joint + 1 + k}", "rad kg/Nm", 2e-4, "compliance times the mass at a frame"
@@ -115,7 +116,7 @@ class JointComplianceUnknownMasses:
         return state.add_joint_error(self.joint, torques @ np.array(list(values.values())))
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
-        """That of the compliance, where the payload tells it; of a product with a mass nothing can be said."""
+        """As `JointCompliance` for the compliance itself; "" for a product with an unknown mass."""
         if parameter.unit != "rad/Nm":
             return ""
         return JointCompliance(self.joint).meaning(parameter, value, state)
@@ -123,7 +124,7 @@ class JointComplianceUnknownMasses:
 
 @dataclass(frozen=True)
 class GravityBacklash(CatalogueEffect):
-    """Play that gravity takes up: theta += b / 2 sign(tau)."""
+    """Backlash of a joint that gravity presses to one side: theta += b / 2 sign(tau)."""
 
     joint: int
     name = "gravity_backlash"
@@ -142,7 +143,7 @@ class GravityBacklash(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One for each joint."""
+        """A member for each joint."""
         members = tuple(cls(j) for j in range(dataset.robot.n_joints))
         return _where_masses_are_known(cls.name, dataset.robot, members)
 
@@ -184,14 +185,14 @@ class LinkBending(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One for each joint's link."""
+        """A member for each joint's link."""
         members = tuple(cls(j) for j in range(dataset.robot.n_joints))
         return _where_masses_are_known(cls.name, dataset.robot, members)
 
 
 @dataclass(frozen=True)
 class BaseCompliance(CatalogueEffect):
-    """A pedestal that tilts under the overturning moment of the whole arm: the base turns by C M(q)."""
+    """A pedestal that tilts under the moment M of the whole arm's weight: the base turns by diag(cx, cy, 0) M(q)."""
 
     name = "base_compliance"
     equation = "base turns by C M(q)"
@@ -211,13 +212,13 @@ class BaseCompliance(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One."""
+        """One member, for the whole arm."""
         return _where_masses_are_known(cls.name, dataset.robot, (cls(),))
 
 
 @dataclass(frozen=True)
 class ToolSag(CatalogueEffect):
-    """A tool that hangs: it moves by R diag(c) R^T g, R the flange's attitude and g gravity's direction."""
+    """A tool that sags: it moves by R diag(c) R^T g, R = base_R_flange and g the unit vector along gravity."""
 
     name = "tool_sag"
     equation = "target moves by R diag(c) R^T g"
@@ -239,5 +240,5 @@ class ToolSag(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One."""
+        """One member, for the whole arm."""
         return Family(cls.name, (cls(),))

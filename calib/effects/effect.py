@@ -1,7 +1,7 @@
 """What an effect is: named parameters with units, and one pure function from the robot's state to the robot's state.
 
-Calibration is a list of effects with unknown parameters, simulation the same list with known ones. Every effect obeys
-one law: **zero means absent**. At zero parameters `apply` returns the state bit for bit.
+A model is a robot with a list of effects, whose parameters a fit finds. Every effect obeys one law: **zero means
+absent**. At zero parameters `apply` returns the state bit for bit.
 
 A user's own effect needs no more than this::
 
@@ -38,19 +38,19 @@ from calib.effects.state import RobotState
 
 @dataclass(frozen=True)
 class Parameter:
-    """One unknown number. `scale` is its size in practice: the prior's sigma and the solver's unit for it."""
+    """One unknown number. `scale` is its usual size, in `unit`: the prior's sigma and the solver's unit for it."""
 
     name: str
     unit: str
     scale: float
     doc: str = ""
     nominal: float = 0.0  # what is reported is nominal + the fitted value
-    positive: bool = False  # whether nature has it with this sign only, such as a compliance
+    positive: bool = False  # whether only this sign is possible, as of a compliance
 
 
 @runtime_checkable
 class Effect(Protocol):
-    """The contract. `apply` takes a value for each parameter, by its name."""
+    """What every effect has: its parameters, and `apply`, which takes a value for each of them by its name."""
 
     @property
     def parameters(self) -> Sequence[Parameter]:
@@ -69,8 +69,8 @@ class Family:
 
     name: str
     members: tuple[Effect, ...]
-    why_not: str = ""  # why this dataset cannot speak about it, "" where it can
-    would_help: str = ""  # the data that would change that
+    why_not: str = ""  # why this dataset cannot test it, "" where it can
+    would_help: str = ""  # what to measure or write down so that it can be tested
     note: str = ""  # what was assumed, such as unknown masses
 
     @property
@@ -80,11 +80,12 @@ class Family:
 
 
 class CatalogueEffect(ABC):
-    """What the class of an effect of the catalogue says, besides `parameters` and `apply`: all that is told about it.
+    """What the class of an effect of the catalogue has besides `parameters` and `apply`: all that is said about it.
 
     An effect of a user's own needs none of this. It may carry `equation`, `needs` and `confirm` too, and so may either
     have a method `meaning(parameter, value, state)`: what a value, in the parameter's unit, means on the arm at the
-    poses of a state, in a shop's words. Without it the unit alone decides: degrees, stiffness, per cent.
+    poses of a state, such as degrees at the largest torque. Without it the unit alone decides: degrees, stiffness,
+    per cent (`calib.diagnosis.parameter_meaning`).
     """
 
     name: ClassVar[str]  # as the command line and the files take it
@@ -96,7 +97,7 @@ class CatalogueEffect(ABC):
     @classmethod
     @abstractmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The members that this robot may have under these conditions; without the data for it, why not."""
+        """The members for a robot and the conditions of its poses; where the data for them are missing, why not."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ def family_name(effect: Effect) -> str:
 
 
 def full_name(effect: Effect, parameter: Parameter) -> str:
-    """A parameter's name among all: `family.parameter`, with the joint, counted from 1, where the effect has one.
+    """A parameter's name in a model: `family.parameter`, or `family.J2.parameter` where the effect is of a joint.
 
     Entries of the robot's table keep their own names, a1 ... betaTCP.
     """
@@ -139,7 +140,7 @@ def describe(effect: Effect | type[CatalogueEffect]) -> Description:
 
 
 def parameters_by_name(effects: Sequence[Effect]) -> dict[str, tuple[Effect, Parameter]]:
-    """Each parameter of some effects, by its full name, with its effect."""
+    """By its full name, each parameter of these effects, with its effect."""
     return {full_name(effect, p): (effect, p) for effect in effects for p in effect.parameters}
 
 

@@ -1,4 +1,4 @@
-"""Effects in the drive of one joint: where it stands is not where it was told to stand."""
+"""Effects of a joint's drive and bearings: the angle, or the axis, is not as commanded."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from calib.kinematics.robot import Robot
 
 
 def _harmonic(order: float, scale: float) -> tuple[Parameter, ...]:
+    """sin3_rad and cos3_rad, say, for a third harmonic."""
     suffix = f"{order:g}_rad".replace(".", "_")
     return tuple(
         Parameter(part + suffix, "rad", scale, f"{part}({order:g} q) amplitude") for part in ("sin", "cos")
@@ -21,6 +22,7 @@ def _harmonic(order: float, scale: float) -> tuple[Parameter, ...]:
 
 
 def _periodic_error(state: RobotState, joint: int, order: float, values: dict[str, float]) -> RobotState:
+    """theta += A sin(n q) + B cos(n q), values A and B in rad."""
     sine, cosine = values.values()
     q = state.q_rad[:, joint]
     return state.add_joint_error(joint, sine * np.sin(order * q) + cosine * np.cos(order * q))
@@ -35,8 +37,8 @@ def _revolute_joints(robot: Robot) -> list[int]:
 class TransmissionError(CatalogueEffect):
     """An error that comes n times a turn: theta += A sin(n q) + B cos(n q), n = 1, 2 or 3.
 
-    n = 1 is eccentricity of an encoder or gear. The cosine of n = 1 at a joint whose whole range is small is close to a
-    joint offset, its sine to a wrong gear ratio.
+    n = 1 is eccentricity of an encoder or gear. Over a small range of the joint the cosine of n = 1 is nearly a joint
+    offset, its sine nearly a wrong gear ratio.
     """
 
     joint: int
@@ -59,7 +61,7 @@ class TransmissionError(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Three harmonics of each revolute joint."""
+        """A member for each of three harmonics of each revolute joint."""
         return Family(cls.name, tuple(cls(j, n) for j in _revolute_joints(dataset.robot) for n in (1, 2, 3)))
 
 
@@ -76,7 +78,7 @@ class StrainWave(TransmissionError):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Two harmonics of each revolute joint whose gear ratio is known."""
+        """A member for each of two harmonics of each revolute joint whose gear ratio is known."""
         members = tuple(
             cls(j, factor * joint.gear_ratio)
             for j, joint in enumerate(dataset.robot.joints)
@@ -115,13 +117,13 @@ class JointScale(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One for each joint."""
+        """A member for each joint."""
         return Family(cls.name, tuple(cls(j) for j in range(dataset.robot.n_joints)))
 
 
 @dataclass(frozen=True)
 class JointCoupling(CatalogueEffect):
-    """A joint that is dragged by its neighbour, as wrists with bevel gears are: theta_j += k q_i."""
+    """A joint that another one moves along, as in wrists with bevel gears: theta_j += k q_i."""
 
     joint: int
     driver: int
@@ -134,7 +136,7 @@ class JointCoupling(CatalogueEffect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """One: the driver's number is in its name, as a joint may have two."""
+        """One; the driving joint's number is in its name, as a joint may have two drivers."""
         return (Parameter(f"k_of_J{self.driver + 1}", "1", 1e-4, "share of the neighbour's motion"),)
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
@@ -143,12 +145,12 @@ class JointCoupling(CatalogueEffect):
         return state.add_joint_error(self.joint, k * state.q_rad[:, self.driver])
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
-        """The error a degree."""
+        """The error for each degree of the other joint."""
         return f"{value:.2g}\N{DEGREE SIGN} for each degree of the driving joint"
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """The last two joints, each by its neighbour before it, and the last by the one before that."""
+        """The last two joints, each driven by its neighbour before it, and the last by the one before that."""
         n = dataset.robot.n_joints
         pairs = [(j, j - 1) for j in range(max(n - 2, 1), n)] + ([(n - 1, n - 3)] if n >= 3 else [])
         if n < 2:
@@ -158,7 +160,7 @@ class JointCoupling(CatalogueEffect):
 
 @dataclass(frozen=True)
 class Backlash(CatalogueEffect):
-    """Play that is taken up from the side the joint came from: theta += b / 2 sign(approach)."""
+    """Backlash, which the side that the joint came from decides: theta += b / 2 sign(approach)."""
 
     joint: int
     name = "backlash"
@@ -177,7 +179,7 @@ class Backlash(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One for each joint that was moved to from both sides in the training poses."""
+        """A member for each joint that was moved to from both sides in the training poses."""
         poses = dataset.poses
         if poses.approach is None:
             return Family(
@@ -241,5 +243,5 @@ class AxisWobble(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """Two harmonics of each revolute joint."""
+        """A member for each of two harmonics of each revolute joint."""
         return Family(cls.name, tuple(cls(j, n) for j in _revolute_joints(dataset.robot) for n in (1, 2)))

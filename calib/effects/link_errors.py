@@ -49,6 +49,6 @@ class LinkErrors:
         )
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
-        """The table with the errors added."""
+        """The table with the errors added; mm and rad, by the names of the table's entries."""
         errors = np.array([values[p.name] for p in self.parameters])
         return replace(state, table=state.table + errors.reshape(state.table.shape[1:]))

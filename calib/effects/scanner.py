@@ -1,4 +1,4 @@
-"""Effects of the instrument. They change what the scanner reports, so they need to know where it looks."""
+"""Effects of the scanner: they move what it reports, by where it measured and from where (`RobotState.seen`)."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class ScannerDistortion(CatalogueEffect):
     """Depth and radial errors about the middle of the measured field.
 
     With u = (p - centre) / half: depth z += k1 u_z + k2 u_z^2, radial (x, y) += k r^2 (u_x, u_y), r^2 = u_x^2 + u_y^2.
-    Where the true middle lies is not known; two more columns, the radial term's change with it, let it move. Never
-    divided by z: another instrument's z may cross zero.
+    The true middle of the optics is not known: two more columns, the radial term's derivative by it, let it move. No
+    term divides by z, as that of a line scanner or tracker may be zero.
     """
 
     centre_mm: Vector
@@ -77,7 +77,7 @@ class ScannerDistortion(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One, about the middle of the training points."""
+        """One member, about the middle of the training points."""
         return Family(cls.name, (cls(*_field(dataset)),))
 
 
@@ -117,7 +117,7 @@ class ScannerDrift(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One, about the middle of the training points, over the time that all poses took."""
+        """One member, about the middle of the training points, over the time that all poses took."""
         time_s = dataset.poses.time_s
         if time_s is None:
             return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")
@@ -154,7 +154,7 @@ class IncidenceBias(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One."""
+        """One member."""
         return Family(cls.name, (cls(),))
 
 
@@ -175,7 +175,7 @@ class ScannerScale(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One that no dataset can test: the arm's lengths and the scanner's scale are known only together."""
+        """One member, which no dataset can test: the arm's lengths and the scanner's scale are known only together."""
         return Family(
             cls.name,
             (cls(),),

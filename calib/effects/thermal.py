@@ -11,7 +11,7 @@ from calib.effects.effect import CatalogueEffect, Family, Parameter
 from calib.effects.state import RobotState
 
 REFERENCE_C = 20.0
-"""Lengths are those of this temperature; a constant offset is link errors."""
+"""Temperature, C, at which lengths are those of robot.toml; growth that is the same at all poses is link errors."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class ThermalGrowth(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One, where the temperature varies over the training poses."""
+        """One member, where the temperature varies over the training poses."""
         poses = dataset.poses
         temperature = poses.temperature_c
         if temperature is None:

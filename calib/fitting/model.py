@@ -180,7 +180,7 @@ def geometric_model(robot: Robot) -> Model:
 def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array]:
     """A target's place (N, 3) and its derivative by `state.vector` (N, 3, S): the chain's analytic Jacobian."""
     chain_mm = _target_mm(state, target)
-    by_table = kinematics.jacobian(state.chain, chain_mm)  # (N, 3, n + 1, 5)
+    by_table = kinematics.point_jacobian(state.chain, chain_mm)  # (N, 3, n + 1, 5)
     if target != "jig":
         by_table[:, :, -1] = 0.0  # further targets do not ride on the tool row
     by_table = by_table.reshape(*by_table.shape[:2], -1)

@@ -136,7 +136,7 @@ def _columns(
     if residual not in RESIDUAL_KINDS:
         raise FitError(f"no residual named {residual!r}; there are {', '.join(RESIDUAL_KINDS)}")
     chain = kinematics.forward(robot.table, q, robot.is_revolute)
-    columns = kinematics.jacobian(chain, chain.target_mm).reshape(len(q), 3, -1)
+    columns = kinematics.point_jacobian(chain, chain.target_mm).reshape(len(q), 3, -1)
     setups = [np.flatnonzero(setup == name) for name in np.unique(setup)]
     if residual == "distance":
         distances = [_distance_columns(chain.target_mm[rows], columns[rows]) for rows in setups]

@@ -3,13 +3,14 @@
 Frame i: `Rz(theta_i + q_i) Trans(a_i, 0, d_i) Rx(alpha_i) Ry(beta_i)` (Jang 2025 eq 3; Park 2022 section 2; beta is
 Hayati's parameter for consecutive parallel axes). The tool row closes the chain with the same form and no q.
 
-Each parameter moves everything beyond it by a screw: d and a slide along an axis, theta, alpha and beta turn about
-one. The Jacobian of a point (Jang eq 8) is therefore read off the frames of the forward pass, without differencing:
+A change of a parameter moves all that lies beyond it: by a shift along an axis for d and a, by a turn about one for
+theta, alpha and beta. So the Jacobian of a point p (Jang eq 8) follows from the frames of the forward pass:
 
     dp/dtheta_i = z_(i-1) x (p - o_(i-1))     dp/dd_i = z_(i-1)      dp/da_i = x'_i
     dp/dalpha_i = x'_i x (p - o_i)            dp/dbeta_i = y_i x (p - o_i)
 
-with x'_i the x axis after the turn by theta_i + q_i, o_i and y_i origin and y axis of frame i.
+with `x` the cross product, x'_i the x axis after the turn by theta_i + q_i, o_i and y_i origin and y axis of frame i,
+z_(i-1) and o_(i-1) the joint's axis and a point on it; all in the base frame.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ class Chain:
 
     @property
     def base_T_flange(self) -> Array:
-        """(N, 4, 4) the last joint's frame, where the tool row starts and further targets are given."""
+        """(N, 4, 4) the last joint's frame: the tool row starts from it, further targets are given in it."""
         return self.base_T_frame[:, -2]
 
     @property
@@ -45,7 +46,7 @@ class Chain:
 
 
 def forward(table: ArrayLike, q: ArrayLike, is_revolute: ArrayLike) -> Chain:
-    """Run the chain.
+    """All frames of an arm at N joint vectors, base frame: products of the links' transforms (Jang eq 3).
 
     Args:
         table: (n + 1, 5), or (1 or N, n + 1, 5) where poses differ; rows a, alpha, d, theta, beta in mm and rad.
@@ -55,7 +56,7 @@ def forward(table: ArrayLike, q: ArrayLike, is_revolute: ArrayLike) -> Chain:
     table, q = np.asarray(table, dtype=float), np.asarray(q, dtype=float)
     table = table[None] if table.ndim == 2 else table
     n_poses, n_joints = q.shape
-    # The poses lie last in memory: each operation is then one sweep over all of them.
+    # The poses' axis comes last, so that each operation runs over contiguous memory.
     a, alpha, d, theta, beta = np.ascontiguousarray(table.T)  # each (n + 1, 1 or N)
     driven = np.zeros((n_joints + 1, n_poses))  # the tool row has no q
     driven[:-1] = q.T
@@ -73,7 +74,7 @@ def forward(table: ArrayLike, q: ArrayLike, is_revolute: ArrayLike) -> Chain:
 
 
 def _link_transforms(a: Array, alpha: Array, d: Array, theta: Array, beta: Array) -> Array:
-    """Jang eq (3), multiplied out; arguments (...,), which broadcast, result (4, 4, ...)."""
+    """Jang eq (3) multiplied out, lengths in mm and angles in rad (...,), which broadcast: (4, 4, ...)."""
     ct, st = np.cos(theta), np.sin(theta)
     ca, sa = np.cos(alpha), np.sin(alpha)
     cb, sb = np.cos(beta), np.sin(beta)
@@ -94,8 +95,8 @@ def _link_transforms(a: Array, alpha: Array, d: Array, theta: Array, beta: Array
     return out
 
 
-def jacobian(chain: Chain, points_mm: ArrayLike) -> Array:
-    """Derivative of points that ride beyond the tool row by the table's entries (Jang eq 8).
+def point_jacobian(chain: Chain, points_mm: ArrayLike) -> Array:
+    """Derivative of points that are fixed to the tool by the table's entries (Jang eq 8).
 
     Args:
         points_mm: (N, 3) in the base frame, one a pose.
@@ -115,11 +116,12 @@ def jacobian(chain: Chain, points_mm: ArrayLike) -> Array:
 def turn_jacobian(chain: Chain) -> Array:
     """The tool frame's small turn about the base's axes by the table's entries: (N, 3, n + 1, 5), rad per mm or rad.
 
-    An angle turns about its own axis, whatever lies between: theta about z_(i-1), alpha about x'_i, beta about y_i.
+    Lengths turn nothing. An angle turns the tool about its own axis: theta about z_(i-1), alpha about x'_i, beta about
+    y_i.
     """
     z, y = chain.base_T_frame[:, :-1, :3, 2], chain.base_T_frame[:, 1:, :3, 1]
-    still = np.zeros_like(z)
-    return np.moveaxis(np.stack([still, chain.turned_x, still, z, y], axis=-1), 1, 2)
+    none = np.zeros_like(z)  # of a and d
+    return np.moveaxis(np.stack([none, chain.turned_x, none, z, y], axis=-1), 1, 2)
 
 
 def joint_jacobian(chain: Chain, is_revolute: ArrayLike) -> tuple[Array, Array]:
@@ -128,7 +130,7 @@ def joint_jacobian(chain: Chain, is_revolute: ArrayLike) -> tuple[Array, Array]:
     Per rad of a joint that turns (its theta), per mm of a prismatic one (its d), which turns nothing.
     """
     turns = np.asarray(is_revolute, dtype=bool)
-    by_table = jacobian(chain, chain.target_mm)[:, :, :-1]
+    by_table = point_jacobian(chain, chain.target_mm)[:, :, :-1]
     axes = np.moveaxis(chain.base_T_frame[:, :-2, :3, 2], 1, 2)  # z_(i-1) of each joint
     return np.where(turns, by_table[..., 3], by_table[..., 2]), np.where(turns, axes, 0.0)
 
@@ -141,4 +143,4 @@ def target_points(robot: Robot, q: ArrayLike) -> Array:
 def target_jacobian(robot: Robot, q: ArrayLike) -> Array:
     """J of Jang eq (8): (N, 3, P) by the robot's parameters, in the order of `robot.parameter_names`."""
     chain = forward(robot.table, q, robot.is_revolute)
-    return jacobian(chain, chain.target_mm).reshape(len(chain.target_mm), 3, -1)
+    return point_jacobian(chain, chain.target_mm).reshape(len(chain.target_mm), 3, -1)

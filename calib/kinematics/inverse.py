@@ -76,10 +76,10 @@ def solve_inverse(
         if len(active) == 0:
             break
         at = q[active]
-        homeless = takes_all | (damping[active, None] > 0.0)
-        home = np.where(homeless, 0.0, (start[active] - at) / units)
+        is_damped = takes_all | (damping[active, None] > 0.0)
+        to_start = np.where(is_damped, 0.0, (start[active] - at) / units)
         damped = (damping[active], rule.constant_damping_mm2)
-        step = _step(jacobian, error, home, damped, at <= low[active], at >= high[active])
+        step = _step(jacobian, error, to_start, damped, at <= low[active], at >= high[active])
         longest = np.abs(step).max(axis=1, keepdims=True)
         step = step * np.minimum(1.0, rule.longest_step / np.maximum(longest, 1e-12))
         trial = np.clip(at + step * units, low[active], high[active])
@@ -100,7 +100,7 @@ def solve_inverse(
 def _step(
     jacobian: Array,
     error: Array,
-    home: Array,
+    to_start: Array,
     damping: tuple[Array, float],
     at_low: BoolArray,
     at_high: BoolArray,
@@ -108,7 +108,7 @@ def _step(
     """Scaled steps (K, n); joints at an end of their box that would press outward are held and the rest steps anew."""
     held = np.zeros_like(at_low)
     for _ in range(jacobian.shape[2]):
-        step = _damped(jacobian * ~held[:, None], error, home, damping) * ~held
+        step = _damped(jacobian * ~held[:, None], error, to_start, damping) * ~held
         pressing = ((step < 0.0) & at_low) | ((step > 0.0) & at_high)
         if not pressing.any():
             break
@@ -116,8 +116,8 @@ def _step(
     return step * ~held
 
 
-def _damped(jacobian: Array, error: Array, home: Array, damping: tuple[Array, float]) -> Array:
-    """J^T (J J^T + mu)^(-1) e + (1 - J^+ J) home, by singular values: (K, m, n) -> (K, n).
+def _damped(jacobian: Array, error: Array, to_start: Array, damping: tuple[Array, float]) -> Array:
+    """J^T (J J^T + mu)^(-1) e + (1 - J^+ J) to_start, by singular values: (K, m, n) -> (K, n).
 
     damping  # (K,) as a share of the largest squared singular value, and one for all in mm^2: mu is their sum
     """
@@ -127,5 +127,5 @@ def _damped(jacobian: Array, error: Array, home: Array, damping: tuple[Array, fl
     keep = s > _NULL * largest
     gain = np.where(keep, s / (s**2 + share[:, None] * largest**2 + constant_mm2 + ~keep), 0.0)
     along = gain * np.einsum("kir,ki->kr", u, error)
-    back = np.where(keep, np.einsum("krn,kn->kr", vt, home), 0.0)
-    return home + np.einsum("krn,kr->kn", vt, along - back)
+    back = np.where(keep, np.einsum("krn,kn->kr", vt, to_start), 0.0)
+    return to_start + np.einsum("krn,kr->kn", vt, along - back)

@@ -26,7 +26,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Link:
-    """One row of the table: the transform to the next frame, apart from the joint's own motion."""
+    """One row of the table: the transform to the next frame (Jang eq 3) at q = 0."""
 
     a_mm: float = 0.0
     alpha_rad: float = 0.0
