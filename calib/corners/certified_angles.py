@@ -18,12 +18,9 @@ from calib.array_types import Array
 from calib.jig import FACE_PAIRS, angles_between_deg
 from calib.planes.robust_fit import PlaneFit
 
-MOST_MISFIT = (
-    21.1  # squared, three angles: exceeded once in 10 000 scans of a jig that has the certified angles
-)
-_LEAST_MISFIT_MARGIN = (
-    12.0  # how much less the squared misfit of one labelling has to be than that of the others
-)
+MOST_MISFIT = 21.1
+"""Squared misfit of three angles that a jig with the given angles exceeds once in 10 000 scans."""
+_LEAST_MISFIT_MARGIN = 12.0  # by which the best labelling's squared misfit is below the next one's
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,10 @@ from scipy.spatial.transform import Rotation
 
 from calib import frames
 from calib.array_types import Array
+from calib.corners.certified_angles import MOST_MISFIT
 from calib.corners.intersection import Corner
 from calib.jig import Jig, jig_normals
 
-MOST_MISFIT = 21.1  # squared, of three angles: exceeded once in 10 000 scans of a jig with the given angles
 _STEPS = 6
 _NULL = 1e-8  # of a covariance's largest eigenvalue: certified angles leave three of six slopes no freedom
 

@@ -23,9 +23,9 @@ from calib.corners.face_outline import (
     without_far_points,
 )
 from calib.corners.intersection import Corner, Face, intersect, intersection_covariance, packed
-from calib.corners.quality import CornerQuality, FaceQuality, angle_errors
+from calib.corners.quality import CornerQuality, FaceQuality, angle_errors, incidence_deg, require_faces
 from calib.errors import CornerError
-from calib.jig import FACE_PAIRS, Jig
+from calib.jig import Jig
 from calib.planes.clustering import PlaneGroup
 from calib.planes.robust_fit import PlaneFit, fit_plane_robustly
 
@@ -37,11 +37,6 @@ _BAND_SIGMA = 12.0
 _LESS_MARGIN = (1.0, 0.5, 0.2)
 _MARGIN_SIGMA = 3.0  # a face's own noise must not carry its points over the edge into the other face's band
 _LEAST_SPREAD = 1 / 200  # standard deviation across the strip of points on a face, of the edge
-SQUARENESS_DEG = 1.0
-MOST_INCIDENCE_DEG = 84.0
-_DEEP = 0.035  # of the edge: points of which nine in ten lie nearer to an edge than this are not a face's
-_ROUGHEST = 10.0  # times the scatter of the other faces; a face seen at 84 deg scatters some 6 times as much
-_ROUGH = 1 / 3000  # of the edge: a scatter below this is not compared
 
 
 @dataclass(frozen=True)
@@ -79,7 +74,7 @@ def refine(
         local, near, normals, start_offsets - normals @ origin, jig, sigma_mm, options
     )
     known = plane_uncertainty(planes, jig.edge_mm, origin / max(float(np.linalg.norm(origin)), 1e-9))
-    _require_faces(planes, known.covariance, origin, jig)
+    require_faces(planes, known.covariance, origin, jig)
     covariance, moves = known.covariance, np.zeros(9)
     notes: tuple[str, ...] = ()
     if jig.certified:
@@ -189,45 +184,6 @@ def _lack_of_points(points: Array, jig: Jig, options: RefinementOptions) -> str:
     return ""
 
 
-def _require_faces(planes: Sequence[PlaneFit], covariance: Array, origin: Array, jig: Jig) -> None:
-    """Raise CornerError where the three refined planes cannot be the jig's faces. covariance  # (9, 9) of the planes"""
-    for plane in planes:
-        seen_at_deg = incidence_deg(plane, origin)
-        if seen_at_deg > MOST_INCIDENCE_DEG:
-            raise CornerError(
-                f"the third face would be seen edge-on ({len(plane.indices)} points, {seen_at_deg:.1f} deg off its "
-                f"normal; beyond {MOST_INCIDENCE_DEG:g} deg stray points along an edge look the same); "
-                "turn the jig so that three faces are seen"
-            )
-    for plane in planes:
-        legs_mm = [np.abs(plane.points_mm @ p.normal - p.offset_mm) for p in planes if p is not plane]
-        deep_mm = float(np.quantile(np.min(legs_mm, axis=0), 0.9))
-        if deep_mm < _DEEP * jig.edge_mm:
-            raise CornerError(
-                f"the {len(plane.indices)} points taken for one of the faces lie within {deep_mm:.2g} mm of its edges, "
-                "as those of a bevel do; turn the jig so that three faces are seen"
-            )
-    scatter = np.array([plane.sigma_mm for plane in planes])
-    usual_mm = max(float(np.median(scatter)), _ROUGH * jig.edge_mm)
-    if scatter.max() > _ROUGHEST * usual_mm:
-        rough = planes[int(np.argmax(scatter))]
-        raise CornerError(
-            f"the {len(rough.indices)} points taken for one of the faces scatter {rough.sigma_mm:.2g} mm, those of the "
-            f"others {usual_mm:.2g} mm: they are no plane; turn the jig so that three faces are seen"
-        )
-    slopes = [covariance[3 * i + 1 : 3 * i + 3, 3 * i + 1 : 3 * i + 3] for i in range(3)]
-    tilt_deg = [np.degrees(np.sqrt(np.linalg.eigvalsh(slope)[-1])) for slope in slopes]
-    nominal_slack_deg = SQUARENESS_DEG + jig.out_of_square_deg()
-    for i, j in FACE_PAIRS:
-        off_deg = float(np.degrees(np.arcsin(np.clip(planes[i].normal @ planes[j].normal, -1, 1))))
-        slack_deg = nominal_slack_deg + 3 * np.hypot(tilt_deg[i], tilt_deg[j])
-        if abs(off_deg) > slack_deg:
-            raise CornerError(
-                f"two of the faces meet {abs(off_deg):.2f} deg out of square, more than {slack_deg:.2f} deg; "
-                "look at the chosen planes, and check face_angles_deg in dataset.toml"
-            )
-
-
 def _face(
     plane: PlaneFit,
     normal: Array,
@@ -298,9 +254,3 @@ def _quality(
         margin_mm=margin_mm,
         notes=notes,
     )
-
-
-def incidence_deg(plane: PlaneFit, origin: Array) -> float:
-    """Angle between the line of sight to the middle of the plane's points and its normal."""
-    way = plane.centre_mm + origin
-    return float(np.degrees(np.arccos(np.abs(plane.normal @ way) / np.linalg.norm(way))))
