@@ -42,7 +42,7 @@ from inspector.session.json_text import to_json
 
 
 def run_serve(options: ServeOptions) -> int:
-    """The web app until Ctrl-C."""
+    """Serve the web app until Ctrl-C."""
     from inspector.app.serving import serve
     from inspector.session.session_file import load_session, opening
 
@@ -56,7 +56,7 @@ def run_serve(options: ServeOptions) -> int:
 
 
 def run_corners(options: CornersOptions) -> int:
-    """Scans to corners."""
+    """Find the corner in every scan."""
     dataset = load(options.path)
     check_outputs(dataset, [options.out])
     searches = _search(dataset, options.processes)
@@ -74,7 +74,7 @@ def run_corners(options: CornersOptions) -> int:
 
 
 def _left_out(search: CornerSearch) -> str:
-    """What a scan's line says of rows that have no value; nothing where all have one."""
+    """How many points of a scan have no value, for the end of its line; empty where all have one."""
     count = search.count
     if count is None or not count.dropped:
         return ""
@@ -82,7 +82,7 @@ def _left_out(search: CornerSearch) -> str:
 
 
 def run_redundancy(options: RedundancyOptions) -> int:
-    """Which parameters say the same thing."""
+    """Pearson's redundancy of the parameters (Park 3), and the rank with the scanner's frame unknown."""
     dataset = load(options.path)
     check_outputs(dataset, [options.out])
     result = redundancy(dataset, residual=options.residual)
@@ -95,7 +95,7 @@ def run_redundancy(options: RedundancyOptions) -> int:
 
 
 def run_effects(options: Output) -> int:
-    """The catalogue."""
+    """List the catalogue of effects."""
     lines = [
         f"{d.name}: {d.equation}  [{', '.join(f'{n} {u}' for n, u in d.symbols)}]; needs {d.needs}"
         for d in descriptions()
@@ -105,7 +105,7 @@ def run_effects(options: Output) -> int:
 
 
 def run_simulate(options: SimulateOptions) -> int:
-    """A dataset with known truth."""
+    """Simulate a dataset with known truth."""
     import numpy as np
 
     from calib.simulation.measured_dataset import write_simulation
@@ -164,7 +164,7 @@ def _whole_or_nothing(folder: Path) -> Iterator[None]:
 
 
 def run_check(options: CheckOptions) -> int:
-    """The whole chain: exit code 1 where it is not good enough."""
+    """Corners, fit and diagnosis of each dataset; exit code 1 where one does not pass."""
     results = []
     for folder in find_datasets(options.path):
         dataset = load_dataset(folder)
@@ -192,7 +192,7 @@ def run_check(options: CheckOptions) -> int:
 
 
 def load(path: Path) -> Dataset:
-    """The dataset, with what is odd about it told on stderr."""
+    """Load the dataset and print its warnings to stderr."""
     dataset = load_dataset(path)
     for warning in dataset.warnings:
         print(f"inspector: warning: {warning}", file=sys.stderr)
@@ -207,7 +207,7 @@ def measured(dataset: Dataset, *, orientation: bool = False) -> Dataset:
 
 
 def searched(dataset: Dataset) -> dict[str, CornerSearch]:
-    """The corners in a dataset's scans, by pose; those without one are told on stderr."""
+    """The corners in a dataset's scans, by pose; which scans have none, and why, goes to stderr."""
     searches = _search(dataset)
     require_corners(dataset, searches)
     for pose_id, reason in failed_searches(searches).items():
@@ -216,7 +216,7 @@ def searched(dataset: Dataset) -> dict[str, CornerSearch]:
 
 
 def _search(dataset: Dataset, wanted: int | None = None) -> dict[str, CornerSearch]:
-    """The corners by as many processes as wanted."""
+    """The corners by as many processes as wanted; None: one for each core."""
     scans = 0 if dataset.scan_folder is None else len(dataset.poses)
     with progress("corners") as on_progress, processes(scans, wanted) as executor:
         return find_corners(dataset, on_progress=on_progress, executor=executor, intermediate=False)

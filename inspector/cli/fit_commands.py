@@ -68,7 +68,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
     steps = _fitted(options, dataset)
     result = steps[-1].calibration
     if options.out is not None:
-        _require_sense(result, options.force)
+        _require_plausible(result, options.force)
     session = _as_session(options, dataset, steps) if options.session is not None else None
     if options.out is not None:
         write_text_atomically(options.out, robot_to_toml(result.robot))
@@ -99,8 +99,8 @@ def _calibration_text(steps: Sequence[FitStep]) -> str:
     return "\n".join([*lines, result.summary()])
 
 
-def _require_sense(result: Calibration, force: bool) -> None:
-    """Refuse to write what no controller should run by. Raises CalibError unless `force`."""
+def _require_plausible(result: Calibration, force: bool) -> None:
+    """Raise CalibError for a fit that is no improvement or implausible, unless `force`: nothing is written then."""
     result.require_improvement(force=force)
     doubt = "" if force else implausibility_reason(result)
     if doubt:
@@ -110,7 +110,7 @@ def _require_sense(result: Calibration, force: bool) -> None:
 
 
 def _as_session(options: CalibrateOptions, dataset: Dataset, steps: Sequence[FitStep]) -> Session:
-    """The fits as the page would have made them. Raises CalibError for options that a session cannot hold."""
+    """The fits as a session of the page holds them. Raises CalibError for options that a session cannot hold."""
     given = {
         "--effect": options.effect,
         "--hold": options.hold,
@@ -132,7 +132,7 @@ def _errors(calibration: Calibration) -> str:
 
 
 def run_validate(options: ValidateOptions) -> int:
-    """Folds over poses, and a learning curve."""
+    """Cross-validate over poses, and measure the learning curve."""
     dataset = measured(load(options.path), orientation=options.residual == "pose")
     asked = options.fit_options()
     effects = effects_named(dataset, options.effect, loaded_effects(options.effects_file, dataset))
@@ -150,7 +150,7 @@ def run_correct(options: CorrectOptions) -> int:
     targets = load_targets(options.joints, dataset.robot)
     dataset = measured(dataset, orientation=options.residual == "pose")
     result = _fitted(options, dataset)[-1].calibration
-    _require_sense(result, options.force)
+    _require_plausible(result, options.force)
     require_conditions(targets, result)
     correction = corrected_joints(
         dataset.robot,
@@ -167,7 +167,7 @@ def run_correct(options: CorrectOptions) -> int:
 
 
 def run_report(options: ReportOptions) -> int:
-    """One page to send to someone."""
+    """Diagnose, and write the report."""
     from inspector.report.content import report_of
     from inspector.report.report import is_report, report_html  # with plotly, which takes a while to load
 
@@ -193,7 +193,7 @@ def run_report(options: ReportOptions) -> int:
 
 
 def run_diagnose(options: DiagnoseOptions) -> int:
-    """Which physical effect is missing."""
+    """Select the missing effects step by step."""
     if options.max_steps < 0:
         raise DatasetError(f"--max-steps {options.max_steps}: a number of steps is 0 or more")
     dataset = measured(load(options.path))

@@ -16,7 +16,7 @@ MIN_SCANS_FOR_PROCESSES = 12  # below this, starting further interpreters takes 
 
 @contextmanager
 def stages() -> Iterator[Callable[[str], None] | None]:
-    """What is being done, on a terminal's one line; nothing elsewhere."""
+    """A function that shows the step under way in one line of a terminal; None where stderr is none."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -32,7 +32,7 @@ def stages() -> Iterator[Callable[[str], None] | None]:
 
 @contextmanager
 def processes(scans: int, wanted: int | None = None) -> Iterator[Executor | None]:
-    """As many processes as wanted; by default one for each core, where there are scans enough to keep them busy."""
+    """As many processes as wanted; by default one for each core, where there are at least MIN_SCANS_FOR_PROCESSES."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     count = min(scans, cores if wanted is None else wanted)
     if count < 2 or (wanted is None and scans < MIN_SCANS_FOR_PROCESSES):
@@ -40,15 +40,15 @@ def processes(scans: int, wanted: int | None = None) -> Iterator[Executor | None
         return
     # Not fork: Open3D and BLAS have threads by then, which a forked child would not have.
     with ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn")) as executor:
-        with _deaf_to_interrupts():
+        with _ignored_interrupts():
             for _ in range(count):
                 executor.submit(os.getpid)  # starts a process
         yield executor
 
 
 @contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Let processes that start here ignore Ctrl-C, which a terminal sends to all: this one ends them, in silence."""
+def _ignored_interrupts() -> Iterator[None]:
+    """Let processes that start here ignore Ctrl-C, which a terminal sends to all of them; this process ends them."""
     if threading.current_thread() is not threading.main_thread():  # no other may set signals
         yield
         return
@@ -61,7 +61,7 @@ def _deaf_to_interrupts() -> Iterator[None]:
 
 @contextmanager
 def progress(what: str, unit: str = "scan") -> Iterator[Callable[[int, int, str], None] | None]:
-    """A bar on stderr where that is a terminal, nothing elsewhere."""
+    """A function that moves a progress bar on stderr; None where that is no terminal."""
     if not sys.stderr.isatty():
         yield None
         return

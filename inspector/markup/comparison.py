@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.calibration.evaluation import Figures
 from calib.calibration.model_versions import Version
 from calib.calibration.noise_check import noise_floor_mm
@@ -67,7 +67,7 @@ def points_legend(view: View) -> str:
     )  # fmt: skip
 
 
-def distance_bar(distances_mm: NDArray) -> str:
+def distance_bar(distances_mm: Array) -> str:
     """The scale of the colours of a scan's points (N,) on the jig."""
     limit = distance_limit_mm(distances_mm)
     return colour_scale.bar("Distance to the nearest chosen face", -limit, limit, colour_scale.SIGNED)
@@ -97,7 +97,7 @@ def _pose_row(view: View, version: Version) -> tuple[object, ...] | None:
     )
 
 
-def distance_html(view: View, distances_mm: NDArray | None) -> str:
+def distance_html(view: View, distances_mm: Array | None) -> str:
     """How far the scan lies from the three faces that were chosen in it, with the scale of its colours."""
     if view.session.dataset.scan_folder is None:
         return ""
@@ -137,7 +137,7 @@ def error_limit_mm(view: View) -> float:
     return colour_scale.round_limit(float(np.nanmax(view.version.pose_errors_mm(), initial=0.0)))
 
 
-def distance_limit_mm(distances_mm: NDArray) -> float:
+def distance_limit_mm(distances_mm: Array) -> float:
     """The end of the scale of distances: 98 in 100 of them lie within."""
     known = np.abs(distances_mm[np.isfinite(distances_mm)])
     return colour_scale.round_limit(float(np.percentile(known, 98))) if len(known) else 1.0

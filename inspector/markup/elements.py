@@ -53,9 +53,8 @@ def table(
         shown = _markup(value) if column >= left or isinstance(value, Html) else _name(value)
         return f'<{tag} style="{_CELL}{_LINE}text-align:{align};{extra}">{shown}</{tag}>'
 
-    stay = (
-        "position:sticky;top:0;background:var(--mantine-color-body);" if height else ""
-    )  # the page's own colour
+    # The heading stays while the table scrolls, on the page's own colour.
+    stay = "position:sticky;top:0;background:var(--mantine-color-body);" if height else ""
     head = "".join(cell("th", i, h, f"font-weight:600;{stay}") for i, h in enumerate(headers))
     body = []
     for number, row in enumerate(rows):
@@ -78,9 +77,8 @@ def _name(value: object) -> str:
     """A name; one with a long word takes several lines and leaves the columns beside it their place."""
     if max(map(len, str(value).split()), default=0) <= LONG_NAME:
         return text(value)
-    wide = (
-        "display:inline-block;min-width:7.5em;white-space:normal;vertical-align:top;"  # and what others leave
-    )
+    # At least 7.5em wide, more where the other columns leave it.
+    wide = "display:inline-block;min-width:7.5em;white-space:normal;vertical-align:top;"
     return f'<span style="{wide}{_BREAK}">{text(value)}</span>'
 
 

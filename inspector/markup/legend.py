@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from inspector.markup import elements
 from inspector.markup.comparison import distance_bar, points_legend, roles_legend
 from inspector.markup.palette import FACE_COLOURS, FILTER_COLOURS, HIGHLIGHT, MODEL_COLOURS, REJECTED
@@ -13,7 +13,7 @@ from inspector.session.view import View, corner_of
 EMPTY = "Nothing is on show: choose a view above, or tick a layer below."
 
 
-def legend_html(view: View, visible: set[str], distances_mm: NDArray | None) -> str:
+def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> str:
     """The meaning of the layers on show that have something in them. distances_mm  # (N,) of the scan to the jig"""
     if not visible:
         return elements.note(EMPTY)
@@ -38,6 +38,5 @@ def legend_html(view: View, visible: set[str], distances_mm: NDArray | None) -> 
     if compared and visible & {"residuals", "predicted"}:
         models = ((MODEL_COLOURS[name], name) for name in compared)
         parts.append(elements.legend(models, before=f"residuals × {view.arrows:g} to"))
-    return (
-        f'<div style="margin-bottom:14px">{"".join(parts)}</div>' if parts else ""
-    )  # clear of the folder below
+    # The margin keeps it clear of the folder below.
+    return f'<div style="margin-bottom:14px">{"".join(parts)}</div>' if parts else ""

@@ -29,7 +29,7 @@ NOTE = (
 
 
 class FitPanel:
-    """The calibration in figures and elements."""
+    """The calibration in figures and tables."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))

@@ -26,7 +26,7 @@ CHOICES = (LENGTHS, ANGLES, ALL)
 
 
 class RedundancyPanel:
-    """Heatmap and the same in numbers."""
+    """Heatmap and the same in words."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         gui.add_html(elements.note(NOTE))
@@ -81,7 +81,7 @@ def group_sentence(group: Sequence[str], kept: Sequence[str], r: float) -> str:
 
 
 def redundancy_html(analysis: Redundancy) -> str:
-    """The analysis in numbers."""
+    """The analysis in words."""
     row = {name: i for i, name in enumerate(analysis.parameters)}
 
     def sentence(group: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""All that a report tells, gathered from a session: the fit, the ranking, what is left over, what can be known."""
+"""All that a report shows, gathered from a session: fit, ranking of effects, residuals, identifiability."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ModelResidual:
 
 @dataclass(frozen=True)
 class Report:
-    """All that the page tells; `report_of` gathers it."""
+    """All that the page shows; `report_of` gathers it."""
 
     session: Session
     calibration: Calibration
@@ -46,7 +46,7 @@ class Report:
 
 
 def report_of(session: Session) -> Report:
-    """What there is to tell of a session that is calibrated and ranked."""
+    """The content of the report of a session that is calibrated and whose candidates are ranked."""
     calibration, ranking = session.calibration, session.screening
     assert calibration is not None
     assert ranking is not None
