@@ -10,6 +10,15 @@ from calib.effects.gravity import has_masses
 from calib.effects.state import RobotState
 from calib.kinematics.robot import Robot
 
+OF_JOINTS = ("q", "torque", "approach")  # inputs that every joint has, its number behind the name
+
+
+def joint_input(name: str) -> tuple[str, int] | None:
+    """("torque", 3) for "torque4": one of `OF_JOINTS` and the joint, from 0; None for any other input."""
+    stem = name.rstrip("0123456789")
+    number = name[len(stem) :]
+    return (stem, int(number) - 1) if number and stem in OF_JOINTS else None
+
 
 def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]:
     """Every input by its name, one value a pose (N,); what never changes is left out.

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from calib.array_types import BoolArray
+from calib.calibration.input_variables import joint_input
 from calib.calibration.pose_errors import PoseErrors, pose_errors_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Poses
@@ -48,14 +49,13 @@ def _inputs(pose_errors: PoseErrors, poses: Poses, is_revolute: BoolArray) -> di
     """The inputs by the name that a column has; the place of the point is `measured_...` already."""
     out: dict[str, object] = {}
     for name, values in pose_errors.inputs.items():
-        stem = name.rstrip("0123456789")
-        joint = name.removeprefix(stem)
+        quantity, joint = joint_input(name) or ("", 0)
         if name in poses.extra.columns:
             out[name] = poses.extra[name].to_numpy()  # words as words, not as numbers for them
-        elif stem == "q" and joint:
-            turns = bool(is_revolute[int(joint) - 1])
+        elif quantity == "q":
+            turns = bool(is_revolute[joint])
             out[f"{name}_{'deg' if turns else 'mm'}"] = np.degrees(values) if turns else values
-        elif stem == "torque" and joint:
+        elif quantity == "torque":
             out[f"{name}_nm"] = values
         elif name not in ("x", "y", "z"):
             out[name] = values

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.calibration.result import Calibration
-from calib.screening.candidates import Candidate, Screening
+from calib.screening.candidates import Candidate, Screening, Untestable
 from calib.screening.fault_models import JointFault, best_bump_or_jump
 from calib.screening.residual_tests import ResidualTests
 
@@ -45,6 +45,11 @@ def leading_fault(screening: Screening) -> JointFault | None:
     fault = best_bump_or_jump(screening.projected)
     best = max((c.log_evidence for c in screening.candidates), default=0.0)
     return fault if fault is not None and fault.log_evidence > best + MIN_LEAD else None
+
+
+def untestable_names(untestable: Sequence[Untestable]) -> tuple[str, ...]:
+    """Families that a verdict does not cover: without the scanner's scale, which hardly any data can test."""
+    return tuple(family.name for family in untestable if family.name != "scanner_scale")
 
 
 def predicts_worse(before: Calibration, after: Calibration) -> bool:

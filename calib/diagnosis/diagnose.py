@@ -15,9 +15,11 @@ import numpy as np
 from calib.blas_threads import one_blas_thread
 from calib.dataset.dataset import Dataset, without_poses
 from calib.diagnosis.decision_rules import verdict_of
+from calib.diagnosis.pose_recommendation import DiscriminatingPose, discriminating_poses
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.stepwise import SearchSpace, Tell, search_stepwise
 from calib.effects.catalogue import Family, effects_for, family_of
+from calib.errors import FitError
 from calib.options import FitOptions
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import run_residual_tests
@@ -51,14 +53,12 @@ def diagnose(
     tell = on_step or (lambda words: None)
     found = _diagnosis(_search_space(dataset, options, effects, user_effects), max_steps, tell)
     outliers = found.residual_tests.outlier_poses
-    if not 0 < len(outliers) <= max(2, FEW * len(np.unique(found.calibration.after.pose))):
-        return found
-    # Only now, with the effects in: a few wrong points bend the fit and hide or feign a pattern in all others.
-    tell("once more without the poses that stand out")
-    rest = _diagnosis(
-        _search_space(without_poses(dataset, outliers), options, effects, user_effects), max_steps, tell
-    )
-    return _of_all_poses(found, rest, outliers)
+    if 0 < len(outliers) <= max(2, FEW * len(np.unique(found.calibration.after.pose))):
+        # Only now, with the effects in: a few wrong points bend the fit and hide or feign a pattern in all others.
+        tell("once more without the poses that stand out")
+        others = _search_space(without_poses(dataset, outliers), options, effects, user_effects)
+        found = _of_all_poses(found, _diagnosis(others, max_steps, tell), outliers)
+    return replace(found, discriminating_poses=_discriminating_poses(found))
 
 
 def _search_space(
@@ -101,3 +101,12 @@ def _of_all_poses(found: Diagnosis, rest: Diagnosis, outliers: tuple[str, ...]) 
         residual_tests=replace(rest.residual_tests, outlier_poses=all_outliers),
         steps=tuple(replace(step, left_out=outliers) for step in rest.steps),
     )
+
+
+def _discriminating_poses(found: Diagnosis) -> tuple[DiscriminatingPose, ...]:
+    """Poses at which the effects of an ambiguous set differ most; () without one, and where none can be fitted."""
+    tied = [c for c in found.screenings[-1].candidates if c.name in found.ambiguous_set]
+    try:
+        return discriminating_poses(found.calibration, tied)
+    except FitError:  # too few poses to fit one of them
+        return ()

@@ -1,4 +1,4 @@
-"""A diagnosis in plain words, built from its numbers: what was compared, what is left, which cause, how sure, what next."""
+"""Why a diagnosis reached its verdict, as sentences: the model, each effect found, what is left, the verdict."""
 
 from __future__ import annotations
 
@@ -7,244 +7,170 @@ import numpy as np
 from calib.calibration.noise_check import is_declared
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
-from calib.diagnosis.decision_rules import MIN_LEAD
+from calib.diagnosis.decision_rules import MIN_LEAD, untestable_names
 from calib.diagnosis.effect_selection import FitStep
-from calib.diagnosis.parameter_meaning import meaning
-from calib.diagnosis.pose_recommendation import in_words, splitting_poses
-from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.findings import Findings
+from calib.diagnosis.phrases import meaning
+from calib.diagnosis.sentences import (
+    SMALL_CHANGE,
+    Adequate,
+    Ambiguous,
+    EffectFound,
+    EffectRefused,
+    EffectsTied,
+    ErrorChange,
+    Explanation,
+    FaultLeads,
+    FaultSuspected,
+    FittedValue,
+    ModelFitted,
+    Named,
+    Outliers,
+    PosesStandOut,
+    Reason,
+    ResidualOrder,
+    ResidualSentence,
+    ResidualSize,
+    ResidualTooLarge,
+    ResidualWithoutOrder,
+    Unexplained,
+    VerdictSentence,
+)
 from calib.effects.effect import parameters_by_name
 from calib.screening.candidates import Candidate, Screening
 from calib.screening.residual_tests import ResidualTests
 
-HARDLY = 0.03  # a change of the held-out error below this share is none to speak of
+POSES_TOLD = 3
 
 
-def explain(diagnosis: Diagnosis) -> str:
-    """Several short paragraphs."""
-    parts = [_compared(diagnosis.steps[0].calibration)]
-    steps = zip(diagnosis.steps, diagnosis.steps[1:], diagnosis.screenings, strict=False)
-    parts += [_step(before, after, screening) for before, after, screening in steps]
-    if diagnosis.ambiguous_set:
-        parts.append(_ambiguous(diagnosis))
-    if diagnosis.refused:
-        parts.append(
-            f"{diagnosis.refused} explains the training poses well, but with it the test poses are predicted worse: it was "
-            "not added. Either it stands in for another cause, or the test poses differ from the others."
-        )
-    if diagnosis.leading_fault is not None:
-        parts.append(
-            f"Outside the catalogue a simpler story says more than any effect in it, by {MIN_LEAD:g} in log evidence at least: "
-            f"{diagnosis.leading_fault.words}. No effect was named in its place."
-        )
-    parts.append(remains_words(diagnosis.residual_tests))
-    parts.append(verdict_words(diagnosis))
-    return "\n\n".join(part for part in parts if part)
+def explain(findings: Findings) -> Explanation:
+    """What led to a diagnosis, a paragraph each, and its verdict."""
+    steps = zip(findings.steps, findings.steps[1:], findings.screenings, strict=False)
+    single: list[Reason] = [_model_fitted(findings.steps[0].calibration)]
+    single += [_effect_found(before, after, screening) for before, after, screening in steps]
+    if findings.ambiguous_set:
+        single.append(_effects_tied(findings))
+    if findings.refused:
+        single.append(EffectRefused(findings.refused))
+    if findings.leading_fault is not None:
+        single.append(FaultLeads(findings.leading_fault, MIN_LEAD))
+    paragraphs = (*((reason,) for reason in single), residual_sentences(findings.residual_tests))
+    return Explanation(paragraphs, _verdict(findings))
 
 
-def _compared(calibration: Calibration) -> str:
+def _model_fitted(calibration: Calibration) -> ModelFitted:
     fit, dataset = calibration.fit, calibration.dataset
     train, test = calibration.after.train, calibration.after.test
-    names = calibration.model.family_names
-    with_effects = f" with {' and '.join(names)}" if names else ""
-    words = (
-        f"The five-parameter model{with_effects} was fitted to {train.points if train else 0} measured points of {dataset.robot.name} with the "
-        f"scanner's place unknown. It leaves {calibration.sigma_mm:.4g} mm a coordinate"
+    return ModelFitted(
+        robot=dataset.robot.name,
+        families=calibration.model.family_names,
+        points=train.points if train else 0,
+        sigma_mm=calibration.sigma_mm,
+        noise_ratio=fit.noise if is_declared(dataset) else None,
+        train_rmse_mm=train.rmse_mm if train and test else None,
+        test_rmse_mm=test.rmse_mm if train and test else None,
     )
-    words += (
-        f", {fit.noise:.2g} times the declared noise" if is_declared(dataset) else "; no noise is declared"
-    )
-    if test is not None and train is not None:
-        words += f"; the training poses are off by {train.rmse_mm:.4g} mm (3D RMSE), the test poses by {test.rmse_mm:.4g} mm"
-    return f"{words}."
 
 
-def _step(before: FitStep, after: FitStep, screening: Screening) -> str:
+def _effect_found(before: FitStep, after: FitStep, screening: Screening) -> EffectFound:
     candidate = after.candidate
     assert candidate is not None  # only the first step has none
-    second = next((c for c in screening.candidates if c.name != candidate.name), None)
-    words = f"Missing: {candidate.name}. It explains {100 * candidate.explained_share:.0f} % of what was left (p = {candidate.p_holm:.1g})"
-    if second is not None and after.log_evidence_margin is not None:
-        words += (
-            f" and leads the next, {second.name}, by {after.log_evidence_margin:.0f} in log evidence "
-            f"(more than 3 is asked for)"
-        )
-    old, new = before.calibration.after, after.calibration.after
-    if old.test is not None and new.test is not None:
-        change = new.test.rmse_mm / old.test.rmse_mm - 1.0 if old.test.rmse_mm > 0.0 else 0.0
-        go = "hardly change," if abs(change) < HARDLY else ("fall" if change < 0.0 else "rise")
-        words += f". With it the test poses, which it never saw, {go} from {old.test.rmse_mm:.4g} to {new.test.rmse_mm:.4g} mm"
-    elif old.train is not None and new.train is not None:
-        words += (
-            f". With it the training poses fall from {old.train.rmse_mm:.4g} to {new.train.rmse_mm:.4g} mm; "
-            "no test poses confirm it"
-        )
-    note = candidate.family.note
-    return f"{words}. {_meaning(candidate, after.calibration)}{' Note: ' + note + '.' if note else ''}"
+    return EffectFound(
+        effect=candidate.name,
+        explained_share=candidate.explained_share,
+        p_value=candidate.p_holm,
+        runner_up=next((c.name for c in screening.candidates if c.name != candidate.name), ""),
+        lead=after.log_evidence_margin,
+        change=_error_change(before.calibration, after.calibration),
+        values=_fitted_values(candidate, after.calibration),
+        note=candidate.family.note,
+    )
 
 
-def _meaning(candidate: Candidate, calibration: Calibration) -> str:
-    """The fitted parameters that matter, as an engineer would say them."""
-    known = parameters_by_name(candidate.members)
-    fitted = {
-        p.name: (x, sigma)
-        for p, x, sigma in zip(
-            calibration.fit.parameters, calibration.fit.x, calibration.fit.sigma, strict=True
-        )
-    }
-    rows = []
+def _error_change(before: Calibration, after: Calibration) -> ErrorChange | None:
+    """That of the test poses where there are any, else that of the training poses."""
+    if before.after.test is not None and after.after.test is not None:
+        return ErrorChange(True, before.after.test.rmse_mm, after.after.test.rmse_mm)
+    if before.after.train is not None and after.after.train is not None:
+        return ErrorChange(False, before.after.train.rmse_mm, after.after.train.rmse_mm)
+    return None
+
+
+def _fitted_values(candidate: Candidate, calibration: Calibration) -> tuple[FittedValue, ...]:
+    """The fitted parameters that are known to better than half their size, the surest first."""
+    parameters = parameters_by_name(candidate.members)
+    fit = calibration.fit
+    fitted = {p.name: (x, s) for p, x, s in zip(fit.parameters, fit.x, fit.sigma, strict=True)}
+    out = []
     for value in candidate.values:
         size, sigma = map(float, fitted.get(value.name, (0.0, np.inf)))
         if abs(size) > 2.0 * sigma:
-            words = f"{value.name} = {size:.3g} +- {sigma:.1g} {value.unit}"
-            means = meaning(*known[value.name], size, calibration)
-            rows.append((abs(size) / sigma, f"{words} ({means})" if means else words))
-    rows.sort(reverse=True)
-    if not rows:
-        return "None of its parameters is known to better than half its size by itself; together they are."
-    more = f", and {len(rows) - 4} more" if len(rows) > 4 else ""
-    return "Fitted: " + "; ".join(words for _, words in rows[:4]) + more + "."
+            means = meaning(*parameters[value.name], size, calibration)
+            out.append(FittedValue(value.name, size, sigma, value.unit, means))
+    return tuple(sorted(out, key=lambda v: (abs(v.value) / v.sigma, v.name), reverse=True))
 
 
-def _ambiguous(diagnosis: Diagnosis) -> str:
-    names = diagnosis.ambiguous_set
-    ranking = diagnosis.screenings[-1].candidates
-    first = ranking[0]
-    overlap = ", ".join(f"{n}: {100 * s:.0f} %" for n, s in first.overlaps.items() if n in names)
-    words = (
-        f"Something is missing, and these data cannot tell which of {', '.join(names)}: their log evidences lie within 3 of "
-        "each other."
-    )
-    if overlap:
-        words += f" Of what {first.name} explains, others could explain as much ({overlap})."
+def _effects_tied(findings: Findings) -> EffectsTied:
+    names = findings.ambiguous_set
+    ranking = findings.screenings[-1].candidates
+    best = ranking[0]
     confirm = {c.name: c.family.description.confirm for c in ranking}
-    advice = [f"for {name}, {confirm[name]}" for name in names if confirm.get(name)]
-    words += f" To tell them apart, measure: {'; '.join(advice)}." if advice else ""
-    poses = splitting_poses(diagnosis, count=3)
-    if poses:
-        robot = diagnosis.calibration.dataset.robot
-        words += f" Poses at which they differ most, joints in degrees: {in_words(poses, robot.is_revolute)}."
-    return words
+    return EffectsTied(
+        effects=names,
+        best=best.name,
+        overlaps=tuple((name, share) for name, share in best.overlaps.items() if name in names),
+        confirm=tuple((name, confirm[name]) for name in names if confirm.get(name)),
+        poses=findings.discriminating_poses[:POSES_TOLD],
+        is_revolute=findings.calibration.dataset.robot.is_revolute,
+    )
 
 
-def input_in_words(name: str) -> str:
-    """ "torque4" as one says it; a column of the user's own stays as it is."""
-    stem = name.rstrip("0123456789")
-    number = name.removeprefix(stem)
-    if number and stem in ("q", "torque", "approach"):
-        return {
-            "q": f"joint {number} (q{number})",
-            "torque": f"gravity's torque on joint {number}",
-            "approach": f"the approach of joint {number}",
-        }[stem]
-    if name in ("x", "y", "z"):
-        return f"{name} of the scanner's frame"
-    return {
-        "payload_kg": "the payload",
-        "temperature_c": "the temperature",
-        "time_s": "time",
-        "order": "the order of measuring",
-    }.get(name, name)
-
-
-def left_in_short(residual_tests: ResidualTests) -> str:
-    """What a fit leaves, in a few words: noise, a pattern and against what, or more than noise."""
-    if residual_tests.fault is not None:
-        return residual_tests.fault.words
-    if residual_tests.structured:
-        more = len(residual_tests.structured) - 3
-        named = ", ".join(input_in_words(name) for name in residual_tests.structured[:3])
-        return f"a pattern against {named}" + (f" and {more} more" if more > 0 else "")
-    if residual_tests.too_large:
-        return "more than noise, without a pattern"
-    if residual_tests.outlier_poses:
-        return f"noise, apart from single poses ({', '.join(residual_tests.outlier_poses)})"
-    return "noise"
-
-
-def remains_words(residual_tests: ResidualTests) -> str:
+def residual_sentences(tests: ResidualTests) -> tuple[ResidualSentence, ...]:
     """What a fit leaves, with the figures that it was judged by."""
-    source = {
-        "repeats": "by repeated measurements",
-        "dataset": "as dataset.toml declares it, believed to 25 %",
-        "fit": "which no one declared",
-    }[residual_tests.noise_from]
-    words = f"What is left is {residual_tests.residual_mm:.4g} mm a coordinate; the noise is {residual_tests.noise_mm:.4g} mm, {source}."
-    if residual_tests.structured:
-        first = residual_tests.inputs[0]
-        place = (
-            f"the motion of {first.where}"
-            if first.where.startswith("joint")
-            else f"the {first.where} of the scanner's frame"
-        )
-        words += (
-            f" It has order against {', '.join(residual_tests.structured)} (p = {first.p_value:.2g}), most in {place} against "
-            f"{first.input}: it is not noise."
-        )
-    elif residual_tests.inputs:
-        closest = residual_tests.inputs[0]
-        words += f" It shows no order against any of {len(residual_tests.inputs)} inputs (closest: {closest.input}, p = {closest.p_value:.2g})."
-    if residual_tests.too_large:
-        words += " It is more than noise."
-    if residual_tests.fault is not None:
-        words += f" It looks as if {residual_tests.fault.words} (log evidence {residual_tests.fault.log_evidence:.0f})."
-    if residual_tests.outlier_poses:
-        words += f" Single poses stand out: {', '.join(residual_tests.outlier_poses)}."
-    return words
+    out: list[ResidualSentence] = [ResidualSize(tests.residual_mm, tests.noise_mm, tests.noise_from)]
+    if tests.structured:
+        first = tests.inputs[0]
+        out.append(ResidualOrder(tests.structured, first.p_value, first.channel))
+    elif tests.inputs:
+        closest = tests.inputs[0]
+        out.append(ResidualWithoutOrder(len(tests.inputs), closest.input, closest.p_value))
+    if tests.too_large:
+        out.append(ResidualTooLarge())
+    if tests.fault is not None:
+        out.append(FaultSuspected(tests.fault))
+    if tests.outlier_poses:
+        out.append(PosesStandOut(tests.outlier_poses))
+    return tuple(out)
 
 
-def _unconfirmed(diagnosis: Diagnosis) -> str:
-    """A warning where the test poses, within their scatter, speak against what was named."""
-    first, last = diagnosis.steps[0].calibration.after.test, diagnosis.calibration.after.test
-    if first is None or last is None or last.rmse_mm < (1.0 + HARDLY) * first.rmse_mm:
-        return ""
-    return (
-        f" But the {last.points} test points do not confirm it: they got worse, though by no more than their scatter. Take it "
-        "for a lead, and measure more poses."
-    )
+def _verdict(findings: Findings) -> VerdictSentence:
+    missing = findings.missing
+    if findings.verdict == "adequate":
+        return Adequate(bool(findings.candidates), untestable_names(findings.untestable))
+    if findings.verdict == "named":
+        return Named(missing, _contradicting_points(findings))
+    if findings.verdict == "ambiguous":
+        return Ambiguous(missing, findings.ambiguous_set)
+    if findings.verdict == "outliers":
+        return Outliers(missing, findings.residual_tests.outlier_poses)
+    doubt = implausibility_reason(findings.steps[0].calibration)
+    return Unexplained(missing, _what_is_unexplained(findings, doubt), doubt)
 
 
-def verdict_words(diagnosis: Diagnosis) -> str:
-    """The verdict alone, a sentence or two."""
-    named = " and ".join(diagnosis.missing)
-    doubt = implausibility_reason(diagnosis.steps[0].calibration)
-    were = "was" if len(diagnosis.missing) == 1 else "were"
-    return {
-        "adequate": f"Verdict: adequate. {_nothing(diagnosis)}, and nothing else shows.",
-        "named": f"Verdict: {named} {were} missing, and with {'it' if were == 'was' else 'them'} nothing else shows."
-        + _unconfirmed(diagnosis),
-        "ambiguous": "Verdict: ambiguous"
-        + (f" after {named}" if named else "")
-        + ". The set above holds the cause if the catalogue does.",
-        "unexplained": f"Verdict: unexplained. {doubt[:1].upper()}{doubt[1:]}."
-        if doubt
-        else "Verdict: unexplained. "
-        + (
-            f"{named} {'helps' if were == 'was' else 'help'}, yet "
-            if named
-            else "No effect of the catalogue fits: "
-        )
-        + (
-            "what is left tells of something else, said above. Look at that joint."
-            if diagnosis.leading_fault or diagnosis.residual_tests.fault
-            else "something with a pattern is left. Look at the inputs named above; a loose part or a hose would show so."
-            if diagnosis.residual_tests.structured
-            else "more than noise is left, without a pattern against any input."
-            if diagnosis.residual_tests.too_large
-            else "what was found makes the test poses worse."
-        ),
-        "outliers": "Verdict: outliers. "
-        + (f"{named} {were} missing; " if named else "")
-        + "apart from single poses nothing is left. Measure those poses again before you leave them out.",
-    }[diagnosis.verdict]
+def _what_is_unexplained(findings: Findings, doubt: str) -> str:
+    tests = findings.residual_tests
+    if doubt:
+        return "implausible"
+    if findings.leading_fault or tests.fault:
+        return "fault"
+    if tests.structured:
+        return "order"
+    return "size" if tests.too_large else "refused"
 
 
-def _nothing(diagnosis: Diagnosis) -> str:
-    """What `adequate` covers: a family that these data cannot test is not found absent."""
-    if not diagnosis.candidates:
-        return "These data can test none of the catalogue's effects; what is left is no more than noise"
-    blind = [
-        u.name for u in diagnosis.untestable if u.name != "scanner_scale"
-    ]  # which hardly any data can test
-    return "Nothing in the catalogue is missing beyond noise" + (
-        f", as far as these data can tell ({', '.join(blind)}: not testable)" if blind else ""
-    )
+def _contradicting_points(findings: Findings) -> int | None:
+    """How many test points got worse with what was named, within their scatter; None where they did not."""
+    first, last = findings.steps[0].calibration.after.test, findings.calibration.after.test
+    if first is None or last is None or last.rmse_mm < (1.0 + SMALL_CHANGE) * first.rmse_mm:
+        return None
+    return last.points

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib import frames
 from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import RIVAL
-from calib.diagnosis.result import Diagnosis
 from calib.fitting.observations import conditions_at
 from calib.screening.candidates import Candidate, Screening
 
@@ -27,23 +25,16 @@ class DiscriminatingPose:
     separation_mm: float
 
 
-def splitting_poses(diagnosis: Diagnosis, *, count: int = 5) -> tuple[DiscriminatingPose, ...]:
-    """Poses that best split the ambiguous set of a diagnosis, far from each other; () where nothing is ambiguous.
-
-    Each cause is fitted by itself; at random joint vectors within the range of the measured ones, the fitted models
-    are asked where the tool is, seen from the scanner. Payload, temperature and the like are as at the first pose.
-    """
-    ranking = diagnosis.screenings[-1].candidates
-    doubted = [c for c in ranking if c.name in diagnosis.ambiguous_set]
-    return discriminating_poses(diagnosis.calibration, doubted, count=count)
-
-
 def discriminating_poses(
     calibration: Calibration, causes: Sequence[Candidate], *, count: int = 5, tried: int = 400
 ) -> tuple[DiscriminatingPose, ...]:
-    """As `splitting_poses`, for any causes beyond a calibration's model; () for fewer than two that show at all.
+    """Poses at which causes beyond a calibration's model differ most, far from each other.
 
-    What was asked of the calibration is asked of each cause's fit too.
+    Each cause is fitted by itself, as was asked of the calibration; at `tried` random joint vectors within the range of
+    the measured ones, the fitted models predict where the tool is, seen from the scanner. Payload, temperature and the
+    like are as at the first pose. () for fewer than two causes that show at all.
+
+    Raises CalibError where the poses are too few to fit a cause.
     """
     doubted = [c for c in causes if c.members]
     if len(doubted) < 2:
@@ -90,12 +81,3 @@ def _spread(q: Array, apart: Array, count: int) -> tuple[DiscriminatingPose, ...
         if len(chosen) == count:
             break
     return tuple(DiscriminatingPose(q[i], float(apart[i])) for i in chosen)
-
-
-def in_words(poses: Sequence[DiscriminatingPose], is_revolute: NDArray[np.bool_]) -> str:
-    """The poses as a person types them: degrees, or mm for prismatic joints."""
-    lines = []
-    for pose in poses:
-        values = np.where(is_revolute, np.degrees(pose.q), pose.q)
-        lines.append(f"({', '.join(f'{v:.0f}' for v in values)}): {pose.separation_mm:.2g} mm apart")
-    return "; ".join(lines)

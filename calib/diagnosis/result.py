@@ -1,47 +1,31 @@
-"""The result of a diagnosis: the verdict on a dataset, and the fits and tests that led to it."""
+"""The result of a diagnosis: what was found, with the explanation in words."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import pandas as pd
 
-from calib.calibration.result import Calibration
-from calib.diagnosis.effect_selection import GEOMETRY, FitStep
-from calib.screening.candidates import Candidate, Screening, Untestable
-from calib.screening.fault_models import JointFault
-from calib.screening.residual_tests import ResidualTests
+from calib.diagnosis.effect_selection import GEOMETRY
+from calib.diagnosis.explanation import explain
+from calib.diagnosis.findings import Findings
+from calib.diagnosis.sentences import Explanation
+from calib.diagnosis.text import explanation_text
 
 
 @dataclass(frozen=True)
-class Diagnosis:
-    """The verdict on a dataset and all that led to it."""
+class Diagnosis(Findings):
+    """The verdict on a dataset, all that led to it, and why."""
 
-    verdict: str  # of decision_rules.VERDICTS
-    missing: tuple[str, ...]  # effects, in the order added
-    ambiguous_set: tuple[str, ...]  # effects that these data cannot tell apart
-    steps: tuple[FitStep, ...]  # the link errors, then one for each effect that was added
-    screenings: tuple[Screening, ...]  # one a step: of every effect that is not in its model
-    residual_tests: ResidualTests  # what the last fit left over
-    refused: str = ""  # an effect that would have been named, but made the test poses worse
-    leading_fault: JointFault | None = (
-        None  # a fault outside the catalogue with more evidence than the next effect
-    )
+    @cached_property
+    def explanation(self) -> Explanation:
+        """Why this verdict was reached, as sentences with their numbers."""
+        return explain(self)
 
-    @property
-    def calibration(self) -> Calibration:
-        """The last fit, all named effects in it."""
-        return self.steps[-1].calibration
-
-    @property
-    def candidates(self) -> tuple[Candidate, ...]:
-        """The ranking that the first decision was taken by."""
-        return self.screenings[0].candidates
-
-    @property
-    def untestable(self) -> tuple[Untestable, ...]:
-        """Families that these data cannot test."""
-        return self.screenings[0].untestable
+    def summary(self) -> str:
+        """The explanation in words: several short paragraphs, the verdict last."""
+        return explanation_text(self.explanation)
 
     def to_frame(self) -> pd.DataFrame:
         """The steps: effect, errors on training and test poses, residual sigma."""

@@ -42,21 +42,6 @@ class JointFault:
     width_rad: float = float("nan")  # of a bump, one standard deviation
     pose_id: str = ""  # the first pose after a jump
 
-    @property
-    def words(self) -> str:
-        """What it looks like, for a reader."""
-        joint = f"joint {self.joint + 1}"
-        size = f"{np.degrees(self.size):+.2g} deg" if self.unit == "rad" else f"{self.size:+.2g} mm"
-        if self.kind == "bump":
-            place, width = np.degrees([self.place_rad, self.width_rad])
-            return (
-                f"{joint} is off by {size} around {place:.0f} deg, {width:.0f} deg wide (one sigma), as by a damaged "
-                "place in its gear"
-            )
-        if self.kind == "jump":
-            return f"the zero of {joint} jumps by {size} at pose {self.pose_id}, as by a slip"
-        return f"{joint} moves by about {size[1:]} in a way that changes smoothly with the arm's attitude"
-
 
 def best_bump_or_jump(projected: ProjectedResidual) -> JointFault | None:
     """The likeliest bump or jump of one joint; None where no joint shows in what is measured."""

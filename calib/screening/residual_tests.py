@@ -12,25 +12,21 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
 
-from calib.array_types import Array
+from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
-from calib.calibration.input_variables import inputs_at
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import find_repeats, pooled_sigma_mm
 from calib.distributions import chi2_sf, f_sf
 from calib.screening.fault_models import JointFault, best_supported_fault
-from calib.screening.projected_residual import ProjectedResidual, joint_directions
+from calib.screening.projected_residual import ProjectedResidual
+from calib.screening.scan_statistic import Channel, ScanStatistic, sum_by_pose
 
 DRAWS = 999
 STRUCTURE_LEVEL = 0.01
 OUTLIER_LEVEL = 0.002
 FAULT_EVIDENCE = 3.0  # log evidence from which a simple story outside the catalogue is told
 SIGMA_DOUBT = 1.25  # a sigma that was declared, not measured, is believed to this factor
-_WIDTHS = (0.04, 0.12, 0.35)  # of the bumps, in shares of an input's range
-_CENTRES = 25
 _BLOCK = 3_000_000  # numbers of noise held at once
 
 
@@ -40,7 +36,7 @@ class InputTest:
 
     input: str
     p_value: float
-    where: str  # in what it shows most: an axis of the scanner's frame, or the motion of a joint
+    channel: Channel  # in what it shows most
 
 
 @dataclass(frozen=True)
@@ -66,12 +62,6 @@ class ResidualTests:
     def too_large(self) -> bool:
         """Whether more is left than noise, with a declared sigma believed to a factor only."""
         return self.lack_of_fit_p is not None and self.lack_of_fit_p < 0.01
-
-
-def inputs_of(projected: ProjectedResidual) -> dict[str, Array]:
-    """Everything a residual may depend on, by name, one value a used pose (N,)."""
-    poses, _ = projected.residuals.observed.used_poses
-    return inputs_at(projected.residuals.model.robot, poses, projected.state)
 
 
 @one_blas_thread()
@@ -115,16 +105,16 @@ def _noise_again(projected: ProjectedResidual, draws: int) -> Callable[[], Itera
     return lambda: kept
 
 
-def _without(projected: ProjectedResidual, outlier: NDArray[np.bool_]) -> ProjectedResidual:
+def _without(projected: ProjectedResidual, outlier: BoolArray) -> ProjectedResidual:
     """Nothing left at the points (M,) that stand out: one wrong pose must not pass for a dent."""
     residual = projected.residual.copy()
     residual[np.repeat(outlier, 3)] = 0.0
     return replace(projected, residual=residual)
 
 
-def _outliers(projected: ProjectedResidual, noise: Callable[[], Iterable[Array]]) -> NDArray[np.bool_]:
+def _outliers(projected: ProjectedResidual, noise: Callable[[], Iterable[Array]]) -> BoolArray:
     """(N,) poses whose residual is larger than the largest of a whole dataset of noise should be."""
-    of_pose = _sum_by_pose(projected)
+    of_pose = sum_by_pose(projected)
     numbers = 3.0 * np.asarray(of_pose.sum(axis=1))  # (N, 1) coordinates at each pose
 
     def mean_square(values: Array) -> Array:
@@ -137,22 +127,15 @@ def _outliers(projected: ProjectedResidual, noise: Callable[[], Iterable[Array]]
     return np.asarray(ours / np.median(ours) > limit)
 
 
-def _sum_by_pose(projected: ProjectedResidual) -> csr_matrix:
-    """(N, M) sums what the points of a pose say."""
-    poses, row = projected.residuals.observed.used_poses
-    points = np.arange(len(row))
-    return csr_matrix((np.ones(len(row)), (row, points)), shape=(len(poses), len(row)))
-
-
 def _structure(
-    projected: ProjectedResidual, outlier: NDArray[np.bool_], noise: Callable[[], Iterable[Array]]
+    projected: ProjectedResidual, outlier: BoolArray, noise: Callable[[], Iterable[Array]]
 ) -> tuple[InputTest, ...]:
     """Westfall-Young corrected p of each input."""
-    look = _ScanStatistic.at(projected, outlier)
-    ours = look.scores(projected.residual[:, None])
-    blocks = [look.scores(block) for block in noise()]
+    statistic = ScanStatistic.at(projected, outlier)
+    ours = statistic.scores(projected.residual[:, None])
+    blocks = [statistic.scores(block) for block in noise()]
     standard, where = {}, {}
-    for name, channels in look.channels_of.items():
+    for name, channels in statistic.channels_of.items():
         theirs = np.concatenate([scores[name] for scores in blocks], axis=1)
         mean, spread = (
             theirs.mean(axis=1, keepdims=True),
@@ -168,81 +151,6 @@ def _structure(
     ]
     order = sorted(range(len(tests)), key=lambda i: -list(standard.values())[i][0])
     return tuple(tests[i] for i in order)
-
-
-@dataclass(frozen=True)
-class _ScanStatistic:
-    """Where structure is looked for: bumps over each input, laid against scalars a pose ("channels").
-
-    Channels are the three axes and each joint's apparent motion.
-    """
-
-    of_pose: csr_matrix  # (N, M)
-    kept: Array  # (R, 1) 0 at outliers
-    directions: dict[str, Array]  # (M, 3) by channel
-    bumps: dict[str, list[Array]]  # by input, for each width (C, N)
-    channels_of: dict[str, list[str]]  # by input
-
-    @classmethod
-    def at(cls, projected: ProjectedResidual, outlier: NDArray[np.bool_]) -> _ScanStatistic:
-        directions = {}
-        for axis, name in enumerate("xyz"):
-            directions[name] = np.broadcast_to(np.eye(3)[axis], (len(outlier), 3))
-        for j, direction in enumerate(joint_directions(projected)):
-            size = max(float(np.sqrt(np.mean(direction**2))), 1e-300)
-            directions[f"joint {j + 1}"] = direction / size
-        inputs = inputs_of(projected)
-        return cls(
-            _sum_by_pose(projected),
-            np.where(np.repeat(outlier, 3), 0.0, 1.0)[:, None],
-            directions,
-            {name: _bumps(values) for name, values in inputs.items()},
-            {name: _relevant(name, directions) for name in inputs},
-        )
-
-    def scores(self, values: Array) -> dict[str, Array]:
-        """For each input (S, D) responses of residuals (R, D), each scaled to length 1: channels times widths."""
-        values = values * self.kept
-        values /= np.maximum(np.linalg.norm(values, axis=0), 1e-300)
-        rows = values.reshape(self.of_pose.shape[1], 3, -1)
-        seen = {name: self.of_pose @ np.einsum("mi,mid->md", d, rows) for name, d in self.directions.items()}
-        return {
-            name: np.stack([_squares(bump @ seen[c]) for c in channels for bump in self.bumps[name]])
-            for name, channels in self.channels_of.items()
-        }
-
-
-def _bumps(values: Array) -> list[Array]:
-    """For each width normalised Gaussian bumps over an input's range, as C <= 25 rows of the same Gram matrix (C, N).
-
-    Wide bumps are much alike, so that a few rows do; what is dropped adds less than 1e-12 to a sum of squares.
-    """
-    low, high = float(values.min()), float(values.max())
-    u = (values - low) / (high - low)
-    levels = np.unique(u)
-    centres = levels if len(levels) <= _CENTRES else np.linspace(0.0, 1.0, _CENTRES)
-    out = []
-    for width in _WIDTHS if len(levels) > 4 else (1e-3,):
-        bump = np.exp(-0.5 * ((u[:, None] - centres) / width) ** 2)
-        bump = bump[:, bump.sum(axis=0) > 0.3]
-        left, s, _ = np.linalg.svd(bump / np.linalg.norm(bump, axis=0), full_matrices=False)
-        shown = s > 1e-6 * s[0]
-        out.append(s[shown, None] * left[:, shown].T)
-    return out
-
-
-def _squares(values: Array) -> Array:
-    """(D,) sums of squares of the columns of (C, D)."""
-    return np.asarray(np.einsum("cd,cd->d", values, values))
-
-
-def _relevant(name: str, channels: Iterable[str]) -> list[str]:
-    """The axes for every input; a joint's own motion for its own inputs, every joint's for time, load and the like."""
-    axes = [key for key in channels if not key.startswith("joint")]
-    stem = name.rstrip("0123456789")
-    if stem in ("q", "torque", "approach") and name != stem:
-        return [*axes, f"joint {name.removeprefix(stem)}"]
-    return axes if name in "xyz" else list(channels)
 
 
 COPY_MM = 1e-9  # repeats that scatter less are rows written twice, which tell nothing of the noise

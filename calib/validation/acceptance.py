@@ -16,8 +16,8 @@ from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import Repeats, find_repeats, pooled_sigma_mm
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.explanation import verdict_words
 from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.text import verdict_text
 from calib.errors import FitError
 from calib.identifiability.structural import fewest_poses
 from calib.measurement.measured_points import failed_searches, with_corners
@@ -118,7 +118,7 @@ def check(
         items += _fit(calibration, max_test_rmse_mm)
         try:
             diagnosis = diagnose(dataset, options.with_residual("position"), on_step=on_step)
-            items.append(CheckItem("diagnosis", None, verdict_words(diagnosis).removeprefix("Verdict: ")))
+            items.append(CheckItem("diagnosis", None, verdict_text(diagnosis.explanation.verdict)))
         except FitError as error:  # a fit that leaves no equation to judge by is told of, it is no failure
             items.append(CheckItem("diagnosis", None, f"not tried: {error}"))
     return Check(dataset, tuple(items), calibration, repeats, diagnosis)

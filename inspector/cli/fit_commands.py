@@ -16,7 +16,8 @@ from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import FitStep, add_in_turn
-from calib.diagnosis.explanation import explain, verdict_words
+from calib.diagnosis.phrases import untestable_line
+from calib.diagnosis.text import verdict_text
 from calib.effects.catalogue import effects_named
 from calib.effects.effect import Family
 from calib.effects.user_file import load_effects
@@ -187,7 +188,7 @@ def run_report(options: ReportOptions) -> int:
     report = report_of(with_found(session, found))
     write_text_atomically(options.out, report_html(report, now=datetime.now()))
     document = documents.diagnosis_document(found) | {"report": str(options.out)}
-    verdict = verdict_words(found).removeprefix("Verdict: ")
+    verdict = verdict_text(found.explanation.verdict)
     show(options, document, f"{options.out}: {verdict}")
     return 0
 
@@ -212,7 +213,7 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     if len(ranked):
         ranking = ranked.head(6).to_string(index=False, float_format=lambda v: f"{v:.3g}")
     steps = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.4g}", na_rep="-")
-    silent = "\n".join(f"not testable: {u.name}: {u.why}; {u.would_help}" for u in result.untestable)
-    text = f"{ranking}\n\n{steps}\n\n{silent}\n\n{explain(result)}"
+    silent = "\n".join(map(untestable_line, result.untestable))
+    text = f"{ranking}\n\n{steps}\n\n{silent}\n\n{result.summary()}"
     show(options, documents.diagnosis_document(result), text)
     return 0

@@ -6,12 +6,12 @@ from dataclasses import asdict
 from typing import Any
 
 from calib.diagnosis.effect_selection import FitStep
-from calib.diagnosis.explanation import explain
-from calib.diagnosis.pose_recommendation import splitting_poses
+from calib.diagnosis.phrases import fault_text
 from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import descriptions
 from calib.screening.candidates import Candidate
 from calib.screening.fault_models import JointFault
+from calib.screening.residual_tests import InputTest
 
 
 def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -33,15 +33,15 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
             "noise_mm": residual_tests.noise_mm,
             "noise_from": residual_tests.noise_from,
             "residual_mm": residual_tests.residual_mm,
-            "inputs": [asdict(test) for test in residual_tests.inputs],
+            "inputs": [_input_test(test) for test in residual_tests.inputs],
             "outlier_poses": residual_tests.outlier_poses,
             "fault": _fault(residual_tests.fault),
         },
         "simpler": _fault(diagnosis.leading_fault),
         "measure_next": [
-            {"q": pose.q, "separation_mm": pose.separation_mm} for pose in splitting_poses(diagnosis)
+            {"q": pose.q, "separation_mm": pose.separation_mm} for pose in diagnosis.discriminating_poses
         ],
-        "explanation": explain(diagnosis),
+        "explanation": diagnosis.summary(),
     }
 
 
@@ -49,7 +49,11 @@ def _fault(fault: JointFault | None) -> dict[str, Any] | None:
     """A dent, a slip or an unknown motion of one joint, counted from 1 as in the words."""
     if fault is None:
         return None
-    return {**asdict(fault), "joint": fault.joint + 1, "words": fault.words}
+    return {**asdict(fault), "joint": fault.joint + 1, "words": fault_text(fault)}
+
+
+def _input_test(test: InputTest) -> dict[str, Any]:
+    return {"input": test.input, "p_value": test.p_value, "where": test.channel.name}
 
 
 def _step(step: FitStep) -> dict[str, Any]:

@@ -9,12 +9,17 @@ import numpy as np
 
 from calib.calibration.noise_check import noise_floor_mm
 from calib.calibration.result import Calibration
-from calib.diagnosis.advice import Advice
+from calib.diagnosis.advice import Advice, residual_summary
 from calib.diagnosis.decision_rules import is_convincing
-from calib.diagnosis.explanation import explain, left_in_short, verdict_words
-from calib.diagnosis.parameter_meaning import meaning
+from calib.diagnosis.phrases import meaning, untestable_texts
 from calib.diagnosis.pose_recommendation import DiscriminatingPose
 from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.text import (
+    advice_text,
+    reason_texts,
+    residual_summary_text,
+    verdict_text,
+)
 from calib.effects.effect import (
     Description,
     Effect,
@@ -85,27 +90,25 @@ def verdict_html(diagnosis: Diagnosis | None) -> str:
     """The verdict of a diagnosis, in a line or two."""
     if diagnosis is None:
         return ""
-    said = f"What is left: {left_in_short(diagnosis.residual_tests)}. {verdict_words(diagnosis)}"
-    if diagnosis.ambiguous_set:
-        either = numbers.listing(diagnosis.ambiguous_set, "or")
-        said = said.replace("The set above", f"These data cannot tell which: {either}. This set")
-        said += " What would tell them apart is said below."
-    return elements.alert(said, colour=VERDICTS[diagnosis.verdict])
+    left = residual_summary_text(residual_summary(diagnosis.residual_tests))
+    either = numbers.listing(diagnosis.ambiguous_set, "or")
+    verdict = verdict_text(diagnosis.explanation.verdict, tied=either)
+    more = " What would tell them apart is said below." if either else ""
+    return elements.alert(f"{left} Verdict: {verdict}{more}", colour=VERDICTS[diagnosis.verdict])
 
 
 def reasons_html(diagnosis: Diagnosis | None) -> str:
-    """All that led to the verdict, in numbers."""
+    """All that led to the verdict, a paragraph each."""
     if diagnosis is None:
         return ""
-    *paragraphs, _ = explain(diagnosis).split("\n\n")
     return elements.heading("How it was found") + "".join(
-        elements.note(paragraph) for paragraph in paragraphs
+        map(elements.note, reason_texts(diagnosis.explanation))
     )
 
 
 def advice_html(advice: Advice) -> str:
     """What is left, and what to do next."""
-    return elements.alert(advice.words, colour=ADVICE[advice.kind])
+    return elements.alert(advice_text(advice.sentences), colour=ADVICE[advice.kind])
 
 
 def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
@@ -266,19 +269,8 @@ def untestable_html(untestable: tuple[Untestable, ...]) -> str:
     if not untestable:
         return ""
     return elements.heading("Cannot be tested with these data") + elements.bullets(
-        untestable_words(untestable)
+        untestable_texts(untestable)
     )
-
-
-def untestable_words(untestable: Sequence[Untestable]) -> list[str]:
-    """A sentence for each reason, with all the effects that it holds for."""
-    names: dict[tuple[str, str], list[str]] = {}
-    for silent in untestable:
-        names.setdefault((silent.why, silent.would_help), []).append(silent.name)
-    return [
-        f"{numbers.listing(of)}: {why}. To test {'it' if len(of) == 1 else 'them'}: {would_help}."
-        for (why, would_help), of in names.items()
-    ]
 
 
 def probability(p: float) -> str:

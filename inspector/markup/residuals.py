@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.calibration.input_variables import joint_input
 from calib.calibration.pose_errors import PoseErrors
 from calib.kinematics.robot import Robot
 from inspector.markup import numbers
@@ -36,15 +37,12 @@ def band_note(pose_errors: PoseErrors, band: tuple[float, float]) -> str:
 
 def input_title(name: str, robot: Robot) -> str:
     """ "q3" -> "joint 3 angle, °": an input with its unit."""
-    stem = name.rstrip("0123456789")
-    number = name.removeprefix(stem)
-    if number and stem == "q":
-        turns = robot.joints[int(number) - 1].is_revolute
-        return f"joint {number} angle, °" if turns else f"joint {number} position, mm"
-    if number and stem == "torque":
-        return f"joint {number} gravity torque, Nm"
-    if number and stem == "approach":
-        return f"joint {number} approach (−1 or 1)"
+    of_joint = joint_input(name)
+    if of_joint is not None:
+        quantity, joint = of_joint
+        angle = "angle, °" if robot.joints[joint].is_revolute else "position, mm"
+        what = {"q": angle, "torque": "gravity torque, Nm", "approach": "approach (−1 or 1)"}[quantity]
+        return f"joint {joint + 1} {what}"
     if name in ("x", "y", "z"):
         return f"place {name} in the scanner's frame, mm"
     return NAMES.get(name, name) + (f", {UNITS[name]}" if name in UNITS else "")
@@ -52,9 +50,8 @@ def input_title(name: str, robot: Robot) -> str:
 
 def turned(name: str, values: NDArray, robot: Robot) -> NDArray:
     """Joint angles in degrees, everything else as it is."""
-    stem = name.rstrip("0123456789")
-    number = name.removeprefix(stem)
-    angle = bool(number) and stem == "q" and robot.joints[int(number) - 1].is_revolute
+    quantity, joint = joint_input(name) or ("", 0)
+    angle = quantity == "q" and robot.joints[joint].is_revolute
     return np.degrees(values) if angle else values
 
 

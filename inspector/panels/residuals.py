@@ -5,6 +5,7 @@ from __future__ import annotations
 import viser
 
 from calib.calibration.pose_errors import PoseErrors, running_median
+from calib.screening.scan_statistic import Channel
 from inspector.figures.residual_plots import place_views, residual_against, select
 from inspector.markup import elements
 from inspector.markup.residuals import AXES, LENGTH, band_note, input_title, joint_title, shown, turned
@@ -119,9 +120,9 @@ class ResidualsPanel:
             return
         first = residual_tests.inputs[0]
         put(self.against, next((t for t, name in inputs.items() if name == first.input), self.against.value))
-        shown_by = {f"joint {j + 1}": title for title, j in joints.items()}
-        shown_by |= {"xyz"[k]: title for title, k in AXES.items()}
-        put(self.what, shown_by.get(first.where, self.what.value))
+        shown_by = {Channel(joint=j): title for title, j in joints.items()}
+        shown_by |= {Channel(axis="xyz"[k]): title for title, k in AXES.items()}
+        put(self.what, shown_by.get(first.channel, self.what.value))
 
     def _show_worst(self, pose_errors: PoseErrors, view: View) -> None:
         length = dict(zip(pose_errors.pose_ids, pose_errors.error_length_mm, strict=True))

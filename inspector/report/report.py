@@ -13,7 +13,7 @@ from pathlib import Path
 import plotly.graph_objects as go
 
 from calib.calibration.noise_check import check_sigma, noise_floor_mm
-from calib.diagnosis.explanation import explain
+from calib.diagnosis.text import reason_texts, verdict_text
 from inspector.figures.plots import error_history
 from inspector.markup import numbers
 from inspector.markup.effects import NEUTRAL, VERDICTS, last_change
@@ -116,10 +116,10 @@ def _key_figures(report: Report) -> list[tuple[str, object]]:
 
 def _verdict(report: Report) -> list[Block]:
     if report.diagnosis is not None:
-        *paragraphs, last = explain(report.diagnosis).split("\n\n")
-        last = last.replace(" above", " below")  # there the verdict comes last, here first
-        mark = VerdictLine(last, VERDICTS[report.diagnosis.verdict])
-        return [mark, *(Paragraph(p) for p in paragraphs)]
+        explanation = report.diagnosis.explanation
+        verdict = f"Verdict: {verdict_text(explanation.verdict, reasons='below')}"
+        mark = VerdictLine(verdict, VERDICTS[report.diagnosis.verdict])
+        return [mark, *map(Paragraph, reason_texts(explanation))]
     sentence, colour = last_change(report.session.history)
     model = model_name(report.calibration)
     return [

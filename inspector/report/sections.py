@@ -13,13 +13,14 @@ from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import Combination, identifiable_combinations
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
+from calib.diagnosis.phrases import untestable_texts
 from calib.measurement.measured_points import failed_searches
 from calib.screening.candidates import Candidate
 from calib.screening.residual_tests import InputTest
 from inspector.figures.plots import correlation_heatmap, pose_residuals
 from inspector.figures.residual_plots import SELECTED, residual_against
 from inspector.markup import numbers
-from inspector.markup.effects import probability, untestable_words, value_row
+from inspector.markup.effects import probability, value_row
 from inspector.markup.fit import PARAMETER_COLUMNS, parameter_rows
 from inspector.markup.residuals import AXES, band_note, input_title, joint_title, shown, turned
 from inspector.report.blocks import Block, Bullets, Facts, Figure, Paragraph, Table
@@ -127,7 +128,7 @@ def ranking(report: Report) -> list[Block]:
     silent = report.diagnosis.untestable if report.diagnosis else report.ranking.untestable
     if silent:
         out.append(Paragraph("Cannot be tested with these data:"))
-        out.append(Bullets(untestable_words(silent)))
+        out.append(Bullets(untestable_texts(silent)))
     return out
 
 
@@ -156,16 +157,15 @@ def model_residual(report: Report, model: ModelResidual) -> list[Block]:
 
 def _channel(test: InputTest, dataset: Dataset) -> str:
     """What `residuals.shown` calls the part of the residual that a test saw most order in."""
-    if test.where.startswith("joint"):
-        return joint_title(int(test.where.split()[1]) - 1, dataset.robot)
-    return next(title for title, axis in AXES.items() if "xyz"[axis] == test.where)
+    if test.channel.joint is not None:
+        return joint_title(test.channel.joint, dataset.robot)
+    return next(title for title, axis in AXES.items() if "xyz"[axis] == test.channel.axis)
 
 
 def _against(report: Report, model: ModelResidual, test: InputTest) -> Figure:
     robot, pose_errors = report.dataset.robot, model.pose_errors
-    joint = int(test.where.split()[1]) - 1 if test.where.startswith("joint") else None
     x = turned(test.input, pose_errors.inputs[test.input], robot)
-    y, y_title, band = shown(pose_errors, _channel(test, report.dataset), joint, robot)
+    y, y_title, band = shown(pose_errors, _channel(test, report.dataset), test.channel.joint, robot)
     x_title, train = input_title(test.input, robot), ~pose_errors.is_test
 
     def draw(dark: bool) -> go.Figure:

@@ -10,11 +10,11 @@ import pytest
 from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.advice import advise
+from calib.diagnosis.advice import Advice, advise, residual_summary
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.explanation import input_in_words, left_in_short
-from calib.diagnosis.parameter_meaning import meaning
+from calib.diagnosis.phrases import input_text, meaning
 from calib.diagnosis.pose_recommendation import discriminating_poses, nearest_rival
+from calib.diagnosis.text import advice_text, residual_summary_text
 from calib.effects.catalogue import effects_for
 from calib.effects.compliance import JointCompliance, ToolSag
 from calib.effects.effect import Effect, Parameter
@@ -51,32 +51,40 @@ def clean() -> tuple[Calibration, Screening, ResidualTests]:
     return fitted(seed=8)
 
 
+def said(advice: Advice) -> str:
+    return advice_text(advice.sentences)
+
+
+def left(residual_tests: ResidualTests) -> str:
+    return residual_summary_text(residual_summary(residual_tests))
+
+
 def test_the_effect_that_leads_is_to_be_added(hidden: tuple[Calibration, Screening, ResidualTests]) -> None:
     _, screening, residual_tests = hidden
     advice = advise(screening, residual_tests)
     assert (advice.kind, advice.effects) == ("add", ("transmission_error",))
-    assert "a pattern against" in advice.words
+    assert "a pattern against" in said(advice)
 
 
 def test_noise_is_the_end(clean: tuple[Calibration, Screening, ResidualTests]) -> None:
     _, screening, residual_tests = clean
     assert advise(screening, residual_tests).kind == "done"
-    assert left_in_short(residual_tests) == "noise"
+    assert left(residual_tests) == "What is left: noise."
 
 
 def test_the_end_says_what_could_not_be_tested(clean: tuple[Calibration, Screening, ResidualTests]) -> None:
     _, screening, residual_tests = clean
     only_scale = tuple(u for u in screening.untestable if u.name == "scanner_scale")
     assert only_scale
-    assert advise(replace(screening, untestable=only_scale), residual_tests).words.endswith(
+    assert said(advise(replace(screening, untestable=only_scale), residual_tests)).endswith(
         "nothing more is missing."
     )
     blind = (*only_scale, replace(only_scale[0], name="backlash"))
-    assert (
-        "cannot test 1 of the effects" in advise(replace(screening, untestable=blind), residual_tests).words
+    assert "cannot test 1 of the effects" in said(
+        advise(replace(screening, untestable=blind), residual_tests)
     )
-    assert (
-        "can test none" in advise(replace(screening, candidates=(), untestable=blind), residual_tests).words
+    assert "can test none" in said(
+        advise(replace(screening, candidates=(), untestable=blind), residual_tests)
     )
 
 
@@ -86,9 +94,9 @@ def test_each_kind_of_remains_has_its_words(clean: tuple[Calibration, Screening,
     pattern = replace(residual_tests, inputs=(first, *residual_tests.inputs[1:]))
     large = replace(residual_tests, lack_of_fit_p=1e-6)
     lone = replace(residual_tests, outlier_poses=("p07",))
-    assert left_in_short(pattern) == "a pattern against gravity's torque on joint 4"
-    assert "more than noise" in left_in_short(large)
-    assert "p07" in left_in_short(lone)
+    assert left(pattern) == "What is left: a pattern against gravity's torque on joint 4."
+    assert "more than noise" in left(large)
+    assert "p07" in left(lone)
     assert [advise(screening, r).kind for r in (pattern, large, lone)] == ["unknown", "unknown", "outliers"]
 
 
@@ -118,7 +126,7 @@ def test_the_page_and_the_diagnosis_judge_alike() -> None:
     ],
 )  # fmt: skip
 def test_inputs_in_words(name: str, words: str) -> None:
-    assert input_in_words(name) == words
+    assert input_text(name) == words
 
 
 def test_parameters_say_what_they_do_on_the_arm(hidden: tuple[Calibration, Screening, ResidualTests]) -> None:

@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.explanation import explain
 from calib.kinematics.robot import Robot
 from calib.simulation.pose_design import random_poses
 from tests.support.mujoco_arm import in_mujoco, mujoco_model
@@ -89,7 +88,7 @@ def without_masses(robot: Robot) -> Robot:
 @pytest.mark.parametrize(("arm", "masses"), [("rb5", True), ("panda", True), ("panda", False)])
 def test_springs_in_the_joints_are_named(arm: str, masses: bool) -> None:
     result = diagnose(measured(arm, 1, compliance_rad_per_nm=1e-4, masses=masses))
-    assert result.missing[:1] == ("joint_compliance",), explain(result)
+    assert result.missing[:1] == ("joint_compliance",), result.summary()
     before, after = result.steps[0].calibration.after.test, result.calibration.after.test
     assert before is not None
     assert after is not None
@@ -100,11 +99,11 @@ def test_springs_in_the_joints_are_named(arm: str, masses: bool) -> None:
 @pytest.mark.slow
 def test_springs_and_an_uneven_gear_are_both_named() -> None:
     result = diagnose(measured("rb5", 2, compliance_rad_per_nm=1e-4, gear_rad=8e-4))
-    assert set(result.missing) == {"joint_compliance", "transmission_error"}, explain(result)
+    assert set(result.missing) == {"joint_compliance", "transmission_error"}, result.summary()
     assert result.verdict == "named"
 
 
 @pytest.mark.parametrize("arm", ["rb5", "panda"])
 def test_a_stiff_arm_lacks_nothing(arm: str) -> None:
     result = diagnose(measured(arm, 3))
-    assert result.verdict == "adequate", explain(result)
+    assert result.verdict == "adequate", result.summary()

@@ -16,9 +16,8 @@ from calib.calibration.pose_errors import pose_errors_of
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.explanation import explain, verdict_words
-from calib.diagnosis.pose_recommendation import splitting_poses
 from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.text import verdict_text
 from calib.effects.base import Parameter
 from calib.effects.catalogue import catalogue_names, effects_named
 from calib.effects.state import RobotState
@@ -52,7 +51,7 @@ NAMEABLE = tuple(name for name in catalogue_names() if name != "scanner_scale")
 @pytest.mark.parametrize("effect", NAMEABLE)
 def test_a_hidden_effect_is_named_and_the_held_out_error_falls(effect: str) -> None:
     result = diagnose(simulated([effect], seed=3, sigmas=4.0))
-    assert result.missing[:1] == (effect,) or effect in result.ambiguous_set, explain(result)
+    assert result.missing[:1] == (effect,) or effect in result.ambiguous_set, result.summary()
     assert result.verdict != "adequate"
     if result.missing == (effect,):
         before, after = result.steps[0].calibration.after.test, result.calibration.after.test
@@ -117,7 +116,7 @@ def test_single_wrong_points_are_outliers() -> None:
     wrong = [int(i) for i in np.flatnonzero(~dataset.poses.is_test)[[9, 30]]]
     xyz[wrong] += [[0.9, 0.0, 0.5], [0.0, -0.9, 0.4]]
     result = diagnose(dataset.with_points(replace(dataset.points, xyz_mm=xyz)))
-    assert result.verdict == "outliers", explain(result)
+    assert result.verdict == "outliers", result.summary()
     assert set(result.residual_tests.outlier_poses) == {dataset.poses.ids[i] for i in wrong}
 
 
@@ -131,7 +130,7 @@ def test_an_extra_column_that_matters_is_found_as_an_input() -> None:
     result = diagnose(replace(dataset, poses=poses).with_points(replace(dataset.points, xyz_mm=moved)))
     assert result.verdict == "unexplained"
     assert "door_open" in result.residual_tests.structured
-    assert "door_open" in explain(result)
+    assert "door_open" in result.summary()
 
 
 @dataclass(frozen=True)
@@ -190,7 +189,7 @@ def test_a_users_own_effect_is_tested_named_and_fitted(tmp_path: Path) -> None:
     user_effects = load_effects(path, nominal_state(hidden))
     assert [family.name for family in user_effects] == ["fifth_harmonic"]
     result = diagnose(hidden, user_effects=user_effects)
-    assert result.missing == ("fifth_harmonic",), explain(result)
+    assert result.missing == ("fifth_harmonic",), result.summary()
     fitted = {
         p.name: x for p, x in zip(result.calibration.fit.parameters, result.calibration.fit.x, strict=True)
     }
@@ -308,7 +307,7 @@ def test_points_of_other_poses_are_told_as_such_and_nothing_is_named() -> None:
     result = diagnose(shifted)
     assert result.missing == ()
     assert result.verdict == "unexplained"
-    assert "the order of the poses" in explain(result)
+    assert "the order of the poses" in result.summary()
     assert implausibility_reason(calibrate(shifted))
     assert not implausibility_reason(calibrate(dataset))
     assert not implausibility_reason(calibrate(simulated(["joint_compliance"], seed=3, sigmas=60.0)))
@@ -325,13 +324,13 @@ def test_rows_written_twice_are_no_repeats_to_judge_by() -> None:
 
 def test_what_cannot_be_tested_is_not_called_absent() -> None:
     dataset = simulated(seed=5)
-    assert "not testable" not in verdict_words(diagnose(dataset, max_steps=0))
+    assert "not testable" not in verdict_text(diagnose(dataset, max_steps=0).explanation.verdict)
     blind = replace(dataset, poses=replace(dataset.poses, approach=None, temperature_c=None))
     result = diagnose(blind)
     assert result.verdict == "adequate"
-    assert "(backlash, thermal_growth: not testable)" in verdict_words(result)
+    assert "(backlash, thermal_growth: not testable)" in verdict_text(result.explanation.verdict)
     none = replace(result, screenings=(screening_of_nothing(result),))
-    assert "can test none" in verdict_words(none)
+    assert "can test none" in verdict_text(none.explanation.verdict)
 
 
 def screening_of_nothing(result: Diagnosis) -> Screening:
@@ -370,7 +369,7 @@ def test_structure_of_pure_noise_is_rarely_found() -> None:
 
 def test_the_explanation_says_what_an_engineer_asks() -> None:
     result: Diagnosis = diagnose(simulated(["joint_compliance"], seed=3, sigmas=5.0))
-    words = explain(result)
+    words = result.summary()
     for part in ("joint_compliance", "stiffness", "Nm/rad", "test poses", "Verdict"):
         assert part in words
     assert {u.name for u in result.untestable} >= {"scanner_scale"}
@@ -384,15 +383,15 @@ def test_an_ambiguous_set_comes_with_poses_that_split_it() -> None:
         for seed in range(10, 40)
         if (r := diagnose(simulated(["link_bending"], seed=seed, sigmas=1.0))).verdict == "ambiguous"
     )
-    poses = splitting_poses(result)
+    poses = result.discriminating_poses
     assert len(poses) == 5
     assert [p.separation_mm for p in poses] == sorted((p.separation_mm for p in poses), reverse=True)
     measured = result.calibration.dataset.poses.q
     assert all(np.all((p.q >= measured.min(axis=0)) & (p.q <= measured.max(axis=0))) for p in poses)
-    words = explain(result)
+    words = result.summary()
     assert "cannot tell which" in words
     assert "Poses at which they differ most" in words
-    assert splitting_poses(diagnose(simulated(seed=8))) == ()
+    assert diagnose(simulated(seed=8)).discriminating_poses == ()
 
 
 @pytest.mark.slow
@@ -410,9 +409,9 @@ def test_without_masses_gravity_is_still_named_and_fitted(robot: str, seed: int)
     ).dataset
     joints = tuple(replace(joint, mass_kg=None, com_mm=None) for joint in dataset.robot.joints)
     result = diagnose(replace(dataset, robot=replace(dataset.robot, joints=joints)))
-    assert result.missing == ("joint_compliance",), explain(result)
+    assert result.missing == ("joint_compliance",), result.summary()
     before, after = result.steps[0].calibration.after.test, result.calibration.after.test
     assert before is not None
     assert after is not None
     assert after.rmse_mm < 0.4 * before.rmse_mm
-    assert "no masses" in explain(result)
+    assert "no masses" in result.summary()

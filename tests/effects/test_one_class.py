@@ -15,7 +15,6 @@ from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.explanation import explain
 from calib.effects.effect import CatalogueEffect, Effect, Family, Parameter
 from calib.effects.state import RobotState
 from calib.effects.user_file import check_effects, load_effects
@@ -95,8 +94,8 @@ def test_the_command_lists_a_class_that_is_in_the_catalogue(capsys: pytest.Captu
 @pytest.mark.usefixtures("listed")
 def test_a_class_in_the_catalogue_is_ranked_named_explained_and_on_the_page(hidden: Dataset) -> None:
     found = diagnose(hidden)
-    assert found.missing == ("seventh_harmonic",), explain(found)
-    words = explain(found)
+    assert found.missing == ("seventh_harmonic",), found.summary()
+    words = found.summary()
     assert "Missing: seventh_harmonic." in words
     assert f"urad at {len(hidden.poses)} poses)" in words
     assert "Note: seen in a test." in words

@@ -11,7 +11,6 @@ from calib.calibration.calibrate import calibrate
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.decision_rules import MIN_LEAD, leading_fault
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.explanation import explain
 from calib.effects.catalogue import effects_for
 from calib.screening.candidates import screen
 from calib.screening.fault_models import best_bump_or_jump, smooth_motion
@@ -54,7 +53,7 @@ def test_a_dent_is_found_at_its_joint_and_place_and_no_harmonic_is_named_in_its_
         0, abs=0.2
     )
     assert fault.size == pytest.approx(true.height_rad[joint], rel=0.35)
-    assert f"joint {joint + 1}" in explain(result)
+    assert f"joint {joint + 1}" in result.summary()
 
 
 @pytest.mark.parametrize(("robot", "seed"), [("rb5", 4), ("panda", 5)])

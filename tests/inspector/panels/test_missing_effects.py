@@ -14,12 +14,13 @@ import pytest
 
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.phrases import untestable_texts
 from calib.diagnosis.pose_recommendation import discriminating_poses, nearest_rival
 from calib.screening.candidates import Untestable
 from inspector.app.app import App
 from inspector.figures.residual_plots import SELECTED
 from inspector.markup import numbers
-from inspector.markup.effects import untestable_words, verdict_html
+from inspector.markup.effects import verdict_html
 from inspector.markup.residuals import input_title
 from inspector.panels.missing_effects import FIND, REDO, REMOVE, UNDO
 from inspector.panels.residuals import PLACES
@@ -118,7 +119,7 @@ def test_an_open_verdict_names_the_effects_that_it_leaves_open(folder: Path) -> 
 def test_effects_that_cannot_be_tested_for_the_same_reason_share_a_sentence() -> None:
     silent = tuple(Untestable(name, "no masses", "weigh the links") for name in ("bending", "sag", "play"))
     other = Untestable("growth", "no temperature", "write it down")
-    assert untestable_words((*silent[:2], other, silent[2])) == [
+    assert untestable_texts((*silent[:2], other, silent[2])) == [
         "bending, sag and play: no masses. To test them: weigh the links.",
         "growth: no temperature. To test it: write it down.",
     ]
@@ -351,7 +352,7 @@ def test_the_residual_is_drawn_against_what_is_chosen_test_poses_apart(app: App,
     first = residual_tests.inputs[0]
     assert residual_tests.structured  # so it opens there
     assert page.value("Against") == input_title(first.input, session(app).dataset.robot)
-    assert first.where in page.value("Show")  # "joint 2" in "apparent motion of joint 2, millidegrees"
+    assert first.channel.name in page.value("Show")  # "joint 2" in "apparent motion of joint 2, millidegrees"
     page.set("Against", "joint 1 angle, °")
     page.set("Show", "error length")
     page.wait(lambda p: left_plot(p).get("titles") == ("joint 1 angle, °", "error length, mm"))

@@ -10,7 +10,6 @@ import pytest
 from calib.calibration.calibrate import calibrate
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import GEOMETRY
-from calib.diagnosis.explanation import explain
 from calib.errors import CalibError
 from inspector.markup.effects import last_change
 from inspector.session import transitions as sessions
@@ -111,7 +110,7 @@ def test_a_diagnosis_is_taken_over_whole(ranked: Session) -> None:
     found = sessions.with_diagnosis(ranked, said.append)
     alone = diagnose(ranked.dataset)
     assert found.diagnosis is not None
-    assert explain(found.diagnosis) == explain(alone)
+    assert found.diagnosis.summary() == alone.summary()
     assert tuple(added.name for added in found.effects) == alone.missing == (HIDDEN,)
     assert labels(found) == ["nominal", GEOMETRY, f"+ {HIDDEN}"]
     assert found.screening is found.diagnosis.screenings[-1]

@@ -1,0 +1,42 @@
+"""What a diagnosis found: the verdict on a dataset, and the fits and tests that led to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from calib.calibration.result import Calibration
+from calib.diagnosis.effect_selection import FitStep
+from calib.diagnosis.pose_recommendation import DiscriminatingPose
+from calib.screening.candidates import Candidate, Screening, Untestable
+from calib.screening.fault_models import JointFault
+from calib.screening.residual_tests import ResidualTests
+
+
+@dataclass(frozen=True)
+class Findings:
+    """The verdict on a dataset and all that led to it; `Diagnosis` puts it into words."""
+
+    verdict: str  # of decision_rules.VERDICTS
+    missing: tuple[str, ...]  # effects, in the order added
+    ambiguous_set: tuple[str, ...]  # effects that these data cannot tell apart
+    steps: tuple[FitStep, ...]  # the link errors, then one for each effect that was added
+    screenings: tuple[Screening, ...]  # one a step: of every effect that is not in its model
+    residual_tests: ResidualTests  # what the last fit left over
+    refused: str = ""  # an effect that would have been named, but made the test poses worse
+    leading_fault: JointFault | None = None  # outside the catalogue, with more evidence than the next effect
+    discriminating_poses: tuple[DiscriminatingPose, ...] = ()  # at which the ambiguous set differs most
+
+    @property
+    def calibration(self) -> Calibration:
+        """The last fit, all named effects in it."""
+        return self.steps[-1].calibration
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """The ranking that the first decision was taken by."""
+        return self.screenings[0].candidates
+
+    @property
+    def untestable(self) -> tuple[Untestable, ...]:
+        """Families that these data cannot test."""
+        return self.screenings[0].untestable

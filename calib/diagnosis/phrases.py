@@ -1,0 +1,126 @@
+"""Phrases that sentences are made of: a fault, poses, an input, what a parameter means on the arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.array_types import BoolArray
+from calib.calibration.input_variables import joint_input
+from calib.calibration.result import Calibration
+from calib.diagnosis.pose_recommendation import DiscriminatingPose
+from calib.effects.compliance import stiffness
+from calib.effects.effect import Effect, Parameter, has_meaning, meaning_of
+from calib.screening.candidates import Untestable
+from calib.screening.fault_models import JointFault
+
+_CONDITIONS = {
+    "payload_kg": "the payload",
+    "temperature_c": "the temperature",
+    "time_s": "time",
+    "order": "the order of measuring",
+}
+
+
+def listed(names: Sequence[str]) -> str:
+    """ "a, b and c"."""
+    return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else "".join(names)
+
+
+def fault_text(fault: JointFault) -> str:
+    """What a fault of one joint looks like, without a full stop."""
+    joint = f"joint {fault.joint + 1}"
+    signed = _fault_size(fault.size, fault.unit, sign="+")
+    if fault.kind == "bump":
+        place, width = np.degrees([fault.place_rad, fault.width_rad])
+        return (
+            f"{joint} is off by {signed} around {place:.0f} deg, {width:.0f} deg wide (one sigma), as by a damaged place "
+            "in its gear"
+        )
+    if fault.kind == "jump":
+        return f"the zero of {joint} jumps by {signed} at pose {fault.pose_id}, as by a slip"
+    return (
+        f"{joint} moves by about {_fault_size(abs(fault.size), fault.unit, sign='')} in a way that changes smoothly with "
+        "the arm's attitude"
+    )
+
+
+def _fault_size(size: float, unit: str, *, sign: str) -> str:
+    return f"{np.degrees(size):{sign}.2g} deg" if unit == "rad" else f"{size:{sign}.2g} mm"
+
+
+def poses_text(poses: Sequence[DiscriminatingPose], is_revolute: BoolArray) -> str:
+    """The poses as a person types them: degrees, or mm for prismatic joints (is_revolute  # (n,))."""
+    lines = []
+    for pose in poses:
+        values = np.where(is_revolute, np.degrees(pose.q), pose.q)
+        lines.append(f"({', '.join(f'{v:.0f}' for v in values)}): {pose.separation_mm:.2g} mm apart")
+    return "; ".join(lines)
+
+
+def input_text(name: str) -> str:
+    """ "torque4" as one says it; a column of the user's own stays as it is."""
+    of_joint = joint_input(name)
+    if of_joint is not None:
+        quantity, joint = of_joint
+        return {
+            "q": f"joint {joint + 1} (q{joint + 1})",
+            "torque": f"gravity's torque on joint {joint + 1}",
+            "approach": f"the approach of joint {joint + 1}",
+        }[quantity]
+    if name in ("x", "y", "z"):
+        return f"{name} of the scanner's frame"
+    return _CONDITIONS.get(name, name)
+
+
+def untestable_line(family: Untestable) -> str:
+    """One family in a line."""
+    return f"not testable: {family.name}: {family.why}; {family.would_help}"
+
+
+def untestable_texts(untestable: Sequence[Untestable]) -> list[str]:
+    """A sentence for each reason why effects cannot be tested, with all the effects that it holds for."""
+    names: dict[tuple[str, str], list[str]] = {}
+    for family in untestable:
+        names.setdefault((family.why, family.would_help), []).append(family.name)
+    return [
+        f"{listed(of)}: {why}. To test {'it' if len(of) == 1 else 'them'}: {would_help}."
+        for (why, would_help), of in names.items()
+    ]
+
+
+def meaning(effect: Effect, parameter: Parameter, size: float, calibration: Calibration) -> str:
+    """The consequence of a parameter in words, at this dataset's poses; "" where its value says it already.
+
+    Args:
+        effect: whose parameter it is.
+        parameter: one of the effect's.
+        size: in the parameter's unit.
+        calibration: whose poses, torques and times it acts at.
+    """
+    if not np.isfinite(size) or size == 0.0:
+        return ""
+    if has_meaning(effect):
+        state = calibration.model.state(calibration.fit.x, calibration.dataset.poses)
+        return meaning_of(effect, parameter, size, state)
+    unit = parameter.unit
+    if unit == "rad":
+        return f"{np.degrees(size):.2g}\N{DEGREE SIGN}"
+    if unit == "rad/Nm":
+        return stiffness(size)
+    if unit == "1/K":
+        return f"{size * 1e6:.2g} \N{MICRO SIGN}m a metre and kelvin"
+    if unit in ("mm/s", "rad/s"):
+        return _over_the_run(size, unit, calibration)
+    return f"{100.0 * size:.2g} %" if unit == "1" else ""
+
+
+def _over_the_run(size: float, unit: str, calibration: Calibration) -> str:
+    time_s = calibration.dataset.poses.time_s
+    hours = float(np.ptp(time_s)) / 3600.0 if time_s is not None else 0.0
+    if hours <= 0.0:
+        return ""
+    moved = size * 3600.0 * hours
+    words = f"{moved:.2g} mm" if unit == "mm/s" else f"{np.degrees(moved):.2g}\N{DEGREE SIGN}"
+    return f"{words} over the {hours:.2g} h measured"

@@ -1,0 +1,280 @@
+"""The words of a diagnosis and an advice: the one place where facts become sentences.
+
+The terminal, the page, the report and the JSON documents all take their sentences from here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from calib.diagnosis import sentences as facts
+from calib.diagnosis.phrases import fault_text, input_text, listed, poses_text
+
+_SHOWN_VALUES = 4  # fitted parameters of an effect that are told; the others are counted
+_SHOWN_INPUTS = 3
+_NOISE_SOURCES = {
+    "repeats": "by repeated measurements",
+    "dataset": "as dataset.toml declares it, believed to 25 %",
+    "fit": "which no one declared",
+}
+
+
+def explanation_text(explanation: facts.Explanation) -> str:
+    """Several short paragraphs, the verdict last."""
+    return "\n\n".join([*reason_texts(explanation), f"Verdict: {verdict_text(explanation.verdict)}"])
+
+
+def reason_texts(explanation: facts.Explanation) -> list[str]:
+    """What led to the verdict, a paragraph each."""
+    return [" ".join(map(reason_text, paragraph)) for paragraph in explanation.reasons]
+
+
+def advice_text(sentences: Iterable[facts.AdviceSentence]) -> str:
+    """What is left, and what to do next."""
+    return " ".join(map(_advice_sentence, sentences))
+
+
+def reason_text(reason: facts.Reason) -> str:
+    """One sentence or a few that led to a verdict."""
+    match reason:
+        case facts.ModelFitted():
+            return _model_fitted(reason)
+        case facts.EffectFound():
+            return _effect_found(reason)
+        case facts.EffectsTied():
+            return _effects_tied(reason)
+        case facts.EffectRefused(effect):
+            return (
+                f"{effect} explains the training poses well, but with it the test poses are predicted worse: it was not "
+                "added. Either it stands in for another cause, or the test poses differ from the others."
+            )
+        case facts.FaultLeads(fault, margin):
+            return (
+                f"Outside the catalogue a simpler story says more than any effect in it, by {margin:g} in log evidence at "
+                f"least: {fault_text(fault)}. No effect was named in its place."
+            )
+        case facts.ResidualSize(residual_mm, noise_mm, noise_from):
+            return (
+                f"What is left is {residual_mm:.4g} mm a coordinate; the noise is {noise_mm:.4g} mm, "
+                f"{_NOISE_SOURCES[noise_from]}."
+            )
+        case facts.ResidualOrder(inputs, p_value, channel):
+            axis, motion = f"the {channel.name} of the scanner's frame", f"the motion of {channel.name}"
+            where = axis if channel.joint is None else motion
+            return (
+                f"It has order against {', '.join(inputs)} (p = {p_value:.2g}), most in {where} against {inputs[0]}: "
+                "it is not noise."
+            )
+        case facts.ResidualWithoutOrder(count, closest, p_value):
+            return f"It shows no order against any of {count} inputs (closest: {closest}, p = {p_value:.2g})."
+        case facts.ResidualTooLarge():
+            return "It is more than noise."
+        case facts.FaultSuspected(fault):
+            return f"It looks as if {fault_text(fault)} (log evidence {fault.log_evidence:.0f})."
+        case facts.PosesStandOut(poses):
+            return f"Single poses stand out: {', '.join(poses)}."
+
+
+def _model_fitted(model: facts.ModelFitted) -> str:
+    with_effects = f" with {' and '.join(model.families)}" if model.families else ""
+    noise = (
+        "; no noise is declared"
+        if model.noise_ratio is None
+        else f", {model.noise_ratio:.2g} times the declared noise"
+    )
+    errors = (
+        f"; the training poses are off by {model.train_rmse_mm:.4g} mm (3D RMSE), the test poses by "
+        f"{model.test_rmse_mm:.4g} mm"
+        if model.train_rmse_mm is not None and model.test_rmse_mm is not None
+        else ""
+    )
+    return (
+        f"The five-parameter model{with_effects} was fitted to {model.points} measured points of {model.robot} with the "
+        f"scanner's place unknown. It leaves {model.sigma_mm:.4g} mm a coordinate{noise}{errors}."
+    )
+
+
+def _effect_found(found: facts.EffectFound) -> str:
+    lead = (
+        f" and leads the next, {found.runner_up}, by {found.lead:.0f} in log evidence (more than 3 is asked for)"
+        if found.runner_up and found.lead is not None
+        else ""
+    )
+    change = "" if found.change is None else f". {_error_change(found.change)}"
+    note = f" Note: {found.note}." if found.note else ""
+    return (
+        f"Missing: {found.effect}. It explains {100 * found.explained_share:.0f} % of what was left "
+        f"(p = {found.p_value:.1g}){lead}{change}. {_fitted_values(found.values)}{note}"
+    )
+
+
+def _error_change(change: facts.ErrorChange) -> str:
+    before_mm, after_mm = change.before_mm, change.after_mm
+    if not change.of_test_poses:
+        return (
+            f"With it the training poses fall from {before_mm:.4g} to {after_mm:.4g} mm; "
+            "no test poses confirm it"
+        )
+    share = after_mm / before_mm - 1.0 if before_mm > 0.0 else 0.0
+    go = "hardly change," if abs(share) < facts.SMALL_CHANGE else ("fall" if share < 0.0 else "rise")
+    return f"With it the test poses, which it never saw, {go} from {before_mm:.4g} to {after_mm:.4g} mm"
+
+
+def _fitted_values(values: Sequence[facts.FittedValue]) -> str:
+    if not values:
+        return "None of its parameters is known to better than half its size by itself; together they are."
+    more = len(values) - _SHOWN_VALUES
+    told = [
+        f"{v.name} = {v.value:.3g} +- {v.sigma:.1g} {v.unit}{f' ({v.meaning})' if v.meaning else ''}"
+        for v in values[:_SHOWN_VALUES]
+    ]
+    return f"Fitted: {'; '.join(told)}{f', and {more} more' if more > 0 else ''}."
+
+
+def _effects_tied(tied: facts.EffectsTied) -> str:
+    words = (
+        f"Something is missing, and these data cannot tell which of {', '.join(tied.effects)}: their log evidences lie "
+        "within 3 of each other."
+    )
+    if tied.overlaps:
+        overlaps = ", ".join(f"{effect}: {100 * share:.0f} %" for effect, share in tied.overlaps)
+        words += f" Of what {tied.best} explains, others could explain as much ({overlaps})."
+    if tied.confirm:
+        measures = "; ".join(f"for {effect}, {measure}" for effect, measure in tied.confirm)
+        words += f" To tell them apart, measure: {measures}."
+    if tied.poses:
+        poses = poses_text(tied.poses, tied.is_revolute)
+        words += f" Poses at which they differ most, joints in degrees: {poses}."
+    return words
+
+
+# ---- the verdict ----------------------------------------------------------------------------------------------------
+
+
+def verdict_text(verdict: facts.VerdictSentence, *, reasons: str = "above", tied: str = "") -> str:
+    """The verdict alone, a sentence or two.
+
+    Args:
+        reasons: where the reader finds what led to it, "above" or "below".
+        tied: how a list of effects that cannot be told apart is told ("a, b or c"), where the reader has not seen it.
+    """
+    named = " and ".join(verdict.effects) if not isinstance(verdict, facts.Adequate) else ""
+    several = not isinstance(verdict, facts.Adequate) and len(verdict.effects) > 1
+    match verdict:
+        case facts.Adequate():
+            return f"adequate. {_adequate(verdict)}, and nothing else shows."
+        case facts.Named():
+            return (
+                f"{named} {'were' if several else 'was'} missing, and with {'them' if several else 'it'} nothing else "
+                f"shows.{_contradiction(verdict.contradicting_points)}"
+            )
+        case facts.Ambiguous():
+            after = f" after {named}" if named else ""
+            which = f"These data cannot tell which: {tied}. This set" if tied else f"The set {reasons}"
+            return f"ambiguous{after}. {which} holds the cause if the catalogue does."
+        case facts.Unexplained(reason="implausible"):
+            return f"unexplained. {_capitalised(verdict.doubt)}."
+        case facts.Unexplained():
+            begin = (
+                f"{named} {'help' if several else 'helps'}, yet "
+                if named
+                else "No effect of the catalogue fits: "
+            )
+            return f"unexplained. {begin}{_unexplained(verdict.reason, reasons)}"
+        case facts.Outliers():
+            missing = f"{named} {'were' if several else 'was'} missing; " if named else ""
+            return (
+                f"outliers. {missing}apart from single poses nothing is left. Measure those poses again before you leave "
+                "them out."
+            )
+
+
+def _adequate(verdict: facts.Adequate) -> str:
+    """What `adequate` covers: a family that these data cannot test is not found absent."""
+    if not verdict.any_tested:
+        return "These data can test none of the catalogue's effects; what is left is no more than noise"
+    names = ", ".join(verdict.untestable)
+    covers = f", as far as these data can tell ({names}: not testable)" if names else ""
+    return f"Nothing in the catalogue is missing beyond noise{covers}"
+
+
+def _contradiction(points: int | None) -> str:
+    """A warning where the test poses, within their scatter, speak against what was named."""
+    if points is None:
+        return ""
+    return (
+        f" But the {points} test points do not confirm it: they got worse, though by no more than their scatter. Take it "
+        "for a lead, and measure more poses."
+    )
+
+
+def _unexplained(reason: str, reasons: str) -> str:
+    return {
+        "fault": f"what is left tells of something else, said {reasons}. Look at that joint.",
+        "order": (
+            f"something with a pattern is left. Look at the inputs named {reasons}; a loose part or a hose would show so."
+        ),
+        "size": "more than noise is left, without a pattern against any input.",
+        "refused": "what was found makes the test poses worse.",
+    }[reason]
+
+
+def _capitalised(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
+
+# ---- advice, and what is left in short ------------------------------------------------------------------------------
+
+
+def _advice_sentence(sentence: facts.AdviceSentence) -> str:
+    match sentence:
+        case facts.ResidualSummary():
+            return residual_summary_text(sentence)
+        case facts.LookAtJoint(fault):
+            return (
+                f"Outside the catalogue a simpler story says more than any effect: {fault_text(fault)}. Look at that joint "
+                "before you add anything."
+            )
+        case facts.TellApart(effects):
+            return (
+                f"{listed(effects)} could each explain it: their evidence lies within 3, these data cannot tell which. "
+                "Measure what tells them apart, or add one and see which goes on to help."
+            )
+        case facts.AddEffect(effect, log_evidence, lead):
+            leads = "" if lead is None else f" and leads the next by {lead:.0f}"
+            return f"{effect} is missing: its evidence is {log_evidence:.0f} (3 would do){leads}. Add it."
+        case facts.LookCloser():
+            return (
+                "No effect in the ranking explains it. Look at it in the tab Where it fails; a loose part, a hose or a "
+                "slip would show so. An effect of your own can be tested with --effects-file."
+            )
+        case facts.MeasureAgain():
+            return "No effect is missing. Measure those poses again before you leave them out."
+        case facts.NothingToAdd(any_tested=False):
+            return "These data can test none of the catalogue's effects, so none can be found missing."
+        case facts.NothingToAdd():
+            count = sentence.untestable
+            known = (
+                f", as far as these data can tell: they cannot test {count} of the effects" if count else ""
+            )
+            return f"No effect of the ranking would help: nothing more is missing{known}."
+
+
+def residual_summary_text(summary: facts.ResidualSummary) -> str:
+    """ "What is left: noise." """
+    return f"What is left: {_summarised(summary)}."
+
+
+def _summarised(summary: facts.ResidualSummary) -> str:
+    """What a fit leaves, in a few words: noise, a pattern and against what, or more than noise."""
+    if summary.fault is not None:
+        return fault_text(summary.fault)
+    if summary.inputs:
+        more = len(summary.inputs) - _SHOWN_INPUTS
+        named = ", ".join(input_text(name) for name in summary.inputs[:_SHOWN_INPUTS])
+        return f"a pattern against {named}" + (f" and {more} more" if more > 0 else "")
+    if summary.too_large:
+        return "more than noise, without a pattern"
+    if summary.outlier_poses:
+        return f"noise, apart from single poses ({', '.join(summary.outlier_poses)})"
+    return "noise"

@@ -1,0 +1,117 @@
+"""The scan statistic of the residual tests: smooth bumps over each input, laid against scalars of a pose ("channels").
+
+The largest response over all inputs, widths and channels is large where the residual has order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from calib.array_types import Array, BoolArray
+from calib.calibration.input_variables import inputs_at, joint_input
+from calib.screening.projected_residual import ProjectedResidual, joint_directions
+
+_WIDTHS = (0.04, 0.12, 0.35)  # of the bumps, in shares of an input's range
+_CENTRES = 25
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A scalar of each pose: the residual along an axis of the scanner's frame, or the apparent motion of a joint."""
+
+    joint: int | None = None  # from 0; None for an axis
+    axis: str = ""  # "x", "y" or "z"; "" for a joint
+
+    @property
+    def name(self) -> str:
+        """ "joint 3" or "x"."""
+        return self.axis if self.joint is None else f"joint {self.joint + 1}"
+
+
+@dataclass(frozen=True)
+class ScanStatistic:
+    """The response of a residual to smooth bumps over each input, in each of the input's channels."""
+
+    of_pose: csr_matrix  # (N, M)
+    kept: Array  # (R, 1) 0 at outliers
+    directions: dict[Channel, Array]  # (M, 3) of a channel at each point
+    bumps: dict[str, list[Array]]  # by input, for each width (C, N)
+    channels_of: dict[str, list[Channel]]  # by input
+
+    @classmethod
+    def at(cls, projected: ProjectedResidual, outlier: BoolArray) -> ScanStatistic:
+        """Of what a fit leaves over, without the points (M,) that stand out."""
+        directions: dict[Channel, Array] = {}
+        for axis, name in enumerate("xyz"):
+            directions[Channel(axis=name)] = np.broadcast_to(np.eye(3)[axis], (len(outlier), 3))
+        for j, direction in enumerate(joint_directions(projected)):
+            size = max(float(np.sqrt(np.mean(direction**2))), 1e-300)
+            directions[Channel(joint=j)] = direction / size
+        inputs = inputs_of(projected)
+        return cls(
+            sum_by_pose(projected),
+            np.where(np.repeat(outlier, 3), 0.0, 1.0)[:, None],
+            directions,
+            {name: _bumps(values) for name, values in inputs.items()},
+            {name: _relevant(name, directions) for name in inputs},
+        )
+
+    def scores(self, values: Array) -> dict[str, Array]:
+        """For each input (S, D) responses of residuals (R, D), each scaled to length 1: channels times widths."""
+        values = values * self.kept
+        values /= np.maximum(np.linalg.norm(values, axis=0), 1e-300)
+        rows = values.reshape(self.of_pose.shape[1], 3, -1)
+        seen = {name: self.of_pose @ np.einsum("mi,mid->md", d, rows) for name, d in self.directions.items()}
+        return {
+            name: np.stack([_squares(bump @ seen[c]) for c in channels for bump in self.bumps[name]])
+            for name, channels in self.channels_of.items()
+        }
+
+
+def _bumps(values: Array) -> list[Array]:
+    """For each width normalised Gaussian bumps over an input's range, as C <= 25 rows of the same Gram matrix (C, N).
+
+    Wide bumps are much alike, so that a few rows do; what is dropped adds less than 1e-12 to a sum of squares.
+    """
+    low, high = float(values.min()), float(values.max())
+    u = (values - low) / (high - low)
+    levels = np.unique(u)
+    centres = levels if len(levels) <= _CENTRES else np.linspace(0.0, 1.0, _CENTRES)
+    out = []
+    for width in _WIDTHS if len(levels) > 4 else (1e-3,):
+        bump = np.exp(-0.5 * ((u[:, None] - centres) / width) ** 2)
+        bump = bump[:, bump.sum(axis=0) > 0.3]
+        left, s, _ = np.linalg.svd(bump / np.linalg.norm(bump, axis=0), full_matrices=False)
+        shown = s > 1e-6 * s[0]
+        out.append(s[shown, None] * left[:, shown].T)
+    return out
+
+
+def _squares(values: Array) -> Array:
+    """(D,) sums of squares of the columns of (C, D)."""
+    return np.asarray(np.einsum("cd,cd->d", values, values))
+
+
+def _relevant(name: str, channels: Iterable[Channel]) -> list[Channel]:
+    """The axes for every input; a joint's own motion for its own inputs, every joint's for time, load and the like."""
+    of_joint = joint_input(name)
+    if of_joint is not None:
+        return [channel for channel in channels if channel.joint in (None, of_joint[1])]
+    return [channel for channel in channels if channel.joint is None or name not in "xyz"]
+
+
+def inputs_of(projected: ProjectedResidual) -> dict[str, Array]:
+    """Everything a residual may depend on, by name, one value a used pose (N,)."""
+    poses, _ = projected.residuals.observed.used_poses
+    return inputs_at(projected.residuals.model.robot, poses, projected.state)
+
+
+def sum_by_pose(projected: ProjectedResidual) -> csr_matrix:
+    """(N, M) sums what the points of a pose say."""
+    poses, row = projected.residuals.observed.used_poses
+    points = np.arange(len(row))
+    return csr_matrix((np.ones(len(row)), (row, points)), shape=(len(poses), len(row)))

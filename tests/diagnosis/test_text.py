@@ -1,0 +1,146 @@
+"""Sentences with their facts, and the words that they become."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.diagnosis import sentences as facts
+from calib.diagnosis.phrases import fault_text, poses_text
+from calib.diagnosis.pose_recommendation import DiscriminatingPose
+from calib.diagnosis.text import advice_text, explanation_text, reason_text, verdict_text
+from calib.screening.fault_models import JointFault
+from calib.screening.scan_statistic import Channel
+
+DENT = JointFault("bump", 1, 12.4, 1e-3, "rad", place_rad=0.5, width_rad=0.2)
+
+
+def test_faults_count_joints_from_one_and_carry_their_unit() -> None:
+    assert fault_text(DENT) == (
+        "joint 2 is off by +0.057 deg around 29 deg, 11 deg wide (one sigma), as by a damaged place in its gear"
+    )
+    jump = JointFault("jump", 4, 9.0, -0.2, "mm", pose_id="p37")
+    assert fault_text(jump) == "the zero of joint 5 jumps by -0.2 mm at pose p37, as by a slip"
+    smooth = JointFault("smooth", 0, 9.0, 2e-4, "rad")
+    assert fault_text(smooth) == (
+        "joint 1 moves by about 0.011 deg in a way that changes smoothly with the arm's attitude"
+    )
+
+
+def test_poses_are_told_in_degrees_and_millimetres() -> None:
+    pose = DiscriminatingPose(np.array([np.pi / 2, 120.0]), 0.123)
+    assert poses_text([pose, pose], np.array([True, False])) == (
+        "(90, 120): 0.12 mm apart; (90, 120): 0.12 mm apart"
+    )
+
+
+@pytest.mark.parametrize(
+    ("verdict", "says"),
+    [
+        (
+            facts.Adequate(True, ("backlash",)),
+            "adequate. Nothing in the catalogue is missing beyond noise, as far as these data can tell (backlash: not "
+            "testable), and nothing else shows.",
+        ),
+        (
+            facts.Adequate(False, ()),
+            "adequate. These data can test none of the catalogue's effects; what is left is no more than noise, and "
+            "nothing else shows.",
+        ),
+        (
+            facts.Named(("backlash",), None),
+            "backlash was missing, and with it nothing else shows.",
+        ),
+        (
+            facts.Named(("backlash", "tool_sag"), 7),
+            "backlash and tool_sag were missing, and with them nothing else shows. But the 7 test points do not "
+            "confirm it: they got worse, though by no more than their scatter. Take it for a "
+            "lead, and measure more poses.",
+        ),
+        (
+            facts.Ambiguous(("backlash",), ("a", "b")),
+            "ambiguous after backlash. The set above holds the cause if the catalogue does.",
+        ),
+        (
+            facts.Unexplained((), "implausible", "the points do not belong to these poses"),
+            "unexplained. The points do not belong to these poses.",
+        ),
+        (
+            facts.Unexplained(("backlash",), "fault", ""),
+            "unexplained. backlash helps, yet what is left tells of something else, said above. Look at that joint.",
+        ),
+        (
+            facts.Unexplained((), "order", ""),
+            "unexplained. No effect of the catalogue fits: something with a pattern is left. Look at the inputs named "
+            "above; a loose part or a hose would show so.",
+        ),
+        (
+            facts.Unexplained(("a", "b"), "size", ""),
+            "unexplained. a and b help, yet more than noise is left, without a pattern against any input.",
+        ),
+        (
+            facts.Unexplained((), "refused", ""),
+            "unexplained. No effect of the catalogue fits: what was found makes the test poses worse.",
+        ),
+        (
+            facts.Outliers(("backlash",), ("p1",)),
+            "outliers. backlash was missing; apart from single poses nothing is left. Measure those poses again before "
+            "you leave them out.",
+        ),
+    ],
+)
+def test_each_verdict_has_its_words(verdict: facts.VerdictSentence, says: str) -> None:
+    assert verdict_text(verdict) == says
+
+
+def test_a_verdict_points_to_where_its_reasons_stand() -> None:
+    tied = facts.Ambiguous((), ("a", "b"))
+    assert verdict_text(tied, reasons="below").startswith("ambiguous. The set below holds")
+    assert verdict_text(tied, tied="a or b") == (
+        "ambiguous. These data cannot tell which: a or b. This set holds the cause if the catalogue does."
+    )
+    assert "said below" in verdict_text(facts.Unexplained((), "fault", ""), reasons="below")
+    assert "named below" in verdict_text(facts.Unexplained((), "order", ""), reasons="below")
+
+
+def test_an_effect_is_told_with_its_lead_its_test_error_and_its_surest_parameters() -> None:
+    values = tuple(facts.FittedValue(f"backlash.J{j}.b", 1e-3, 1e-5, "rad", "0.057°") for j in range(1, 7))
+    found = facts.EffectFound(
+        "backlash", 0.81, 1e-9, "tool_sag", 12.3, facts.ErrorChange(True, 0.2, 0.1), values, "unknown masses"
+    )
+    said = reason_text(found)
+    assert said.startswith(
+        "Missing: backlash. It explains 81 % of what was left (p = 1e-09) and leads the next, tool_sag, by 12 in "
+        "log evidence (more than 3 is asked for). With it the test poses, which it never saw, fall from 0.2 to 0.1 mm. "
+        "Fitted: backlash.J1.b = 0.001 +- 1e-05 rad (0.057°); "
+    )
+    assert said.endswith(", and 2 more. Note: unknown masses.")
+
+
+def test_the_verdict_comes_last_and_paragraphs_are_apart() -> None:
+    size = facts.ResidualSize(0.06, 0.05, "repeats")
+    order = facts.ResidualOrder(("q2", "time_s"), 1e-3, Channel(joint=1))
+    paragraph = (size, order, facts.FaultSuspected(DENT), facts.PosesStandOut(("p1", "p2")))
+    reasons = ((facts.EffectRefused("backlash"),), paragraph)
+    first, second, last = explanation_text(facts.Explanation(reasons, facts.Named(("a",), None))).split(
+        "\n\n"
+    )
+    assert first.startswith("backlash explains the training poses well")
+    assert second.startswith(
+        "What is left is 0.06 mm a coordinate; the noise is 0.05 mm, by repeated measurements. It has order against "
+        "q2, time_s (p = 0.001), most in the motion of joint 2 against q2: it is not noise. It looks as if joint 2 is "
+        "off by"
+    )
+    assert second.endswith("(log evidence 12). Single poses stand out: p1, p2.")
+    assert last == "Verdict: a was missing, and with it nothing else shows."
+    along = reason_text(facts.ResidualOrder(("x",), 1e-3, Channel(axis="z")))
+    assert "most in the z of the scanner's frame against x" in along
+
+
+def test_advice_names_the_effect_and_its_lead() -> None:
+    left = facts.ResidualSummary(None, (), True, ())
+    assert advice_text((left, facts.AddEffect("backlash", 8.0, None))) == (
+        "What is left: more than noise, without a pattern. backlash is missing: its evidence is 8 (3 would do). Add it."
+    )
+    apart = advice_text((left, facts.TellApart(("a", "b", "c"))))
+    assert "a, b and c could each explain it" in apart
