@@ -72,7 +72,7 @@ def held_out(dataset: Dataset, truth: Truth, seat: NDArray, kind: str, seed: int
     """Directions known, place error in mm and attitude error in rad of one fit."""
     result = calibrate(dataset, FitOptions(kind))
     model, x, observed = result.model, result.fit.x, Observations.of(dataset)
-    placed = PoseResiduals(model, observed).placement(x)
+    placed = PoseResiduals(model, observed).frames_and_seat(x)
     frames = (
         PositionResiduals(model, observed).scanner_frames(x) if kind == "position" else placed.scanner_T_base
     )
