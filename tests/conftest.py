@@ -24,7 +24,7 @@ settings.load_profile("project")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """A browser takes seconds to start and to draw: its tests are slow ones."""
+    """Browser tests are slow: a browser takes seconds to start and to draw."""
     for item in items:
         if item.get_closest_marker("browser"):
             item.add_marker(pytest.mark.slow)
