@@ -25,8 +25,9 @@ from inspector.app.tabs import add_panels
 from inspector.scene.scene_view import LAYERS
 from inspector.server.viser_server import InspectorServer, tell
 from inspector.server.worker import LongWork, Worker
+from inspector.session.reopening import Opening
 from inspector.session.scan_cache import ScanCache
-from inspector.session.session_file import Opening, Shown
+from inspector.session.session_file import Shown
 from inspector.session.user_effects import UserEffects, Watch
 from inspector.session.view import RESIDUALS, VIEWS
 

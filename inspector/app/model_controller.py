@@ -19,8 +19,9 @@ from inspector.app.tabs import Panels
 from inspector.server.background import Background
 from inspector.server.worker import LongWork
 from inspector.session import transitions as sessions
+from inspector.session.reopening import reopened
 from inspector.session.session import Session
-from inspector.session.session_file import Saved, Shown, reopened
+from inspector.session.session_file import Saved, Shown
 from inspector.session.undo import Undo
 from inspector.session.user_effects import UserEffects
 

@@ -13,7 +13,7 @@ from calib.errors import CalibError
 from inspector.app.app import App
 from inspector.app.dataset_list import has_scans
 from inspector.server.viser_server import LOOPBACK, start_server, url_of
-from inspector.session.session_file import Opening
+from inspector.session.reopening import Opening
 
 
 @contextmanager

@@ -44,7 +44,8 @@ from inspector.session.json_text import to_json
 def run_serve(options: ServeOptions) -> int:
     """Serve the web app until Ctrl-C."""
     from inspector.app.serving import serve
-    from inspector.session.session_file import load_session, opening
+    from inspector.session.reopening import opening
+    from inspector.session.session_file import load_session
 
     saved = None
     if options.session is not None:

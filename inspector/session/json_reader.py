@@ -1,12 +1,21 @@
-"""JSON from a file that someone else may have written: every value is checked, an error is one line with its place."""
+"""JSON from a file that someone else may have written: every value is checked, an error is one line with its place.
+
+Structs say what a file holds and msgspec checks it. What it says of an error is told in our words, since it names the
+type that is needed but not what was found, and among the values of a mapping not the one that it means. The text
+itself is read by json, which tells line and column of a mistake.
+"""
 
 from __future__ import annotations
 
 import json
-import math
+import re
+import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Annotated, Any, NoReturn, TypeVar
+
+import msgspec
+from msgspec import Meta
 
 from calib.errors import CalibError
 
@@ -14,14 +23,35 @@ SIZE_LIMIT = 10_000_000  # bytes; a long session is some 100 kB
 TEXT_LIMIT = 2_000
 LIST_LIMIT = 1_000
 
+Text = Annotated[str, Meta(min_length=1, max_length=TEXT_LIMIT, pattern=r"\A[^\0]*\Z")]
+Texts = Annotated[tuple[Text, ...], Meta(max_length=LIST_LIMIT)]
+Finite = Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
+AboveZero = Annotated[float, Meta(gt=0.0, le=sys.float_info.max)]
+
+T = TypeVar("T")
+Place = list[str | int]  # keys and indices from the outermost value inwards
+
+OUT_OF_RANGE = "a finite number is needed"
+_REMEDIES = (  # by what msgspec says that it expects
+    ("`float` > 0", "a number above 0 is needed"),
+    ("`float", OUT_OF_RANGE),
+    ("`bool", "true or false is needed"),
+    ("`str", "a text is needed"),
+    ("`array", "a list [ ] is needed"),
+    ("`object", "an object { } is needed"),
+)
+
 
 class SessionFileError(CalibError):
     """A session file cannot be used."""
 
 
-def read_object(path: Path) -> Reader:
-    """The file's object. Raises SessionFileError."""
-    return Reader(path, "").mapping(_json(path))
+def read_object(path: Path) -> dict[str, Any]:
+    """The file's outermost object, unchecked. Raises SessionFileError."""
+    data = _json(path)
+    if not isinstance(data, dict):
+        fail(path, ["the file"], in_short(data), "an object { } is needed")
+    return data
 
 
 def _json(path: Path) -> Any:
@@ -47,101 +77,60 @@ def _json(path: Path) -> Any:
         raise SessionFileError(f"{path}: not a session file ({type(error).__name__})") from None
 
 
-class Reader:
-    """One object of the file, that knows where it stands."""
-
-    def __init__(self, path: Path, place: str, data: Mapping[str, Any] | None = None) -> None:
-        self._path, self._place, self._data = path, place, data or {}
-
-    def fail(self, key: str, found: str, remedy: str) -> NoReturn:
-        """Raise, naming file and place."""
-        place = ".".join(part for part in (self._place, key) if part)
-        raise SessionFileError(f"{self._path}: {place}: found {found}; {remedy}")
-
-    def value(self, key: str) -> Any:
-        """Whatever stands there."""
-        return self._data.get(key)
-
-    def mapping(self, value: Any, key: str = "") -> Reader:
-        """A value that has to be an object."""
-        place = ".".join(part for part in (self._place, key) if part)
-        if not isinstance(value, dict):
-            self.fail(key or "the file", _kind(value), "an object { } is needed")
-        return Reader(self._path, place, value)
-
-    def mapping_at(self, key: str) -> Reader:
-        """An object."""
-        return self.mapping(self._data.get(key), key)
-
-    def _list(self, key: str) -> list[Any]:
-        value = self._data.get(key)
-        if not isinstance(value, list):
-            self.fail(key, _kind(value), "a list [ ] is needed")
-        if len(value) > LIST_LIMIT:
-            self.fail(key, f"{len(value)} entries", f"{LIST_LIMIT} are the most")
-        return value
-
-    def mappings_at(self, key: str) -> list[Reader]:
-        """A list of objects."""
-        return [self.mapping(item, f"{key}[{i}]") for i, item in enumerate(self._list(key))]
-
-    def texts_at(self, key: str) -> tuple[str, ...]:
-        """A list of texts."""
-        return tuple(self._text(f"{key}[{i}]", item) for i, item in enumerate(self._list(key)))
-
-    def text(self, key: str) -> str:
-        """A text that is not empty."""
-        return self._text(key, self._data.get(key))
-
-    def _text(self, key: str, value: Any) -> str:
-        if not isinstance(value, str) or not value or len(value) > TEXT_LIMIT or "\0" in value:
-            self.fail(key, _kind(value), "a text is needed")
-        return value
-
-    def optional_text(self, key: str) -> str | None:
-        """A text, or None where there is none."""
-        return None if self._data.get(key) is None else self.text(key)
-
-    def texts(self) -> dict[str, str]:
-        """All values, each a text."""
-        return {key: self.text(key) for key in self._data}
-
-    def flag(self, key: str) -> bool | None:
-        """true, false, or None where there is none."""
-        value = self._data.get(key)
-        if value is not None and not isinstance(value, bool):
-            self.fail(key, _kind(value), "true or false is needed")
-        return value
-
-    def number(self, key: str) -> float | None:
-        """A finite number, or None where there is none."""
-        value = self._data.get(key)
-        if value is None:
-            return None
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            self.fail(key, _kind(value), "a finite number is needed")
-        return float(value)
-
-    def size(self, key: str) -> float | None:
-        """As `number`, above 0."""
-        value = self.number(key)
-        if value is not None and value <= 0.0:
-            self.fail(key, f"{value:g}", "a number above 0 is needed")
-        return value
-
-    def sizes(self) -> dict[str, float]:
-        """All values, each a number above 0."""
-        out = {}
-        for key in self._data:
-            value = self.size(key)
-            if value is None:
-                self.fail(key, "null", "a number above 0 is needed")
-            out[key] = value
-        return out
+def fail(path: Path, place: Place, found: str, remedy: str) -> NoReturn:
+    """Raise SessionFileError, naming file and place."""
+    keys = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in place)
+    raise SessionFileError(f"{path}: {keys.removeprefix('.')}: found {found}; {remedy}")
 
 
-def _kind(value: Any) -> str:
+def checked(path: Path, place: Place, value: Any, kind: type[T]) -> T:
+    """The value at this place of the file as one of this kind. Raises SessionFileError where it is none."""
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        said = str(error)
+    inside = _place_in(said)
+    found = _value_at(value, inside)
+    if missing := re.match(r"Object missing required field `(\w+)`", said):
+        # What is said of a null there is what is needed there.
+        return checked(path, place, _with(value, inside, {**found, missing[1]: None}), kind)
+    if "of length" in said and isinstance(found, list):
+        fail(path, [*place, *inside], f"{len(found)} entries", f"{LIST_LIMIT} are the most")
+    told = f"{found:g}" if "> 0" in said else in_short(found)
+    needs = (needed for expected, needed in _REMEDIES if said.startswith(f"Expected {expected}"))
+    fail(path, [*place, *inside], told, next(needs, OUT_OF_RANGE))
+
+
+def checked_values(path: Path, place: Place, values: Mapping[str, Any], kind: type[T]) -> dict[str, T]:
+    """As `checked`, each value of a mapping: msgspec's errors do not tell which of them is meant."""
+    return {key: checked(path, [*place, key], value, kind) for key, value in values.items()}
+
+
+def in_short(value: Any) -> str:
     """What stands there, short enough for a line."""
     if value is None:
         return "nothing"
     return f"{value!r:.60}".replace("\n", " ") + (" ..." if len(repr(value)) > 60 else "")
+
+
+def _place_in(said: str) -> Place:
+    """The keys and indices in "... - at `$.history[2].label`"."""
+    told = re.search(r" - at `\$(.*)`\Z", said)
+    steps = re.findall(r"\.(\w+)|\[(\d+)\]", told[1] if told else "")
+    return [key or int(index) for key, index in steps]
+
+
+def _value_at(value: Any, place: Place) -> Any:
+    for key in place:
+        value = value[key]
+    return value
+
+
+def _with(value: Any, place: Place, new: Any) -> Any:
+    """The value with something else at this place; nothing is changed in place."""
+    if not place:
+        return new
+    first, *rest = place
+    copy = dict(value) if isinstance(value, dict) else list(value)
+    copy[first] = _with(value[first], rest, new)  # type: ignore[index]
+    return copy

@@ -15,7 +15,7 @@ from typing import Any
 from inspector.app.app import App
 from inspector.app.serving import serving
 from inspector.cli.parser import main
-from inspector.session.session_file import Opening
+from inspector.session.reopening import Opening
 from tests.support.wire_client import WireClient
 
 IDLE_S = 90.0  # the longest that a page's work is waited for

@@ -31,8 +31,9 @@ from inspector.cli.parser import main
 from inspector.export.csv_and_png import corners_csv
 from inspector.markup import numbers
 from inspector.session import transitions as sessions
+from inspector.session.reopening import opening, reopened
 from inspector.session.session import Session
-from inspector.session.session_file import load_session, opening, reopened, save_session
+from inspector.session.session_file import load_session, save_session
 from tests.support.app import IDLE_S, idle_app, shows
 from tests.support.tiny_dataset import scanned_cell
 from tests.support.wire_client import WireClient

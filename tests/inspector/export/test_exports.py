@@ -31,7 +31,8 @@ from inspector.export.glb_scene import PREDICTED, scene_glb
 from inspector.panels.downloads import ITEMS, SCREENSHOT
 from inspector.scene.scene_view import ROOT
 from inspector.server.viser_server import url_of
-from inspector.session.session_file import dataset_of, load_session, opening
+from inspector.session.reopening import dataset_of, opening
+from inspector.session.session_file import load_session
 from tests.support.app import IDLE_S, idle_app
 from tests.support.browser import colours_in, node_drawn, open_page
 from tests.support.hidden_dataset import HIDDEN, write_hidden

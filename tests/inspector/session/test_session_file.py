@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,8 +17,9 @@ from calib.dataset.files.fingerprint import fingerprint
 from calib.errors import CalibError
 from inspector.cli.parser import main
 from inspector.session import transitions as sessions
+from inspector.session.reopening import dataset_of, opening, reopened
 from inspector.session.session import Session
-from inspector.session.session_file import Shown, dataset_of, load_session, reopened, save_session
+from inspector.session.session_file import Shown, load_session, save_session, session_text
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 
 
@@ -99,6 +101,23 @@ def test_poses_that_were_left_out_stay_out(worked_on: Session, folder: Path, tmp
     assert again.calibration is not None
     assert again.calibration.dataset.points is not None
     assert not {3, 4} & set(again.calibration.dataset.points.pose.tolist())
+
+
+def test_a_session_that_version_0_1_0_saved_opens_and_is_written_as_it_was() -> None:
+    old, root = Path(__file__).with_name("saved_by_0_1_0.json"), Path(__file__).parents[3] / "sample_data"
+    read = load_session(old)
+    assert read.shown == Shown("p04", "All corners", True, 300.0, 1000.0)
+    _, told = opening(read, root)
+    again, notes = opened(old, root)
+    assert (told, notes) == ((), ())  # dataset and figures are those of before
+    assert [effect.name for effect in again.effects] == ["joint_compliance"]
+
+    def rounded(text: str) -> str:  # figures to nine places: another processor rounds otherwise
+        return re.sub(r"-?\d+\.\d+(e-?\d+)?", lambda m: f"{float(m[0]):.9g}", text.partition('"history"')[2])
+
+    text = session_text(again, beside=old.parent, shown=read.shown)
+    assert text.partition('"history"')[0] == old.read_text("utf-8").partition('"history"')[0]
+    assert rounded(text) == rounded(old.read_text("utf-8"))
 
 
 def test_nothing_fitted_yet_is_a_session_too(folder: Path, tmp_path: Path) -> None:

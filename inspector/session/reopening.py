@@ -1,0 +1,134 @@
+"""Opens a saved session again: finds its dataset, does its fits once more, and tells what is not as it was."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib.dataset.dataset import Dataset, without_poses
+from calib.dataset.files.fingerprint import changed, content_hash, fingerprint
+from calib.dataset.files.folder import find_datasets, load_dataset
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect, calibrate_with, recalled
+from calib.effects.effect import Family
+from calib.effects.user_file import load_effects
+from calib.errors import CalibError
+from calib.fitting.observations import nominal_state
+from calib.options import FitOptions
+from inspector.session import transitions as sessions
+from inspector.session.json_reader import SessionFileError
+from inspector.session.session import Session, StepErrors
+from inspector.session.session_file import Saved
+
+SAME = 1e-6  # share by which a figure may differ and still be the same
+
+
+def dataset_of(saved: Saved, root: Path) -> Path:
+    """The session's dataset, at or below `root`: where the file says, else the one with the same dataset.toml.
+
+    Raises SessionFileError where there is none. Nothing outside `root` is looked at.
+    """
+    known = {folder.resolve(): folder for folder in find_datasets(root)}
+    for beside in (saved.path.parent, root):
+        try:
+            told = (beside / saved.folder).resolve()
+        except (OSError, RuntimeError, ValueError):  # too long, or links in a circle
+            continue
+        if told in known:
+            return known[told]
+    wanted = saved.files.get("dataset.toml")
+    alike = [folder for folder in known.values() if content_hash(folder / "dataset.toml") == wanted]
+    if len(alike) == 1:
+        return alike[0]
+    raise SessionFileError(
+        f"{saved.path}: its dataset {saved.name!r} (folder {saved.folder!r:.200}) is not at or below {root}; serve the "
+        "folder that holds it"
+    )
+
+
+@dataclass(frozen=True)
+class Opening:
+    """A saved session with the dataset folder that it belongs to."""
+
+    session: Saved
+    folder: Path
+
+
+def opening(saved: Saved, root: Path, effects_file: Path | None = None) -> tuple[Opening, tuple[str, ...]]:
+    """The session with its dataset at or below `root`, checked as far as that can be before its scans are searched.
+
+    Returns what is not as it was, too. Raises CalibError.
+    """
+    folder = dataset_of(saved, root)
+    dataset = load_dataset(folder)
+    files = _changed_files(saved, dataset)
+    if dataset.points is not None or effects_file is None:
+        own = () if effects_file is None else load_effects(effects_file, nominal_state(dataset))
+        try:
+            _selections(saved, dataset, own)
+        except CalibError as error:
+            if files:
+                return Opening(saved, folder), files
+            raise SessionFileError(f"{saved.path}: {error}") from None
+    return Opening(saved, folder), files
+
+
+def _changed_files(saved: Saved, dataset: Dataset) -> tuple[str, ...]:
+    files = changed(saved.files, fingerprint(dataset))
+    return (f"The dataset has changed since the session was saved: {', '.join(files)}.",) if files else ()
+
+
+def reopened(session: Session, saved: Saved) -> tuple[Session, tuple[str, ...]]:
+    """The fits of the saved session once more, on what is measured now, and what is not as it was, a line each.
+
+    Raises SessionFileError where an effect or a pose of it is unknown here.
+    """
+    notes = _changed_files(saved, session.dataset)
+    if not saved.history:
+        return session, notes
+    try:
+        session = sessions.with_diagnosis(session) if saved.diagnosed else replayed(session, saved)
+    except CalibError as error:
+        raise SessionFileError(f"{saved.path}: {error}") from None
+    return session, (*notes, *_differences(saved, session.history))
+
+
+def replayed(session: Session, saved: Saved) -> Session:
+    """The fits of a saved session once more, on what is measured now; its figures are not read."""
+    selections = _selections(saved, session.measured, session.user_effects)
+    if any(step.residual == "pose" for step in saved.history[1:]):
+        session = sessions.with_face_labels(session)
+    steps: list[FitStep] = []
+    for step, selected in list(zip(saved.history, selections, strict=True))[
+        1:
+    ]:  # the first is the nominal robot
+        measured = session.measured_for(step.residual)
+        dataset = without_poses(measured, step.left_out) if step.left_out else measured
+        start = sessions.start_of(steps[-1], selected) if steps else None
+        fit = calibrate_with(dataset, selected, FitOptions(step.residual), start=start)
+        steps.append(FitStep(step.label, selected, fit, left_out=step.left_out))
+    return sessions.with_steps(session, steps) if steps else session
+
+
+def _selections(saved: Saved, dataset: Dataset, own: Sequence[Family]) -> list[tuple[SelectedEffect, ...]]:
+    """The effects of each step. Raises CalibError for an effect or a pose that the dataset does not have."""
+    out = []
+    for step in saved.history:
+        out.append(tuple(recalled(dataset, effect.name, effect.sizes, own) for effect in step.effects))
+        for pose_id in step.left_out:
+            dataset.poses.index(pose_id)
+    return out
+
+
+def _differences(saved: Saved, history: Sequence[StepErrors]) -> list[str]:
+    """What came out otherwise than it is written down."""
+    before, now = [s.label for s in saved.history], [s.label for s in history]
+    if before != now:
+        return [f"The steps are now {', '.join(now)}; saved were {', '.join(before)}."]
+    for old, new in zip(saved.history, history, strict=True):
+        figures = (new.train_rmse_mm, new.test_rmse_mm, new.sigma_mm)
+        for name, was, is_ in zip(("training RMSE", "test RMSE", "sigma"), old.figures, figures, strict=True):
+            if was is not None and not math.isclose(was, is_, rel_tol=SAME, abs_tol=1e-12):
+                return [f"{new.label}: the {name} is now {is_:.6g} mm; saved was {was:.6g} mm."]
+    return []
