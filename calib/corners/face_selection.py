@@ -1,7 +1,7 @@
 """Which three planes are the jig's faces.
 
 Jang chooses three groups with perpendicular normals and near centres. Beside a box, or in a room, several triples are
-perpendicular; what tells the jig is its outline. Seen from the apex each face is a right triangle with legs of the
+perpendicular; only the jig has its outline. Seen from the apex each face is a right triangle with legs of the
 jig's edge: a plane of the jig fills its triangle, ends there, and no point is seen through it. Other planes leave the
 triangle empty, go on beyond its edges, or are seen through. A face's score is the share of its triangle that has points
 less the share that is wrong in these ways.

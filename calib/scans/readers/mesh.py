@@ -18,7 +18,7 @@ def read_stl(path: Path, content: bytes) -> PointsAndNormals:
     """Each vertex once, not once a triangle; the normals are those of triangles, not of points. Raises ScanError."""
     promised = int.from_bytes(content[80:_STL_START], "little")
     held = (len(content) - _STL_START) // _TRIANGLE.itemsize
-    # Some programs begin a binary file with the text's "solid": its length tells.
+    # Some programs begin a binary file with the text's "solid": the file length decides.
     binary = len(content) >= _STL_START and held == promised
     if content.lstrip().startswith(b"solid") and not binary:
         return _read_text_stl(path, content), None
