@@ -191,7 +191,7 @@ def test_all_poses_alike_are_refused() -> None:
     noise = np.random.default_rng(0).normal(size=(64, 3)) * 0.05
     stands = same.with_points(Points(same.points.pose, noise + np.array([1.0, 2.0, 3.0]), same.points.target))
     verdict = check(stands)
-    assert not any(f.name == "fit" and f.passed for f in verdict.findings)
+    assert not any(item.name == "fit" and item.passed for item in verdict.items)
     with pytest.raises(FitError, match="tell nothing of the arm's parameters"):
         calibrate(stands)
     with pytest.raises(FitError, match="distances between different places"):
