@@ -24,7 +24,10 @@ class DistanceResiduals:
 
     Jang's row (eq 14), L_M^2 - L_N^2 = 2 (P_k - P_1)^T (J_k - J_1) dX, divided by 2 L: to first order the same
     equation in millimetres, so that long distances do not count more than short ones. All rows share the noise of the
-    reference point; their covariance 1 + U U^T (U: the unit vectors) is whitened away at linear cost.
+    reference point: divided by the far point's sigma along the line, they have the covariance 1 + U U^T, U (K, 3) the
+    unit vectors times the reference's covariance root over that sigma. Rows are multiplied by its inverse root.
+
+    A setup without a reference pose starts from its first usable one. Repeats of a pose are averaged first.
     """
 
     model: Model
@@ -66,14 +69,14 @@ class DistanceResiduals:
 
 @dataclass(frozen=True)
 class _DistanceRows:
-    """The distances of one setup: rows of the used poses, measured lengths and how to whiten them."""
+    """The K distances of one setup: between which poses (rows of the used ones), how long, and their whitening."""
 
     reference: int
     others: IndexArray  # (K,)
     measured_mm: Array  # (K,)
     sigma_mm: Array  # (K,) of the far point along the line
-    shared: Array  # (K, r) U S^-1 ... left singular vectors of the shared part
-    shrink: Array  # (r,) 1 - 1 / sqrt(1 + s^2)
+    shared: Array  # (K, r) left singular vectors of U, the part that all distances share
+    shrink: Array  # (r,) 1 - 1 / sqrt(1 + s^2), s the singular values of U
 
     def lengths(self, base_mm: Array) -> Array:
         return np.linalg.norm(base_mm[self.others] - base_mm[self.reference], axis=1)

@@ -1,4 +1,4 @@
-"""What a fit comes to: the parameters, how well they are known, and the way the solver took."""
+"""The outcome of a fit: the parameters, their covariance, and the solver's iterations."""
 
 from __future__ import annotations
 
@@ -12,27 +12,29 @@ from calib.effects.effect import Parameter
 
 @dataclass(frozen=True)
 class Iteration:
-    """One accepted point of the solver's way; the first is the start."""
+    """One accepted iterate of the solver; the first is the start."""
 
     x: Array  # (P,)
     cost: float  # sum of squared whitened residuals, without the prior
-    step: float  # length of the step that led here, in tolerances
+    step: float  # length of the step to it, in tolerances
 
 
 @dataclass(frozen=True)
 class Fit:
-    """What came out. `x` holds corrections in the parameters' own units."""
+    """R equations solved for P parameters. `x` holds corrections in the parameters' own units."""
 
     parameters: tuple[Parameter, ...]
     x: Array  # (P,)
-    covariance: Array  # (P, P) by the noise that the residual shows, and the prior where one was used
+    covariance: (
+        Array  # (P, P) posterior: by the noise that the residual shows, and the prior where one was used
+    )
     undetermined: BoolArray  # (P,) neither data nor prior bound them; their covariance is meaningless
     iterations: tuple[Iteration, ...]
     converged: bool
     reason: str
     rank: int  # of the Jacobian at the nominal robot, where redundant parameters are exactly redundant
-    known: int  # directions that the data know better than their tolerance does
-    rows: int
+    known: int  # directions whose sigma by the data alone is below their tolerance
+    rows: int  # R
     degrees_of_freedom: float
     noise: float  # residual sigma over declared sigma; nan without degrees of freedom
 

@@ -39,10 +39,10 @@ class Model:
     robot: Robot
     effects: tuple[Effect, ...]
     held: frozenset[str] = frozenset()
-    prior_sigmas: Mapping[str, float] = field(
-        default_factory=dict
-    )  # of parameters, by name, in place of their usual scale
-    loads_of: Robot | None = None  # whose links decide what gravity does; None: those of the state itself
+    prior_sigmas: Mapping[str, float] = field(default_factory=dict)
+    """Of parameters, by full name, in place of their usual scale."""
+    loads_of: Robot | None = None
+    """At whose links gravity's loads are worked out; None: at those of the state itself."""
     _loaded: list[RobotState] = field(default_factory=list, init=False, compare=False, repr=False)
 
     @cached_property
@@ -60,7 +60,7 @@ class Model:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """What the solver may move, in the order of x."""
+        """The free parameters, in the order of x."""
         return tuple(p for p in self._all_parameters if p.name not in self.held)
 
     @property
@@ -75,7 +75,7 @@ class Model:
 
     @property
     def scales(self) -> Array:
-        """(P,) the size of each parameter in practice."""
+        """(P,) the prior's sigma of each free parameter: its tolerance, or the size that an effect has in practice."""
         return np.array([p.scale for p in self.parameters])
 
     def hold(self, names: ArrayLike) -> Model:
@@ -96,9 +96,9 @@ class Model:
         return np.split(full, ends[:-1])
 
     def with_loads_at(self, x: ArrayLike) -> Model:
-        """The same model, loads worked out once at the links as they are at x.
+        """The same model with gravity's loads worked out once, at the links as they are at x.
 
-        Else they would change with every link error that is tried, which a derivative would have to follow.
+        Else loads would depend on the link errors, and derivatives by these would need a term for it.
         """
         return replace(self, loads_of=self.calibrated_robot(x))
 
@@ -124,9 +124,9 @@ class Model:
         return self._states(x, poses, seen)[-1]
 
     def predict(self, x: ArrayLike, poses: Poses, target: str = "jig", seen: Seen | None = None) -> Array:
-        """A target's place at every pose (N, 3), mm in the base frame.
+        """A target's position at every pose (N, 3), mm in the base frame.
 
-        With `seen`, as the scanner reports it: effects of the scanner need to know where it looks. Without, as it is.
+        With `seen` as the scanner reports it, errors of the scanner included; without, as it is.
         """
         state = self.state(x, poses, seen)
         return state.place(_target_mm(state, target))
@@ -134,10 +134,10 @@ class Model:
     def linearise(
         self, x: ArrayLike, poses: Poses, target: str = "jig", seen: Seen | None = None
     ) -> tuple[Array, Array]:
-        """A target's place (N, 3) and its derivative by the free parameters (N, 3, P).
+        """A target's position (N, 3), mm in the base frame, and its derivative by the free parameters (N, 3, P).
 
-        How a later effect changes with an earlier one's parameters is left out. Nothing in the catalogue does, once the
-        model says at what links its loads are worked out.
+        How a later effect changes with an earlier one's parameters is left out; in the catalogue none does, once the
+        loads are worked out at given links (`with_loads_at`).
         """
         *before, last = self._states(x, poses, seen)
         points_mm, by_state = point_by_state(last, target)
@@ -146,9 +146,9 @@ class Model:
     def linearise_pose(
         self, x: ArrayLike, poses: Poses, seen: Seen | None = None
     ) -> tuple[Array, Array, Array]:
-        """The jig's place (N, 3), the tool's attitude base_R_tool (N, 3, 3), and their derivative (N, 6, P).
+        """The jig's position (N, 3), the tool's orientation base_R_tool (N, 3, 3), and their derivative (N, 6, P).
 
-        The last three rows are the small turn about the base's axes, rad: attitude changes to exp(turn) attitude.
+        The last three rows are the small turn about the base's axes, rad: base_R_tool becomes exp(turn) base_R_tool.
         """
         *before, last = self._states(x, poses, seen)
         points_mm, by_state = point_by_state(last)
@@ -178,11 +178,11 @@ def geometric_model(robot: Robot) -> Model:
 
 
 def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array]:
-    """A target's place (N, 3) and its derivative by `state.vector` (N, 3, S): the chain's analytic Jacobian."""
+    """A target's position (N, 3) and its derivative by `state.vector` (N, 3, S): the chain's analytic Jacobian."""
     chain_mm = _target_mm(state, target)
     by_table = kinematics.point_jacobian(state.chain, chain_mm)  # (N, 3, n + 1, 5)
     if target != "jig":
-        by_table[:, :, -1] = 0.0  # further targets do not ride on the tool row
+        by_table[:, :, -1] = 0.0  # further targets are fixed to the flange, not to the tool row
     by_table = by_table.reshape(*by_table.shape[:2], -1)
     turned_mm = state.place(chain_mm) - state.displacement_mm
     by_turn = -frames.skew(turned_mm)
@@ -191,7 +191,7 @@ def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array
         # d exp(w) p / dw = -skew(exp(w) p) J(w), and J = 1 + skew(w) / 2 for the small turns that bases make
         by_turn = by_turn @ (np.eye(3) + 0.5 * frames.skew(state.base_rotvec_rad))
     eye = np.broadcast_to(np.eye(3), (len(chain_mm), 3, 3))
-    still = np.zeros_like(eye)  # the target's turn about itself moves no point
+    still = np.zeros_like(eye)  # a turn of the target about its own point moves no point
     return turned_mm + state.displacement_mm, np.concatenate([by_table, by_turn, eye, still], axis=-1)
 
 

@@ -1,4 +1,4 @@
-"""What was measured, as a fit sees it: some of a dataset's points, each with its covariance."""
+"""Observations of a fit: some of a dataset's measured points, each with its covariance, and the model's predictions."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from calib.kinematics.robot import Robot
 
 @dataclass(frozen=True)
 class Observations:
-    """The measured points that a residual looks at, with the sigma of each."""
+    """M measured points of some poses, each with its covariance."""
 
     poses: Poses
     points: Points
     covariance_mm2: Array  # (M, 3, 3)
-    scanner_T_base: Mapping[str, Array] | None = None  # by setup, where an earlier fit placed the scanner
+    scanner_T_base: Mapping[str, Array] | None = None  # (4, 4) by setup; None: not known yet
     turn_covariance_rad2: Array | None = None  # (M, 3, 3) of the orientations, where there are any
 
     @classmethod
@@ -74,7 +74,10 @@ class Observations:
         return {str(name): self.points.target == name for name in np.unique(self.points.target)}
 
     def seen(self, target: str = "jig") -> Seen | None:
-        """Where the scanner sees a target at each used pose, which effects may depend on; None before it is placed."""
+        """A target's mean measured position and the scanner's frame at each used pose; None where no frame is known.
+
+        Effects of the scanner depend on both.
+        """
         return self._seen.get(target) if self.scanner_T_base is not None else None
 
     @cached_property
@@ -93,7 +96,7 @@ class Observations:
 def with_scanner_frames(
     observed: Observations, model: Model, x: Array, chosen: BoolArray | None = None
 ) -> Observations:
-    """The observations with the scanner's frame of each setup: what brings the model's points at x onto the measured.
+    """The observations with the scanner's frame of each setup, fitted to the model's predictions at x (P,).
 
     Frames are fitted to the points in `chosen` (M,), all where None; a setup without chosen points uses its own.
     """
@@ -120,7 +123,7 @@ def with_nominal_scanner_frames(
 
 
 def nominal_state(dataset: Dataset) -> RobotState:
-    """The nominal robot at the poses that were measured, seen from where it places the scanner; to try effects on.
+    """The nominal robot's state at the measured poses, with the nominal scanner frames; effects are tried on it.
 
     Raises FitError where nothing was measured.
     """
@@ -129,7 +132,7 @@ def nominal_state(dataset: Dataset) -> RobotState:
 
 
 def predict_points(model: Model, x: Array, observed: Observations) -> Array:
-    """Where the model sees each observed point (M, 3), mm in the base frame."""
+    """The predicted position of each observed point (M, 3), mm in the base frame, at x (P,)."""
     poses, row = observed.used_poses
     out = np.empty((len(observed.points), 3))
     for target, of_target in observed.targets.items():
@@ -149,9 +152,10 @@ def linearise_points(model: Model, x: Array, observed: Observations) -> tuple[Ar
 
 
 def linearise_poses(model: Model, x: Array, observed: Observations) -> tuple[Array, Array, Array]:
-    """As `linearise_points`, with the attitude: (M, 3), base_R_tool (M, 3, 3), and the derivative of both (M, 6, P).
+    """Predicted positions (M, 3) and base_R_tool (M, 3, 3) of the observed points, and their derivative (M, 6, P).
 
-    The last three rows of it are the small turn about the base's axes; what is not the jig has a place only.
+    Its last three rows are the small turn about the base's axes, rad. Targets other than the jig have a position only;
+    their turn is the tool's.
     """
     poses, row = observed.used_poses
     is_jig = observed.points.target == "jig"
@@ -164,7 +168,7 @@ def linearise_poses(model: Model, x: Array, observed: Observations) -> tuple[Arr
 
 
 def predict_poses(model: Model, x: Array, observed: Observations) -> tuple[Array, Array]:
-    """Where the model sees each observed point (M, 3), and base_R_tool (M, 3, 3)."""
+    """Predicted positions (M, 3) of the observed points, mm in the base frame, and base_R_tool (M, 3, 3)."""
     poses, row = observed.used_poses
     state = model.state(x, poses, observed.seen("jig"))
     if np.all(observed.points.target == "jig"):
@@ -184,7 +188,7 @@ def mean_jig_points(observed: Observations) -> tuple[BoolArray, Array, Array]:
 
 
 def setup_references(poses: Poses, usable: BoolArray) -> dict[str, int]:
-    """Which pose distances of a setup start from: the reference, or the setup's first usable pose."""
+    """By setup the pose (row) that its distances start from: the reference, else the first usable pose."""
     rows = np.flatnonzero(usable)
     names, first = np.unique(poses.setup[rows], return_index=True)
     out = {str(name): int(rows[i]) for name, i in zip(names, first, strict=True)}
@@ -192,7 +196,7 @@ def setup_references(poses: Poses, usable: BoolArray) -> dict[str, int]:
 
 
 def conditions_at(like: Poses, q: Array) -> Poses:
-    """Poses at joint vectors that no one measured, under the conditions of the first measured pose."""
+    """Poses at further joint vectors q (N, n), under the payload, temperature ... of the first measured pose."""
     poses = like.select(np.zeros(len(q), dtype=np.int64))
     return Poses(
         ids=tuple(f"q{i + 1}" for i in range(len(q))),

@@ -1,16 +1,16 @@
-"""Residuals of full poses: where the jig is and how it stands, three more equations wherever its orientation is known.
+"""Residuals of full poses: the jig's position and, where it was measured, its orientation.
 
     predicted   p = R_s P(x) + t_s              position, mm
                 Q = R_s B(x) K                  orientation scanner_R_jig
     residual    C^(-1/2) (p - p_m, log(Q Q_m^T))
 
-with the model's place P and attitude B = base_R_tool of the tool, the scanner's frame (R_s, t_s) of each setup, and how
-the jig sits on the tool, K = tool_R_jig. C is the covariance of a measured pose, six by six: point and orientation come
-from the same three planes, so their errors go together. Frames and K are unknown at every x and enter almost in closed
-form: they are solved for by a few Gauss-Newton steps from the closed form, and their columns are projected out of the
+with the predicted position P and orientation B = base_R_tool of the tool, the scanner's frame (R_s, t_s) of each setup,
+and the jig's orientation on the tool K = tool_R_jig, its seat. C (6, 6) is the covariance of a measured pose: point and
+orientation come from the same three planes, so their errors are correlated. Frames and seat are unknowns at every x:
+they are solved for by a few Gauss-Newton steps from the closed form, and their columns are projected out of the
 Jacobian (variable projection, Golub and Pereyra 1973, in Kaufman's form), so that the solver never sees them.
 
-Constant turns behind the last joint are all in K: orientations alone tell nothing of alpha, theta and beta of the tool.
+A constant turn behind the last joint is part of K: orientations alone do not determine alpha, theta, beta of the tool.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ _NO_ORIENTATION = (
     "found no orientation at a training pose; give qw, qx, qy, qz in points.csv, or find the corners with their "
     "orientation, or fit positions"
 )
-_NAMED = 0.5  # of the training poses have to have named faces: where fewer do, something is wrong with robot or poses
+_MIN_SHARE_LABELLED = 0.5  # of the training poses: where fewer faces are labelled, robot or poses are wrong
 
 
 def require_orientations(dataset: Dataset, observed: Observations) -> None:
     """Raise FitError where full poses cannot be fitted, with what would help.
 
-    That is where no observed point has an orientation, or where scans told one at less than half of them: names that
-    the robot contradicts so often are no names.
+    That is where no observed point has an orientation, or where the faces of scanned jigs could be labelled at less
+    than half of them: labels that contradict the robot so often cannot be trusted elsewhere.
     """
     orientations, count = observed.points.orientations, len(observed.points)
     known = 0 if orientations is None else int(orientations.known.sum())
-    if orientations is not None and orientations.labelled_by and known < max(2, _NAMED * count):
+    if orientations is not None and orientations.labelled_by and known < max(2, _MIN_SHARE_LABELLED * count):
         raise FitError(
             f"dataset {dataset.name}: the jig's faces can be told apart at {known} of {count} training poses, and full "
             f"poses need half of them: {orientations.unlabelled_reason or 'measure more poses'}, or fit positions"
@@ -58,7 +58,7 @@ def require_orientations(dataset: Dataset, observed: Observations) -> None:
 
 @dataclass(frozen=True)
 class FramesAndSeat:
-    """What a pose's prediction needs beside the arm."""
+    """The unknowns of a pose's prediction beside the arm's."""
 
     scanner_T_base: Mapping[str, Array]  # by setup, (4, 4)
     tool_R_jig: Array  # (3, 3)
@@ -66,7 +66,7 @@ class FramesAndSeat:
 
 @dataclass(frozen=True)
 class PoseResiduals:
-    """Predicted less measured poses; the frames of all setups and the jig's seat are solved for at every x."""
+    """Predicted minus measured poses; the frames of all setups and the jig's seat are solved for at every x."""
 
     model: Model
     observed: Observations
@@ -123,19 +123,19 @@ class PoseResiduals:
 
     @cached_property
     def _rows(self) -> BoolArray:
-        """(6 M,) which equations there are."""
+        """(6 M,) the equations that exist: three a point, three more where its orientation is known."""
         return np.repeat(self.has_orientation, 6) | np.tile(
             [True] * 3 + [False] * 3, len(self.has_orientation)
         )
 
     @cached_property
     def degrees_spent(self) -> int:
-        """Of the frames and the jig's seat."""
+        """The rank of the frames' and the seat's columns."""
         base_mm, attitude = predict_poses(self.model, np.zeros(len(self.parameters)), self.observed)
         return self._basis(*self._solve_frames_and_seat(base_mm, attitude)[1:]).shape[1]
 
     def frames_and_seat(self, x: Array) -> FramesAndSeat:
-        """The scanner's frames and the jig's seat at x."""
+        """The best scanner frames and the jig's seat at x (P,)."""
         return self._solve_frames_and_seat(*predict_poses(self.model, x, self.observed))[0]
 
     def residual(self, x: Array) -> Array:
@@ -153,7 +153,7 @@ class PoseResiduals:
         return Linearisation(residual, jacobian - basis @ (basis.T @ jacobian))
 
     def errors(self, placed: FramesAndSeat, base_mm: Array, attitude: Array) -> Array:
-        """(M, 6) predicted less measured: mm, and the turn's vector in rad (without meaning where it is not known)."""
+        """(M, 6) predicted minus measured: mm, and the rotation vector in rad (meaningless without orientation)."""
         at_mm = np.empty_like(base_mm)
         for rows in self._setups:
             scanner_T_base = placed.scanner_T_base[str(self.observed.setup[rows[0]])]
@@ -170,7 +170,7 @@ class PoseResiduals:
         return out
 
     def _basis(self, error: Array, columns: Array) -> Array:
-        """What motions of frames and seat can do to the residual: orthonormal (R, rank)."""
+        """Orthonormal basis (R, rank) of the changes of the residual by motions of frames and seat."""
         return orthonormal((self._whiten @ columns).reshape(6 * len(error), -1)[self._rows])
 
     def _solve_frames_and_seat(self, base_mm: Array, attitude: Array) -> tuple[FramesAndSeat, Array, Array]:
@@ -192,7 +192,7 @@ class PoseResiduals:
         return placed, error, columns
 
     def _first_guess(self, base_mm: Array, attitude: Array) -> FramesAndSeat:
-        """Frames from the positions alone, the seat as the orientations then have it on the whole."""
+        """Frames from the positions alone, then the seat as the mean over the measured orientations."""
         placed = {}
         for rows in self._setups:
             placed[str(self.observed.setup[rows[0]])] = fit_scanner_frame(
@@ -203,7 +203,7 @@ class PoseResiduals:
         return FramesAndSeat(placed, frames.mean_rotation(seats))
 
     def _nuisance_columns(self, placed: FramesAndSeat, error: Array, attitude: Array) -> Array:
-        """Of each setup a shift, and a turn about its points' centre; then the seat's turn about the tool's axes."""
+        """(M, 6, 6 S + 3): of each of S setups a shift and a turn about its points' centre; then the seat's turn."""
         out = np.zeros((len(error), 6, 6 * len(self._setups) + 3))
         by_turn = _by_left_turn(error[:, 3:])
         at_mm = error[:, :3] + self.observed.points.xyz_mm
@@ -231,7 +231,7 @@ class PoseResiduals:
 
 
 def _by_left_turn(error: Array) -> Array:
-    """(M, 3, 3) how a small turn from the left changes a turn's vector (M, 3): the inverse left Jacobian of SO(3).
+    """(M, 3, 3) derivative of a rotation vector (M, 3) by a small turn from the left: SO(3)'s inverse left Jacobian.
 
     1 - [e] / 2 + c [e]^2 with c = (1 - (t / 2) cot(t / 2)) / t^2, t = |e|; c is 1/12 at 0.
     """

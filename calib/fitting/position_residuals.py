@@ -30,7 +30,7 @@ class PositionResiduals:
 
     model: Model
     observed: Observations
-    frame_known: bool = False  # true: points are given in the base frame, as in Park 2022
+    frame_known: bool = False  # True: points are given in the base frame (Park 2022)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -62,7 +62,7 @@ class PositionResiduals:
         return fit_scanner_frame(base_mm[rows], observed.points.xyz_mm[rows], observed.covariance_mm2[rows])
 
     def _frame_basis(self, scanner_mm: Array, rows: IndexArray) -> Array:
-        """What a motion of the setup's frame can do to its whitened residual: orthonormal (3 M, rank)."""
+        """Orthonormal basis (3 M, rank) of the changes of a setup's whitened residual by a motion of its frame."""
         if self.frame_known:
             return np.empty((3 * len(rows), 0))
         return orthonormal(frame_columns(scanner_mm, self._whiten[rows]))
@@ -100,7 +100,7 @@ class PositionResiduals:
         return out
 
     def frame_directions(self, x: Array) -> Array:
-        """What motions of the scanner's frames do to the residual: orthonormal columns (3 M, `degrees_spent`)."""
+        """Orthonormal basis (3 M, `degrees_spent`) of the changes of the residual by motions of the frames."""
         base_mm = predict_points(self.model, x, self.observed)
         blocks = []
         for rows in self._setups:
@@ -121,7 +121,7 @@ class PairResiduals(PositionResiduals):
 
         (D e)^T (D C D^T)^+ (D e) = min over rigid motions m of (e - F m)^T C^-1 (e - F m)
 
-    for point errors e and the columns F of a rigid motion: generalised least squares on all distances *is* least
-    squares on the points with a free frame. So it is computed as such, at linear cost in time and memory. Taken as
-    independent, all distances count each point's error N - 1 times and promise far too much.
+    for point errors e and the columns F of a rigid motion: generalised least squares on all distances is the same as
+    least squares on the points with a free frame, and is computed as that, at linear cost in time and memory. Distances
+    taken as independent would count each point's error N - 1 times and give far too small sigmas.
     """

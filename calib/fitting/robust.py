@@ -1,10 +1,10 @@
-"""Weights that let outliers speak softly. Off by default: what looks like an outlier is often physics.
+"""Tukey biweights for outlying measurements. Off by default: what looks like an outlier is often a missing effect.
 
 Iteratively reweighted least squares: a point whose residual is r sigma away (in the metric of its covariance) counts
-with Tukey's weight (1 - (r / c)^2)^2, which is zero beyond c. A full pose is one such point of six coordinates: where
-the jig is and how it stands lose their weight together, by the length of all six in the metric of their covariance.
-The scale is the median of all, so it does not need the declared sigma to be right. A weight enters as a larger
-covariance, so frames and parameters see the same weights.
+with the weight (1 - (r / c)^2)^2, which is zero beyond c (Beaton and Tukey 1974). A full pose is one point of six
+coordinates: position and orientation have one weight, by the length of all six in the metric of their covariance. The
+scale is the median over all points, so the declared sigma need not be right. A weight divides the point's covariance,
+so the scanner's frames are fitted with the same weights as the parameters.
 """
 
 from __future__ import annotations
@@ -25,9 +25,7 @@ from calib.fitting.trust_region import solve
 
 _EFFICIENCY = 0.95  # for normal errors
 _TUKEY = {3: 5.490, 6: 6.356}  # c of that efficiency by the number of coordinates (4.685 in one)
-_LEAST = (
-    1e-6  # of a point at c; beyond it less, so that a covariance stays finite and no outlier adds to the cost
-)
+_LEAST = 1e-6  # weight of a point at c; less beyond, so that covariances stay finite and outliers add no cost
 _ROUNDS = 20
 
 
@@ -61,7 +59,7 @@ def solve_robustly(
         fit = solve(residuals, start=fit.x, prior=prior)
         if settled:
             break
-    return _honest(fit, weights, rows, prior=prior), weights
+    return _with_noise_of_counted(fit, weights, rows, prior=prior), weights
 
 
 def weighted(observed: Observations, weights: Array) -> Observations:
@@ -111,11 +109,12 @@ def _kept_above_zero(weights: Array, norm: Array) -> Array:
     return np.maximum(weights, _LEAST / np.maximum(far, 1.0) ** 2)
 
 
-def _honest(fit: Fit, weights: Array, rows: IndexArray, *, prior: bool) -> Fit:
-    """The fit with the noise and the covariance that its points have, rejected ones left out.
+def _with_noise_of_counted(fit: Fit, weights: Array, rows: IndexArray, *, prior: bool) -> Fit:
+    """The fit with the noise and the covariance of the points that count, rejected ones left out.
 
-    Weighted squares are smaller than they are: of d normal coordinates their mean is sigma^2 E[w r^2] / d. And the
-    estimate scatters by 1 / efficiency of least squares, not by 1 / E[w]: E[psi^2] / E[psi']^2 with psi = w r.
+    Weights make squares smaller: of d normal coordinates the mean weighted square is sigma^2 E[w r^2] / d. And the
+    estimate's covariance is that of least squares over the efficiency, E[psi^2] / E[psi']^2 with psi = w r, where
+    weighted least squares would say 1 / E[w].
     """
     counted = weights > _LEAST
     left = fit.degrees_of_freedom - float(rows[~counted].sum())
@@ -126,7 +125,7 @@ def _honest(fit: Fit, weights: Array, rows: IndexArray, *, prior: bool) -> Fit:
     wider = rejected * mean / (squares * _EFFICIENCY)
     scales = np.array([p.scale for p in fit.parameters])
     covariance = fit.covariance / np.outer(scales, scales)
-    if prior:  # of unit information, which is no wider: (information / wider + 1)^-1
+    if prior:  # its information is 1 and stays: (information / wider + 1)^-1
         covariance = np.asarray(
             np.linalg.solve(np.eye(len(scales)) + (wider - 1.0) * covariance, covariance), np.float64
         )
@@ -139,19 +138,19 @@ def _honest(fit: Fit, weights: Array, rows: IndexArray, *, prior: bool) -> Fit:
 
 
 def _moment(power: int, rows: int) -> float:
-    """E[r^power], over r < c alone, of a vector of so many standard normal numbers."""
+    """E[r^power; r < c] of the length r of a vector of `rows` standard normal numbers."""
     half = 0.5 * (rows + power)
     inside = special.gammainc(half, 0.5 * _TUKEY[rows] ** 2)
     return float(2.0 ** (0.5 * power) * inside * np.exp(special.gammaln(half) - special.gammaln(0.5 * rows)))
 
 
 def _mean_weight(rows: int) -> float:
-    """E[w]."""
+    """E[w] of Tukey's weight for standard normal errors."""
     c2 = _TUKEY[rows] ** 2
     return _moment(0, rows) - 2.0 * _moment(2, rows) / c2 + _moment(4, rows) / c2**2
 
 
 def _weighted_square(rows: int) -> float:
-    """E[w r^2] / d."""
+    """E[w r^2] / d for d = `rows` standard normal errors."""
     c2 = _TUKEY[rows] ** 2
     return (_moment(2, rows) - 2.0 * _moment(4, rows) / c2 + _moment(6, rows) / c2**2) / rows

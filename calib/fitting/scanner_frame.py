@@ -1,4 +1,4 @@
-"""Where the scanner stands: the frame that brings predicted points onto measured ones, and what a motion of it does."""
+"""The scanner's frame: the rigid motion that brings predicted points onto measured ones, and its derivative."""
 
 from __future__ import annotations
 
@@ -10,10 +10,15 @@ from calib.errors import FitError
 
 
 def fit_scanner_frame(base_mm: Array, scanner_mm: Array, covariance_mm2: Array) -> Array:
-    """scanner_T_base (4, 4) that brings predicted points (M, 3) onto measured ones, weighted by their covariances.
+    """scanner_T_base (4, 4) that minimises sum (T b - s)^T C^-1 (T b - s) over predicted b and measured s.
 
-    Closed form for equal, isotropic covariances; from there Gauss-Newton for others. Collinear points leave one
-    turn free; then it is one of the equally good frames.
+    Closed form (`frames.best_fit_transform`) for isotropic covariances; Gauss-Newton from there for others. Collinear
+    points leave one turn undetermined; the result is then one of the equally good frames.
+
+    Args:
+        base_mm: (M, 3) predicted points, base frame.
+        scanner_mm: (M, 3) measured points, scanner frame.
+        covariance_mm2: (M, 3, 3) of the measured points.
     """
     sigma2 = np.trace(covariance_mm2, axis1=-2, axis2=-1) / 3.0
     scanner_T_base = frames.best_fit_transform(base_mm, scanner_mm, 1.0 / sigma2)
@@ -34,7 +39,10 @@ def fit_scanner_frame(base_mm: Array, scanner_mm: Array, covariance_mm2: Array) 
 
 
 def whitener(covariance_mm2: Array) -> Array:
-    """(M, 3, 3) W with W C W^T = 1. Raises FitError where a covariance is not positive definite."""
+    """(M, 3, 3) W with W C W^T = 1 for covariances C (M, 3, 3): the inverse of the Cholesky factor.
+
+    Raises FitError where a covariance is not positive definite.
+    """
     try:
         return np.linalg.inv(np.linalg.cholesky(covariance_mm2))
     except np.linalg.LinAlgError:
@@ -45,14 +53,17 @@ def whitener(covariance_mm2: Array) -> Array:
 
 
 def frame_columns(scanner_mm: Array, whiten: Array) -> Array:
-    """Derivative of whitened points (3 M, 6) by a small motion of all: translation, then a turn about their centre."""
-    arms = scanner_mm - scanner_mm.mean(axis=0)  # about the centre, so that a frame far away costs no digits
+    """Derivative of whitened points (3 M, 6) by a small motion of the frame: a shift, then a turn about their centre.
+
+    scanner_mm  # (M, 3); whiten  # (M, 3, 3)
+    """
+    arms = scanner_mm - scanner_mm.mean(axis=0)  # about the centre: a far origin would cost digits
     motion = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -frames.skew(arms)], axis=-1)
     return (whiten @ motion).reshape(-1, 6)
 
 
 def orthonormal(columns: Array) -> Array:
-    """An orthonormal basis (R, rank) of the columns' span; a setup of collinear points has rank 5."""
+    """An orthonormal basis (R, rank) of the span of columns (R, K); the six of collinear points have rank 5."""
     scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     u, s, _ = np.linalg.svd(scaled, full_matrices=False)
     return u[:, s > 1e-7 * s[0]]

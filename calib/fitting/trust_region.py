@@ -3,14 +3,15 @@
 Millimetres and radians share the vector, so each column is scaled by its parameter's tolerance. The step comes from
 the singular values of the scaled Jacobian; while the full Gauss-Newton step (Jang eq 16: the pseudo-inverse) lowers the
 cost as predicted it is taken whole, which is why exact data are met in a handful of iterations. Where it does not, the
-step is held inside a radius (More and Sorensen 1983), so that near-redundant directions, which the pseudo-inverse
-divides by almost nothing, cannot blow up.
+step is held inside a radius (More and Sorensen 1983): in near-redundant directions the pseudo-inverse divides by
+almost nothing and its steps are far too long.
 
 Where the residual is large, its curvature makes full steps too short or too long, and they shrink slowly. Then the last
-few are mixed so that they cancel best (Anderson 1965), and the mix is taken where it lowers the cost further.
+few are combined so that their steps cancel best (Anderson 1965), and the combination is taken where it lowers the cost
+further.
 
-The prior says that each correction is about as large as its manufacturing tolerance. It is weighed against the noise
-that the residual shows, not the declared one: exact data overrule it entirely.
+The prior is a normal distribution of each correction, its sigma the manufacturing tolerance. Its weight is the noise
+that the residual shows, not the declared one: with exact data the prior has no influence.
 """
 
 from __future__ import annotations
@@ -25,13 +26,11 @@ from calib.errors import FitError
 from calib.fitting.fit import Fit, Iteration
 from calib.fitting.residual import Residuals
 
-_NULL = 1e-10  # singular values below this share of the largest carry no information
-_FLOOR = 1e-9  # a residual this much below the first one is at the level of rounding
-_LOOSE = (
-    0.05  # a smaller share in the directions nobody knows is the working point's curvature, not redundancy
-)
-_NO_INFLUENCE = 1e-6  # a whole tolerance moves the residual by less than this many sigmas: nothing is told
-_WEIGHINGS = 8  # how often prior and noise are weighed anew at the most
+_NULL = 1e-10  # share of the largest singular value, below which a direction carries no information
+_FLOOR = 1e-9  # share of the first residual, below which the residual is rounding
+_LOOSE = 0.05  # share of a parameter in null directions that makes it undetermined; less is curvature
+_NO_INFLUENCE = 1e-6  # sigmas by which a whole tolerance moves the residual, below which it has no influence
+_WEIGHINGS = 8  # of the prior against the noise, at the most
 _CONVERGED = 3e-4  # a full step would move no parameter by more than this share of its sigma
 _MEMORY = 5  # full steps that are remembered
 _SLOW = 0.3  # of the full step before
@@ -59,8 +58,8 @@ def solve(
         return descent.fit(weight=0.0)
     weight = descent.first_weight()
     while descent.steps < max_iterations:
-        # One step for one weight: the prior follows the residual down. A weight far below the residual would let
-        # near-redundant directions run away, and what they gain there is lost again when it is weighed anew.
+        # One step for one weight: the prior's weight follows the residual down. A weight far below the residual's noise
+        # would take long steps in near-redundant directions, which the next weight would have to take back.
         descent.run(weight, steps=1)
         noise = descent.noise(weight)
         if descent.reason or not noise > 1e-9 or abs(noise - weight) <= 0.05 * weight:
@@ -95,7 +94,7 @@ class _Factors:
 
     @property
     def possible_drop(self) -> float:
-        """How far the linear model could still lower the squared norm."""
+        """The most by which the linear model can lower the squared norm."""
         return float(self.g @ self.g)
 
     def step(self, radius: float) -> tuple[Array, float]:
@@ -128,12 +127,12 @@ def _padded(values: Array, count: int) -> Array:
 
 
 def _is_slow(full: list[tuple[Array, Array]]) -> bool:
-    """Whether the last full step is hardly shorter than the one before: its limit is far beyond it."""
+    """Whether the last full step is hardly shorter than the one before, so that the limit is far beyond it."""
     return len(full) > 1 and bool(np.linalg.norm(full[-1][1]) > _SLOW * np.linalg.norm(full[-2][1]))
 
 
 def _limit(full: list[tuple[Array, Array]]) -> Array:
-    """Where full steps lead that shrink slowly: the mix of the last points whose steps cancel best (Anderson 1965)."""
+    """The limit of full steps that shrink slowly: the mix of the last points whose steps cancel best (Anderson)."""
     points, steps = np.array(full).transpose(1, 2, 0)  # each (P, points)
     moves, changes = np.diff(points), np.diff(steps)
     mix = np.linalg.lstsq(changes, steps[:, -1], rcond=1e-6)[0]
@@ -141,7 +140,7 @@ def _limit(full: list[tuple[Array, Array]]) -> Array:
 
 
 class _Descent:
-    """The state of one solution on its way: where it is, and how it came there."""
+    """One run of the solver: the current z = x / tolerance (P,), its cost and factors, and the iterations so far."""
 
     def __init__(self, residuals: Residuals, start: ArrayLike | None, max_iterations: int) -> None:
         self.residuals = residuals
@@ -171,12 +170,12 @@ class _Descent:
         return len(self.history) - 1
 
     def first_weight(self) -> float:
-        """What the residual shows at the start; 1 where no degree of freedom is left."""
+        """The noise that the residual shows at the start; 1 where no degree of freedom is left."""
         noise = self.noise(1.0)
         return noise if np.isfinite(noise) and noise > 0.0 else 1.0
 
     def promised_noise(self) -> float:
-        """Residual sigma that a full step would leave, were the problem linear: without what the prior adds."""
+        """The residual's sigma after a full step without prior, if the problem were linear."""
         factors = self.factors.with_prior(0.0, self.z)
         left = self.rows - self.residuals.degrees_spent - len(factors.s)
         return float(np.sqrt(max(self.cost - factors.possible_drop, 0.0) / left)) if left > 0 else np.inf
@@ -238,7 +237,7 @@ class _Descent:
         self.converged, self.reason = converged, reason
 
     def degrees_of_freedom(self, weight: float) -> float:
-        """Rows less frames less parameters, a parameter that the prior holds counting as the part that data moved."""
+        """Rows minus frames minus parameters; a direction with a prior counts s^2 / (s^2 + weight^2) of a parameter."""
         s2 = self.factors.s**2
         held = weight**2 if weight > 0.0 else (_NULL**2) * float(s2.max())
         return self.rows - self.residuals.degrees_spent - float(np.sum(s2 / (s2 + held)))
