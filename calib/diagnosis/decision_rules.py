@@ -48,8 +48,8 @@ def leading_fault(screening: Screening) -> JointFault | None:
 
 
 def untestable_names(untestable: Sequence[Untestable]) -> tuple[str, ...]:
-    """Families that a verdict does not cover: without the scanner's scale, which hardly any data can test."""
-    return tuple(family.name for family in untestable if family.name != "scanner_scale")
+    """Families that a verdict does not cover, without those that no dataset can test (the scanner's scale)."""
+    return tuple(family.name for family in untestable if not family.never)
 
 
 def predicts_worse(before: Calibration, after: Calibration) -> bool:

@@ -78,6 +78,11 @@ class Family:
         """What the members' class says; of a family without members the name alone."""
         return describe(self.members[0]) if self.members else Description(self.name)
 
+    @property
+    def never_testable(self) -> bool:
+        """Whether no dataset of this format can test it, so that its being untestable says nothing of the data."""
+        return any(getattr(member, "testable", True) is False for member in self.members)
+
 
 class CatalogueEffect(ABC):
     """What the class of an effect of the catalogue has besides `parameters` and `apply`: all that is said about it.
@@ -92,6 +97,7 @@ class CatalogueEffect(ABC):
     equation: ClassVar[str]
     symbols: ClassVar[tuple[tuple[str, str], ...]]  # the equation's unknowns: name, unit
     needs: ClassVar[str]  # what a dataset must hold
+    testable: ClassVar[bool] = True  # False where no dataset of this format can test it
     confirm: ClassVar[str] = ""  # a controlled change that shows this cause and leaves the others as they are
 
     @classmethod

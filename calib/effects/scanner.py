@@ -166,6 +166,7 @@ class ScannerScale(CatalogueEffect):
     equation = "p times 1 + s"
     symbols = (("s", "1"),)
     needs = "a length standard; not testable without one"
+    testable = False
     linear = True
     parameters = (Parameter("s", "1", 1e-4, "scale error"),)
 

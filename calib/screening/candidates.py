@@ -59,11 +59,12 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Untestable:
-    """A family that these data cannot speak about."""
+    """A family that these data cannot test."""
 
     name: str
     why: str
     would_help: str
+    never: bool = False  # whether no dataset can test it
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,9 @@ def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
         if family.name in present:
             continue
         if family.why_not or not family.members:
-            untestable.append(Untestable(family.name, family.why_not, family.would_help))
+            untestable.append(
+                Untestable(family.name, family.why_not, family.would_help, family.never_testable)
+            )
             continue
         groups = tuple(_visible(projected, member) for member in family.members)
         if not any(np.any(group) for group in groups):

@@ -79,7 +79,7 @@ def test_the_end_says_what_could_not_be_tested(clean: tuple[Calibration, Screeni
     assert said(advise(replace(screening, untestable=only_scale), residual_tests)).endswith(
         "nothing more is missing."
     )
-    blind = (*only_scale, replace(only_scale[0], name="backlash"))
+    blind = (*only_scale, replace(only_scale[0], name="backlash", never=False))
     assert "cannot test 1 of the effects" in said(
         advise(replace(screening, untestable=blind), residual_tests)
     )

@@ -19,7 +19,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.text import verdict_text
 from calib.effects.base import Parameter
-from calib.effects.catalogue import catalogue_names, effects_named
+from calib.effects.catalogue import CATALOGUE, effects_named
 from calib.effects.state import RobotState
 from calib.effects.user_file import check_effects, load_effects
 from calib.errors import CalibError, FitError
@@ -44,7 +44,7 @@ def simulated(
     ).dataset
 
 
-NAMEABLE = tuple(name for name in catalogue_names() if name != "scanner_scale")
+NAMEABLE = tuple(kind.name for kind in CATALOGUE if kind.testable)
 
 
 @pytest.mark.slow
