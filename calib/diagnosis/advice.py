@@ -42,7 +42,7 @@ def advise(screening: Screening, tests: ResidualTests) -> Advice:
     fault = leading_fault(screening)
     if fault is not None:
         return Advice("unknown", (), (LookAtJoint(fault),))
-    # What an effect explains may look like a fault outside the catalogue too: with a candidate the order is told.
+    # What an effect explains may also look like a fault: where an effect is convincing, the order is reported.
     left = residual_summary(replace(tests, fault=None))
     best, lead, tied = rank_candidates(screening)
     if tied:

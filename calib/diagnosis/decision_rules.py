@@ -11,11 +11,11 @@ from calib.screening.candidates import Candidate, Screening, Untestable
 from calib.screening.fault_models import JointFault, best_bump_or_jump
 from calib.screening.residual_tests import ResidualTests
 
-LEVEL = 0.01
-MIN_LEAD = 3.0
+LEVEL = 0.01  # that the Holm-corrected p of an effect has to be below
+MIN_LEAD = 3.0  # in log evidence over the nearest rival
 MIN_LOG_EVIDENCE = 3.0
 WORSE = 2.0  # standard errors by which a named effect may not raise the test poses' squared error
-RIVAL = 0.5  # share of what one effect explains that another must be able to make to be in its way
+RIVAL = 0.5  # share of what one effect explains that another must be able to explain to be its rival
 
 VERDICTS = ("adequate", "named", "ambiguous", "unexplained", "outliers")
 
@@ -28,8 +28,8 @@ def is_convincing(candidate: Candidate) -> bool:
 def rank_candidates(screening: Screening) -> tuple[Candidate, float | None, tuple[Candidate, ...]]:
     """The best candidate, its lead over the best rival, and the set that cannot be told apart, () where it leads.
 
-    A rival is real if it could make most of what the best one explains. One that explains something else is no rival:
-    it may be a second cause, and its turn comes.
+    A rival could explain most of what the best one explains. A candidate that explains something else is no rival: it
+    may be a second cause, and is tested again in the next step.
     """
     best = screening.candidates[0]
     others = screening.candidates[1:]
@@ -41,7 +41,7 @@ def rank_candidates(screening: Screening) -> tuple[Candidate, float | None, tupl
 
 
 def leading_fault(screening: Screening) -> JointFault | None:
-    """A dent or a slip of one joint, where that says more than the best candidate by the margin that any lead needs."""
+    """A dent or a slip of one joint, where its evidence exceeds the best candidate's by `MIN_LEAD`."""
     fault = best_bump_or_jump(screening.projected)
     best = max((c.log_evidence for c in screening.candidates), default=0.0)
     return fault if fault is not None and fault.log_evidence > best + MIN_LEAD else None
@@ -71,7 +71,7 @@ def predicts_worse(before: Calibration, after: Calibration) -> bool:
 def verdict_of(
     named: Sequence[str], ambiguous: Sequence[str], doubted: bool, residual_tests: ResidualTests
 ) -> str:
-    """One of `VERDICTS`. `doubted`: an effect was refused, or something simpler says more than it."""
+    """One of `VERDICTS`. `doubted`: an effect was refused, a fault has more evidence, or the data are implausible."""
     if ambiguous:
         return "ambiguous"
     if doubted or residual_tests.fault is not None or residual_tests.structured or residual_tests.too_large:

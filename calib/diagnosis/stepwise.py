@@ -31,7 +31,7 @@ from calib.screening.fault_models import JointFault
 
 AHEAD = 4  # members of a tied set that are tried with a successor
 
-Tell = Callable[[str], None]  # is told what is being done, a line before each stage
+Tell = Callable[[str], None]  # called with a line of words before each stage
 
 
 @dataclass(frozen=True)

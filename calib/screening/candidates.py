@@ -1,8 +1,7 @@
-"""Hold every candidate effect against what a fit left over.
+"""Test every candidate effect against the residual of a fit.
 
-The fitted directions (parameters the data know, and the scanner's frames) are visible out of the residual and of each
-candidate's columns: what remains is all that the data can say about it. A candidate of which nothing remains is
-untestable with these poses.
+The fitted directions (parameters that the data determine, and the scanner's frames) are projected out of the residual
+and of each candidate's columns. A candidate whose columns vanish then is untestable with these poses.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from calib.fitting.model import effect_columns
 from calib.screening.evidence import Evidence, FamilyColumns, evaluate_family, holm
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 
-_HIDDEN = 0.02  # a column of which less than this is left after projection is geometry in disguise
+_HIDDEN = 0.02  # share of a column that projection has to leave: below it, fitted parameters do the same
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,7 @@ class Value:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One family's case."""
+    """A family with the evidence for it."""
 
     family: Family
     p_value: float
@@ -46,11 +45,9 @@ class Candidate:
     cv_rmse_mm: float  # error a coordinate of each pose predicted from the others, linearised
     members: tuple[Effect, ...]  # those that carry it
     values: tuple[Value, ...]
-    prior_sigmas: dict[
-        str, float
-    ]  # of the parameters of those members, by full name; the evidence chose them
-    explained: Array  # (R,) what it makes of the residual, whitened
-    overlaps: dict[str, float]  # share of what it explains that another family could make too
+    prior_sigmas: dict[str, float]  # of those members' parameters, by full name: of highest evidence
+    explained: Array  # (R,) its part of the residual, whitened
+    overlaps: dict[str, float]  # by family: share of `explained` that lies in the span of its columns
 
     @property
     def name(self) -> str:
@@ -69,7 +66,7 @@ class Untestable:
 
 @dataclass(frozen=True)
 class Screening:
-    """All families against one fit, the best first."""
+    """All families tested against one fit, the highest log evidence first."""
 
     projected: ProjectedResidual
     candidates: tuple[Candidate, ...]
@@ -144,7 +141,7 @@ def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
 
 
 def _visible(projected: ProjectedResidual, member: Effect) -> Array:
-    """(R, K) a member's visible columns, for coefficients of usual size; zero where geometry does the same."""
+    """(R, K) a member's visible columns, for coefficients of usual size; zero where fitted parameters do the same."""
     scales = np.array([p.scale for p in member.parameters])
     raw = member_columns(projected, member) * scales
     visible = projected.project(raw)
@@ -243,7 +240,7 @@ def _cross_validated(projected: ProjectedResidual, columns: Array, spread: Array
         rows = (3 * points[:, :, None] + np.arange(3)).reshape(len(points), -1)
         fitted, extra = projected.basis[rows], shrunk[rows]
         hat = fitted @ np.swapaxes(fitted, 1, 2) + extra @ inner @ np.swapaxes(extra, 1, 2)
-        # A pose that alone decides a direction leaves nothing to predict it by: the floor keeps it large, not infinite.
+        # Without a pose that alone determines a direction, I - H is singular; the floor keeps its error finite.
         error = np.linalg.solve((1.0 + 1e-9) * np.eye(rows.shape[1]) - hat, left[rows][..., None])[..., 0]
         total += float(np.sum((error * np.repeat(sigma_mm[points], 3, axis=1)) ** 2))
     return float(np.sqrt(total / len(residual)))

@@ -10,24 +10,21 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.array_types import Array
+from calib.array_types import Array, BoolArray
 from calib.distributions import f_sf
 
-_SCALES = np.geomspace(
-    1e-3, 1e4, 57
-)  # of a member's coefficients, in units that make its columns one sigma each
+_SCALES = np.geomspace(1e-3, 1e4, 57)  # tried, of a member's coefficients over their usual scale
 _GAIN = 0.5  # a further member has to raise the log evidence by this, beyond what choosing it costs
-_SIGN_PRIOR = 0.9  # how sure it is that a coefficient has the sign that nature gives it
+_SIGN_PRIOR = 0.9  # probability that a coefficient has the sign that physics asks for
 
 
 @dataclass(frozen=True)
 class FamilyColumns:
     """What is missing (R,), measured minus predicted, and a family's columns, a group (R, K_g) a member; projected.
 
-    Columns are those of a coefficient of the parameter's usual scale. `positive`: whether nature lets a member's
-    coefficients have no other sign, one flag a group; none of them where it is empty.
+    Columns are those of a coefficient of the parameter's usual scale. `positive`: whether a member's coefficients
+    are physical with this sign only, one flag a group; empty: none of them.
     """
 
     residual: Array
@@ -38,9 +35,9 @@ class FamilyColumns:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a family is worth. `log_evidence` is against noise alone, scales chosen to be most favourable."""
+    """The evidence for a family; `log_evidence` is against noise alone, at the scales that maximise it."""
 
-    p_value: float  # F test of the whole family or of its best member, whichever is smaller, paid for
+    p_value: float  # F test of the whole family or of its best member, the smaller, corrected for the choice
     log_evidence: float
     scales: Array  # (G,) of each member's coefficients; zero where it is not needed
     coefficients: tuple[Array, ...]  # posterior means, one array a member
@@ -57,8 +54,8 @@ def evaluate_family(family: FamilyColumns) -> Evidence:
 
     maximised over one s for all members, and over separate ones where few members carry the effect; each member that is
     chosen then costs log(number of members), as it could have been any. Sizes far above the usual one count against it:
-    a link that would have to be a thousand times softer than links are is no explanation. So do coefficients of a sign
-    that nature does not have, see `_coefficients`.
+    a link that would have to be a thousand times softer than links are is no explanation. So do coefficients of an
+    unphysical sign, see `_coefficients`.
     """
     y, rest, triangle, bounds = _reduce(family.residual, family.groups)
     total = rest + float(y @ y)
@@ -97,13 +94,13 @@ def evidence_of(residual: Array, columns: Array, freedom: int) -> float:
 
 
 def _coefficients(
-    y: Array, rest: float, triangle: Array, spread: Array, one_sided: NDArray[np.bool_], freedom: int
+    y: Array, rest: float, triangle: Array, spread: Array, one_sided: BoolArray, freedom: int
 ) -> tuple[Array, float]:
     """Posterior means (K,), and what their signs add to the log evidence.
 
     With a one-sided prior the evidence is multiplied by P(all >= 0 | data) / P(all >= 0) = 2^k P(all >= 0 | data) for k
-    one-sided coefficients. Nature's sign is believed to `_SIGN_PRIOR`, so that a convention turned round, or a
-    cause that pushes the other way, costs a little and is not hidden.
+    one-sided coefficients. The sign is believed with probability `_SIGN_PRIOR`, so that an opposite sign convention, or
+    a cause of opposite sign, costs log evidence and is not excluded.
     """
     from scipy.stats import multivariate_normal  # loads for a second: a page is to be seen before that
 
@@ -122,10 +119,10 @@ def _coefficients(
     scale = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(scale, scale)
     count = int(shown.sum())
-    lawful = multivariate_normal(  # scipy's stubs forget maxpts
+    positive = multivariate_normal(  # scipy's stubs forget maxpts
         np.zeros(count), correlation, allow_singular=True, seed=0, maxpts=5000 * count
     )  # type: ignore[call-overload]
-    share = float(np.clip(lawful.cdf(mean[shown] / scale), 0.0, 1.0))
+    share = float(np.clip(positive.cdf(mean[shown] / scale), 0.0, 1.0))
     return weights, float(np.log(_SIGN_PRIOR * 2.0**count * share + 1.0 - _SIGN_PRIOR))
 
 
@@ -166,7 +163,7 @@ def _best_scale(
     rest: float,
     triangle: Array,
     spread: Array,
-    chosen: NDArray[np.bool_],
+    chosen: BoolArray,
     bounds: list[tuple[int, int]],
     freedom: int,
 ) -> tuple[float, float]:

@@ -1,8 +1,8 @@
-"""Simple causes that no catalogue lists: a joint with a damaged place, or whose zero jumped, or that moves on its own.
+"""Faults of one joint outside the catalogue: a damaged place in its gear, a jump of its zero, a smooth motion.
 
-They are weighed as the effects are, by their log evidence. They are never named as a cause; but where one of them says
-more than the best effect does, that effect is not named either. Three harmonics follow a dent in a gear quite well, and
-a drift follows a slip: only the comparison with the simpler story tells.
+Each is evaluated as the effects are, by its log evidence. None is ever named as a cause; but where one has more
+evidence than the best effect, that effect is not named either: three harmonics follow a dent in a gear closely, a drift
+follows a slip, and only the comparison of the evidences tells them apart.
 """
 
 from __future__ import annotations
@@ -21,10 +21,8 @@ _WIDTHS_RAD = (0.12, 0.2, 0.35)  # standard deviations of a dent's shape
 _FEWEST = 2.0  # poses, each counted by the bump's height there: below, a bump is only an outlier
 _AT_ENDS = 3  # poses before the first place where a jump is looked for, and after the last
 _MOST = 200  # places of a jump, and poses that a smooth motion is spanned by: memory stays bounded
-_OWN_RAD, _ARM_RAD = (
-    (0.3, 0.6),
-    (0.8, 1.5),
-)  # correlation lengths over a joint's own angle, over the first three
+_OWN_RAD = (0.3, 0.6)  # correlation lengths of a smooth motion over the joint's own angle
+_ARM_RAD = (0.8, 1.5)  # over the angles of the first three joints
 _USUAL = 3e-4  # rad: as large as errors of drives are
 _GAINS = np.geomspace(1e-2, 1e6, 60)  # of one column: its prior variance over the noise's
 
@@ -77,14 +75,14 @@ def smooth_motion(projected: ProjectedResidual) -> JointFault | None:
         return None
     _, joint, span = max(tried, key=lambda one: one[0])
     columns = projected.motion_columns(directions[joint], _USUAL * span)
-    weighed = evaluate_family(FamilyColumns(-projected.residual, (columns,), projected.freedom))
-    size = _USUAL * float(np.sqrt(np.mean((span @ weighed.coefficients[0]) ** 2)))
+    evaluated = evaluate_family(FamilyColumns(-projected.residual, (columns,), projected.freedom))
+    size = _USUAL * float(np.sqrt(np.mean((span @ evaluated.coefficients[0]) ** 2)))
     total = _mean_likelihood(np.array([value for value, _, _ in tried]))
     return JointFault("smooth", joint, total, size, "rad")
 
 
 def best_supported_fault(projected: ProjectedResidual, floor: float) -> JointFault | None:
-    """What of all this is left in a residual beyond `floor` in log evidence; the more definite story first."""
+    """The fault that a residual shows with more than `floor` in log evidence; a bump or jump before a smooth motion."""
     definite, smooth = best_bump_or_jump(projected), smooth_motion(projected)
     if definite is not None and definite.log_evidence > max(floor, smooth.log_evidence if smooth else floor):
         return definite

@@ -1,4 +1,4 @@
-"""What a fit left over, without anything that the fit could have absorbed; and how each joint would show in it."""
+"""The residual of a fit without what the fit could have absorbed, and how each joint's motion would show in it."""
 
 from __future__ import annotations
 
@@ -16,12 +16,17 @@ from calib.fitting.model import point_by_state
 from calib.fitting.observations import Observations, with_scanner_frames
 from calib.fitting.position_residuals import PositionResiduals
 
-_KNOWN = 0.1  # a direction counts as fitted where the data know it ten times worse than the prior, or better
+_KNOWN = (
+    0.1  # a direction counts as fitted where the data determine it a tenth as well as the prior, or better
+)
 
 
 @dataclass(frozen=True)
 class ProjectedResidual:
-    """What a fit left over, in whitened units, and the directions that it could have absorbed."""
+    """The whitened residual of a fit, and the directions that were projected out of it.
+
+    N used poses, M measured points, R = 3 M rows, P parameters, S entries of the state.
+    """
 
     residuals: PositionResiduals
     x: Array  # (P,)
@@ -54,7 +59,7 @@ class ProjectedResidual:
 
 
 def project_residual(calibration: Calibration) -> ProjectedResidual:
-    """What a calibration left over, seen as positions whatever residual it was fitted by.
+    """The residual of a calibration, of positions whatever it was fitted by, projected.
 
     Raises FitError where no degree of freedom is left.
     """

@@ -1,9 +1,9 @@
-"""What is left at the end: structure against any input, lone outliers, and more noise than repeats allow.
+"""Tests of a fit's residual: order against any input, outlying poses, and a size beyond the noise.
 
 A residual that is noise has no order. For each input (a joint angle, a torque, the temperature, the place, any column
-of poses.csv) smooth bumps over it are laid against the residual's components; the largest response over all inputs
-and widths is held against the same of simulated noise that went through the same fit (Westfall and Young 1993), so
-that looking in many places is paid for.
+of poses.csv) smooth bumps over it are correlated with the residual's components; the largest response over all
+inputs and widths is compared with that of simulated noise that went through the same fit (Westfall and Young 1993),
+which corrects for the number of inputs and places.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from calib.screening.scan_statistic import Channel, ScanStatistic, sum_by_pose
 DRAWS = 999
 STRUCTURE_LEVEL = 0.01
 OUTLIER_LEVEL = 0.002
-FAULT_EVIDENCE = 3.0  # log evidence from which a simple story outside the catalogue is told
+FAULT_EVIDENCE = 3.0  # log evidence from which a fault of one joint is reported
 SIGMA_DOUBT = 1.25  # a sigma that was declared, not measured, is believed to this factor
 _BLOCK = 3_000_000  # numbers of noise held at once
 
 
 @dataclass(frozen=True)
 class InputTest:
-    """Structure of the residual against one input; p is corrected for all that was looked at."""
+    """Order of the residual against one input; p is corrected for all inputs, channels and widths."""
 
     input: str
     p_value: float
@@ -41,17 +41,15 @@ class InputTest:
 
 @dataclass(frozen=True)
 class ResidualTests:
-    """What the last fit left over, judged."""
+    """The results of all tests of one fit's residual."""
 
-    lack_of_fit_p: (
-        float | None
-    )  # of the residual's sigma against the noise; None where the noise is not known
-    noise_mm: float  # a coordinate's sigma that the residual was held against
+    lack_of_fit_p: float | None  # of the residual's size against the noise; None where no noise is known
+    noise_mm: float  # sigma of a coordinate that the residual was compared with
     noise_from: str  # "repeats", "dataset" or "fit"
     residual_mm: float  # a coordinate's sigma of the residual
-    inputs: tuple[InputTest, ...]  # the most structured first
+    inputs: tuple[InputTest, ...]  # the most order first
     outlier_poses: tuple[str, ...]
-    fault: JointFault | None = None  # a simple story, outside the catalogue, that what is left tells
+    fault: JointFault | None = None  # outside the catalogue, that the residual shows
 
     @property
     def structured(self) -> tuple[str, ...]:
@@ -68,7 +66,7 @@ class ResidualTests:
 def run_residual_tests(
     dataset: Dataset, projected: ProjectedResidual, *, draws: int = DRAWS
 ) -> ResidualTests:
-    """Outliers first; then structure, with the outliers left out; then the size of what remains."""
+    """Outlying poses first; then order and faults, without the outliers; then the size of the whole residual."""
     noise = _noise_again(projected, draws)
     outliers = _outliers(projected, noise)
     lack, noise_mm, source, residual_mm = _lack_of_fit(dataset, projected)
@@ -106,7 +104,7 @@ def _noise_again(projected: ProjectedResidual, draws: int) -> Callable[[], Itera
 
 
 def _without(projected: ProjectedResidual, outlier: BoolArray) -> ProjectedResidual:
-    """Nothing left at the points (M,) that stand out: one wrong pose must not pass for a dent."""
+    """The residual set to zero at outlying points (M,), so that one wrong pose is not taken for a dent."""
     residual = projected.residual.copy()
     residual[np.repeat(outlier, 3)] = 0.0
     return replace(projected, residual=residual)

@@ -1,6 +1,5 @@
-"""The scan statistic of the residual tests: smooth bumps over each input, laid against scalars of a pose ("channels").
-
-The largest response over all inputs, widths and channels is large where the residual has order.
+"""The scan statistic of the residual tests: smooth bumps over each input, correlated with scalars of a pose
+("channels"). Where the residual has order, the largest response is larger than that of noise.
 """
 
 from __future__ import annotations
@@ -111,7 +110,7 @@ def inputs_of(projected: ProjectedResidual) -> dict[str, Array]:
 
 
 def sum_by_pose(projected: ProjectedResidual) -> csr_matrix:
-    """(N, M) sums what the points of a pose say."""
+    """(N, M) matrix that sums values of points over each pose."""
     poses, row = projected.residuals.observed.used_poses
     points = np.arange(len(row))
     return csr_matrix((np.ones(len(row)), (row, points)), shape=(len(poses), len(row)))

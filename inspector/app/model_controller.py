@@ -196,7 +196,8 @@ class ModelController:
         yield
         judged = yield from self._beside(lambda: sessions.with_judgement(session), session)
         if judged is not None and self._session.screening is session.screening:
-            self._state.keep(replace(self._session, residual_tests=judged.residual_tests))
+            known = replace(self._session, residual_tests=judged.residual_tests, advice=judged.advice)
+            self._state.keep(known)
             self._panels.missing_effects.advise(self._session)
             self._panels.residuals.update(self._state.now)
 

@@ -1,4 +1,4 @@
-"""What the tab Learn says, as HTML: the model's state, the ranking, the chosen effect, the verdict."""
+"""The texts of the tab Learn as HTML: the model's state, the ranking, the chosen effect, the verdict."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from inspector.session.session import Session, StepErrors
 
 GOOD, BAD, DOUBT, NEUTRAL = "#009E73", "#D55E00", "#E69F00", "#8A8F98"
 NOT_YET = "Not calibrated yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
-SMALL = 0.01  # a change of the error below this share is none worth a word
+SMALL = 0.01  # share of an error below which a change of it counts as none
 VERDICTS = {"adequate": GOOD, "named": GOOD, "ambiguous": DOUBT, "unexplained": BAD, "outliers": DOUBT}
 ADVICE = {"add": "#0072B2", "ambiguous": DOUBT, "done": GOOD, "outliers": DOUBT, "unknown": BAD}
 
@@ -112,7 +112,7 @@ def advice_html(advice: Advice) -> str:
 
 
 def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
-    """The candidates that show at all, the best first; those that the data speak for are ticked. The others by name."""
+    """The candidates of which something shows, the best first, convincing ones ticked; the others by name."""
     showing = [c for c in screening.candidates if c.members]
     names = [c.name for c in showing]
     silent = [c.name for c in screening.candidates if not c.members]
@@ -265,7 +265,7 @@ def next_html(
 
 
 def untestable_html(untestable: tuple[Untestable, ...]) -> str:
-    """What these data cannot speak about, why, and what would help."""
+    """What these data cannot test, why, and what would help."""
     if not untestable:
         return ""
     return elements.heading("Cannot be tested with these data") + elements.bullets(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import viser
 
 from calib.calibration.noise_check import noise_floor_mm
-from calib.diagnosis.advice import advise
 from inspector.figures.plots import error_history
 from inspector.figures.residual_plots import added_variable
 from inspector.markup import effects as html
@@ -95,8 +94,8 @@ class MissingEffectsPanel:
         """The verdict where the program looked by itself; else what is left, and what to do next, with its button."""
         self._advised = ""
         self._advice.content = html.verdict_html(session.diagnosis)
-        if session.diagnosis is None and session.screening is not None and session.residual_tests is not None:
-            advice = advise(session.screening, session.residual_tests)
+        advice = session.advice
+        if session.diagnosis is None and session.screening is not None and advice is not None:
             self._advice.content = html.advice_html(advice)
             self._advised = advice.effects[0] if advice.kind == "add" else ""
         self.follow.visible = bool(self._advised)

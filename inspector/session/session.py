@@ -10,6 +10,7 @@ from calib.calibration.pose_errors import PoseErrors
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
+from calib.diagnosis.advice import Advice
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.pose_recommendation import DiscriminatingPose
 from calib.diagnosis.result import Diagnosis
@@ -54,9 +55,8 @@ class Session:
     screening: Screening | None = None  # of everything not in this calibration's model
     pose_errors: PoseErrors | None = None  # where the calibration is off; known with the screening
     separations: Mapping[str, Separation] = field(default_factory=dict)  # by candidate, as far as asked for
-    residual_tests: ResidualTests | None = (
-        None  # of what the calibration leaves over; known soon after the screening
-    )
+    residual_tests: ResidualTests | None = None  # known soon after the screening
+    advice: Advice | None = None  # what to do next with this model; known with the residual tests
     diagnosis: Diagnosis | None = None  # where it led to this calibration
     steps: tuple[FitStep, ...] = ()  # the link errors, then each change of the model
     user_effects: tuple[Family, ...] = ()  # the user's effects beyond the catalogue

@@ -11,6 +11,7 @@ from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
 from calib.corners.batch import search_file
 from calib.dataset.files.folder import load_dataset
+from calib.diagnosis.advice import advise
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import (
     GEOMETRY,
@@ -100,7 +101,7 @@ def with_calibration(session: Session, residual: str = "position") -> Session:
 
 
 def with_screening(session: Session) -> Session:
-    """Hold every effect, the catalogue's and the user's own, against what the calibration left over; judge that."""
+    """Test every effect, the catalogue's and the user's, against the calibration's residual; then test that itself."""
     return with_judgement(with_ranking(session))
 
 
@@ -109,15 +110,22 @@ def with_ranking(session: Session) -> Session:
     calibration = _calibrated(session)
     screening = screen(calibration, (*effects_for(session.measured), *session.user_effects))
     pose_errors = pose_errors_of(calibration)
-    return replace(session, screening=screening, pose_errors=pose_errors, residual_tests=None, separations={})
+    return replace(
+        session,
+        screening=screening,
+        pose_errors=pose_errors,
+        residual_tests=None,
+        advice=None,
+        separations={},
+    )
 
 
 def with_judgement(session: Session) -> Session:
-    """The second half: what is left over, judged; nothing new where that is known or nothing was ranked."""
+    """The second half: tests of the residual, and advice; nothing new where they are known or nothing was ranked."""
     if session.screening is None or session.residual_tests is not None:
         return session
-    residual_tests = run_residual_tests(_calibrated(session).dataset, session.screening.projected)
-    return replace(session, residual_tests=residual_tests)
+    tests = run_residual_tests(_calibrated(session).dataset, session.screening.projected)
+    return replace(session, residual_tests=tests, advice=advise(session.screening, tests))
 
 
 def separation(session: Session, name: str) -> Separation | None:
@@ -230,5 +238,5 @@ def start_of(last: FitStep, effects: Sequence[SelectedEffect]) -> Calibration | 
 
 def _unjudged(session: Session) -> Session:
     """A new fit, of which nothing more is known yet."""
-    unknown = replace(session, screening=None, pose_errors=None, residual_tests=None, diagnosis=None)
-    return replace(unknown, separations={}, versions=())
+    unknown = replace(session, screening=None, pose_errors=None, residual_tests=None, advice=None)
+    return replace(unknown, diagnosis=None, separations={}, versions=())
