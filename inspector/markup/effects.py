@@ -32,13 +32,13 @@ from calib.effects.effect import (
 from calib.kinematics.robot import Robot
 from calib.screening.candidates import Candidate, Screening, Untestable, Value
 from inspector.markup import elements, numbers
+from inspector.markup.palette import BAD, DOUBT, GOOD, NEUTRAL, PROPOSAL
 from inspector.session.session import Session, StepErrors
 
-GOOD, BAD, DOUBT, NEUTRAL = "#009E73", "#D55E00", "#E69F00", "#8A8F98"
 NOT_YET = "Not calibrated yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
 SMALL = 0.01  # share of an error below which a change of it counts as none
 VERDICTS = {"adequate": GOOD, "named": GOOD, "ambiguous": DOUBT, "unexplained": BAD, "outliers": DOUBT}
-ADVICE = {"add": "#0072B2", "ambiguous": DOUBT, "done": GOOD, "outliers": DOUBT, "unknown": BAD}
+ADVICE = {"add": PROPOSAL, "ambiguous": DOUBT, "done": GOOD, "outliers": DOUBT, "unknown": BAD}
 
 
 def named(screening: Screening, name: str) -> Candidate | None:
@@ -121,8 +121,8 @@ def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
         (
             ("✓ " if is_convincing(c) else "") + c.name + (" (own)" if c.name in own else ""),
             f"{c.log_evidence:.1f}",
-            change(before, c.cv_rmse_mm),
-            probability(c.p_holm),
+            numbers.relative_change(before, c.cv_rmse_mm),
+            numbers.probability(c.p_holm),
         )
         for c in showing
     ]
@@ -146,14 +146,6 @@ def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:
     )
 
 
-def change(before: float, after: float) -> str:
-    """ "−63 %": how an error changes."""
-    if not (before > 0 and math.isfinite(after)):
-        return "–"
-    percent = round(100 * (after / before - 1))
-    return ("0 %" if percent == 0 else f"{percent:+d} %").replace("-", "−").replace(" ", "\N{NO-BREAK SPACE}")
-
-
 def chosen_html(
     name: str, candidate: Candidate | None, calibration: Calibration, cv_before_mm: float, *, own: bool
 ) -> str:
@@ -172,7 +164,7 @@ def chosen_html(
         facts.append(("explains, of what is left", f"{100 * candidate.explained_share:.0f} %"))
         if candidate.members:
             now, then = numbers.millimetres(cv_before_mm), numbers.millimetres(candidate.cv_rmse_mm)
-            by = change(cv_before_mm, candidate.cv_rmse_mm)
+            by = numbers.relative_change(cv_before_mm, candidate.cv_rmse_mm)
             facts.append(("held-out error", f"{now} → {then} mm a coordinate ({by})"))
         facts.append(("could also be made by", likeness or "nothing else here"))
         if candidate.family.note:
@@ -271,8 +263,3 @@ def untestable_html(untestable: tuple[Untestable, ...]) -> str:
     return elements.heading("Cannot be tested with these data") + elements.bullets(
         untestable_texts(untestable)
     )
-
-
-def probability(p: float) -> str:
-    """ "1.0" for no case at all, powers of ten where it is small."""
-    return f"{p:.0e}" if p < 0.001 else f"{p:.2g}"

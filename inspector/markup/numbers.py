@@ -56,3 +56,16 @@ def parameter_label(name: str) -> str:
         if name.startswith(word):
             return letter + escape(name[len(word) :])
     return escape(name)
+
+
+def relative_change(before: float, after: float) -> str:
+    """ "−63 %": how an error changes."""
+    if not (before > 0 and math.isfinite(after)):
+        return "–"
+    percent = round(100 * (after / before - 1))
+    return ("0 %" if percent == 0 else f"{percent:+d} %").replace("-", "−").replace(" ", "\N{NO-BREAK SPACE}")
+
+
+def probability(p: float) -> str:
+    """ "0.012"; powers of ten below 0.001: "5e-31"."""
+    return f"{p:.0e}" if p < 0.001 else f"{p:.2g}"

@@ -9,6 +9,7 @@ from inspector.figures.plots import error_history
 from inspector.figures.residual_plots import added_variable
 from inspector.markup import effects as html
 from inspector.markup import elements
+from inspector.markup.palette import BAD
 from inspector.panels.base import Actions, by_page, hidden_plot, put
 from inspector.session.session import Session
 from inspector.session.view import View
@@ -81,7 +82,7 @@ class MissingEffectsPanel:
         session = view.session
         self.say("")
         self._offer(session)
-        self._own.content = elements.alert(own, colour=html.BAD) if own else ""
+        self._own.content = elements.alert(own, colour=BAD) if own else ""
         self._state.content = html.state_html(session, undo, redo)
         self.advise(session)
         self.update_figure(view)

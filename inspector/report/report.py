@@ -16,8 +16,9 @@ from calib.calibration.noise_check import check_sigma, noise_floor_mm
 from calib.diagnosis.text import reason_texts, verdict_text
 from inspector.figures.plots import error_history
 from inspector.markup import numbers
-from inspector.markup.effects import NEUTRAL, VERDICTS, last_change
+from inspector.markup.effects import VERDICTS, last_change
 from inspector.markup.fit import before_and_after
+from inspector.markup.palette import NEUTRAL
 from inspector.report import sections
 from inspector.report.blocks import (
     Block,

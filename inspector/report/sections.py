@@ -20,7 +20,7 @@ from calib.screening.residual_tests import InputTest
 from inspector.figures.plots import correlation_heatmap, pose_residuals
 from inspector.figures.residual_plots import SELECTED, residual_against
 from inspector.markup import numbers
-from inspector.markup.effects import probability, value_row
+from inspector.markup.effects import value_row
 from inspector.markup.fit import PARAMETER_COLUMNS, parameter_rows
 from inspector.markup.residuals import AXES, band_note, input_title, joint_title, shown, turned
 from inspector.report.blocks import Block, Bullets, Facts, Figure, Paragraph, Table
@@ -103,7 +103,7 @@ def ranking(report: Report) -> list[Block]:
         (
             c.name,
             f"{c.log_evidence:.1f}",
-            probability(c.p_holm),
+            numbers.probability(c.p_holm),
             f"{100 * c.explained_share:.0f}",
             numbers.millimetres(c.cv_rmse_mm),
             _likeness(c),
@@ -144,7 +144,11 @@ def model_residual(report: Report, model: ModelResidual) -> list[Block]:
     if not inputs:
         return [Paragraph(f"{model.title}: no input varies that the residual could follow.")]
     rows = [
-        (input_title(t.input, report.dataset.robot), _channel(t, report.dataset), probability(t.p_value))
+        (
+            input_title(t.input, report.dataset.robot),
+            _channel(t, report.dataset),
+            numbers.probability(t.p_value),
+        )
         for t in inputs[:5]
     ]
     caption = (
@@ -176,7 +180,7 @@ def _against(report: Report, model: ModelResidual, test: InputTest) -> Figure:
         return drawn.for_each_trace(_hide, selector={"name": SELECTED})  # no pose is selected on paper
 
     order = "No order beyond noise" if test.p_value >= _P else "Order"
-    found = f"{order} against {x_title} (p = {probability(test.p_value)})"
+    found = f"{order} against {x_title} (p = {numbers.probability(test.p_value)})"
     caption = f"Model: {model.title}. {found}. {band_note(pose_errors, band)}"
     return Figure(draw, caption)
 
