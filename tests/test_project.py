@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import json
-import os
 import re
 import shlex
 import subprocess
@@ -203,18 +202,17 @@ def test_readmes_python_is_python():
         compile(block, "README.md", "exec")
 
 
-def test_readmes_library_example_runs(tmp_path: Path):
-    """As it stands, in a folder that has the dataset it names."""
+def test_readmes_library_example_runs():
+    """As it stands, from the project's folder."""
     (example,) = [block for block in readme_blocks("python") if "diagnose(" in block]
-    (tmp_path / "my_cell").symlink_to(ROOT / "sample_data" / "hidden_effect_a")
     done = subprocess.run(
         [sys.executable, "-c", example],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        cwd=ROOT,
         capture_output=True,
         text=True,
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    (hidden,) = json.loads((ROOT / "tests" / "truth" / "hidden_effect_a.json").read_text())["effects"]
-    assert hidden in done.stdout, "it prints the verdict"
+    hidden = json.loads((ROOT / "tests" / "truth" / "hidden_effect_b.json").read_text())["effects"]
+    assert hidden
+    assert all(name in done.stdout for name in hidden), "it prints the verdict"
