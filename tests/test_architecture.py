@@ -20,7 +20,6 @@ import calib
 ROOT = Path(__file__).parents[1]
 MOST_MODULES = 12  # in a folder
 MOST_LINES = 300  # in a file
-ON_THE_WAY = pytest.mark.xfail(reason="files are still being split", strict=False)
 
 
 @pytest.fixture(scope="module")
@@ -52,12 +51,10 @@ def test_all_contracts_of_pyproject_are_kept(capsys: pytest.CaptureFixture[str])
     assert kept, capsys.readouterr().out
 
 
-@ON_THE_WAY
 def test_no_circle_of_files(graph: grimp.ImportGraph) -> None:
     assert circle(graph, lambda module: module) == []
 
 
-@ON_THE_WAY
 def test_no_circle_of_folders(graph: grimp.ImportGraph) -> None:
     assert circle(graph, folder_of) == []
 
@@ -73,7 +70,6 @@ def test_a_circle_would_be_found() -> None:
     assert circle(graph, lambda module: module.partition(".")[0])
 
 
-@ON_THE_WAY
 def test_no_folder_and_no_file_outgrows_what_one_can_hold_in_mind() -> None:
     files = [path for package in ("calib", "inspector") for path in (ROOT / package).rglob("*.py")]
     assert len(files) > 100
