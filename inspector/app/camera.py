@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from inspector.panels.review import ReviewPanel
 from inspector.scene.draw_scan import middle_of
 from inspector.scene.scene_view import BESIDE, LAYERS, SceneView
@@ -45,7 +45,7 @@ class Camera:
         for name in LAYERS:
             self._scene.show(name, name in self.visible)
 
-    def at(self, view: View, medians: Mapping[int, NDArray]) -> None:
+    def at(self, view: View, medians: Mapping[int, Array]) -> None:
         """Put the camera where this view is seen well. medians: the middle (3,) of each scan loaded, by pose, mm."""
         self.focus(view, medians)
         placed = arm_frame(view) if self.name == "Arm" else None
@@ -63,7 +63,7 @@ class Camera:
             away = WHOLE_SCAN_MM
         self._scene.aim_camera(away, middle, beside=BESIDE if self.name in WIDE_VIEWS else close_beside(view))
 
-    def focus(self, view: View, medians: Mapping[int, NDArray]) -> None:
+    def focus(self, view: View, medians: Mapping[int, Array]) -> None:
         """The middle of everything for an overview, else the corner of the selected pose, in the middle of the view."""
         found = corner_of(view, view.pose)
         placed = arm_frame(view) if self.name == "Arm" else None
@@ -77,7 +77,7 @@ class Camera:
             self._scene.focus(medians[view.pose])
 
 
-def close_beside(view: View) -> NDArray:
+def close_beside(view: View) -> Array:
     """Where one scan is looked at from, beside the scanner (3,): where the jig's three faces all turn to the eye."""
     corner = None if view.search is None else view.search.corner
     if corner is None:
@@ -86,7 +86,7 @@ def close_beside(view: View) -> NDArray:
     return np.asarray(all_three / np.linalg.norm(all_three))
 
 
-def arm_frame(view: View) -> NDArray | None:
+def arm_frame(view: View) -> Array | None:
     """scanner_T_base (4, 4) as the chosen version of the model has it; None before there is one."""
     if view.version is None:
         return None
@@ -94,7 +94,7 @@ def arm_frame(view: View) -> NDArray | None:
     return view.version.evaluation.scanner_T_base.get(setup)
 
 
-def arm_middle(view: View, scanner_T_base: NDArray, medians: Mapping[int, NDArray]) -> tuple[NDArray, float]:
+def arm_middle(view: View, scanner_T_base: Array, medians: Mapping[int, Array]) -> tuple[Array, float]:
     """The middle (3,) of the smallest ball about the robot's base and the ball of the points, and its radius, mm."""
     points, radius = middle_of(view, medians)
     away = scanner_T_base[:3, 3] - points

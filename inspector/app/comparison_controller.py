@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from numpy.typing import NDArray
-
+from calib.array_types import Array
 from calib.calibration.model_versions import VERSIONS
 from calib.scans.scan import Scan
 from inspector.app.page_state import PageState
@@ -32,7 +31,7 @@ class ComparisonController:
         self._on_click, self._show_legend = on_click, show_legend
         self._arm = ArmDrawing(scene)
         self._scan: Scan | None = None  # the selected pose's
-        self._distances_mm: NDArray | None = None  # of its points to the jig
+        self._distances_mm: Array | None = None  # of its points to the jig
         self._drawn = False  # whether they are in the scene
 
     def draw(self) -> None:
@@ -62,7 +61,7 @@ class ComparisonController:
             draw_distance(self._scene, None, None)
 
     @property
-    def distances_mm(self) -> NDArray | None:
+    def distances_mm(self) -> Array | None:
         """(N,) of the selected pose's scan to the jig, nan beside it; None where there is no corner."""
         return self._distances_mm
 

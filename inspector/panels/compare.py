@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import partial
 
 import viser
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.calibration.model_versions import VERSIONS
 from inspector.markup import elements
 from inspector.markup.comparison import arrows_and_points_legend, distance_html, figures_html, pose_html
@@ -82,7 +82,7 @@ class ComparePanel:
         self._pose.content = pose_html(view)
         self._problems.content = "".join(elements.alert(p, colour="#E69F00") for p in problems)
 
-    def update_distance(self, view: View, distances_mm: NDArray | None) -> None:
+    def update_distance(self, view: View, distances_mm: Array | None) -> None:
         """The selected scan's distances to the jig's faces (N,), nan beside the jig; None without a corner."""
         self._distance.content = distance_html(view, distances_mm)
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
+from calib.array_types import Array, ByteArray
 from inspector.markup.palette import HIGHLIGHT, rgb
 from inspector.scene.scene_view import M_PER_MM, cloud, to_scene
 from inspector.scene.shapes import ellipsoids, unit_sphere
@@ -18,7 +18,7 @@ DOT_SHARE = 0.005  # of the field that the corners lie in, where that is more
 HALO = 0.9  # radius of the selected corner's halo over the diameter of a dot
 
 
-def dot_mm(xyz_mm: NDArray) -> float:
+def dot_mm(xyz_mm: Array) -> float:
     """Diameter of a dot among points (N, 3): they can be told apart near and far."""
     return max(DOT_MM, DOT_SHARE * float(np.linalg.norm(np.ptp(xyz_mm, axis=0)))) if len(xyz_mm) else DOT_MM
 
@@ -26,10 +26,10 @@ def dot_mm(xyz_mm: NDArray) -> float:
 def corner(
     api: viser.SceneApi,
     name: str,
-    xyz_mm: NDArray,
-    covariance_mm2: NDArray | None,
+    xyz_mm: Array,
+    covariance_mm2: Array | None,
     factor: float,
-    edges_mm: NDArray | None,
+    edges_mm: Array | None,
     text: str,
 ) -> list[viser.SceneNodeHandle]:
     """The selected corner: its 1-sigma ellipsoid enlarged by `factor`, the jig's three edges, a label."""
@@ -55,9 +55,9 @@ def corner(
 def corners(
     api: viser.SceneApi,
     name: str,
-    xyz_mm: NDArray,
-    covariance_mm2: NDArray | None,
-    colours: NDArray,
+    xyz_mm: Array,
+    covariance_mm2: Array | None,
+    colours: ByteArray,
     factor: float,
     on_click: Callable[[int], None],
 ) -> list[viser.SceneNodeHandle]:
@@ -86,7 +86,7 @@ def corners(
     return nodes
 
 
-def halo(api: viser.SceneApi, name: str, at_mm: NDArray, diameter_mm: float) -> list[viser.SceneNodeHandle]:
+def halo(api: viser.SceneApi, name: str, at_mm: Array, diameter_mm: float) -> list[viser.SceneNodeHandle]:
     """A mark (3,) around the dot of the selected corner."""
     return [
         api.add_icosphere(
@@ -99,10 +99,10 @@ def halo(api: viser.SceneApi, name: str, at_mm: NDArray, diameter_mm: float) -> 
 def _ellipsoids(
     api: viser.SceneApi,
     name: str,
-    xyz_mm: NDArray,
-    covariance_mm2: NDArray,
+    xyz_mm: Array,
+    covariance_mm2: Array,
     factor: float,
-    colours: NDArray,
+    colours: ByteArray,
     opacity: float | None = None,
 ) -> viser.BatchedMeshHandle:
     wxyz, half_mm = ellipsoids(covariance_mm2, factor)

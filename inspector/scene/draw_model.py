@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
+from calib.array_types import Array, ByteArray
 from calib.calibration.model_versions import Version
 from calib.corners.jig_distance import face_distances, jig_outline
 from calib.dataset.dataset import Dataset
@@ -28,7 +28,7 @@ TIP_SHARE = 0.8  # of a measured point: diameter of a predicted one
 ABOVE_MM = 20.0  # how far over the points their text stands
 
 
-def pose_colours(view: View) -> NDArray[np.uint8]:
+def pose_colours(view: View) -> ByteArray:
     """(N, 3) the colour of each pose's measured point: its role's, or that of the chosen version's error."""
     if view.colouring == BY_ERROR and view.version is not None:
         return colour_scale.coloured(
@@ -67,7 +67,7 @@ def draw_residuals(scene: SceneView, view: View) -> None:
     scene.draw("predicted", lambda api, name: model_nodes.predicted(api, name, tips, MODEL_COLOURS, size_mm))
 
 
-def _predictions(version: Version, view: View) -> tuple[NDArray, NDArray]:
+def _predictions(version: Version, view: View) -> tuple[Array, Array]:
     """The measured points seen from the selected pose's scanner placement (K, 3), and the errors there (K, 3)."""
     dataset = version.calibration.dataset
     poses = dataset.poses
@@ -76,9 +76,7 @@ def _predictions(version: Version, view: View) -> tuple[NDArray, NDArray]:
     return measured.xyz_mm[here], version.evaluation.error_mm[here]
 
 
-def _arrows(
-    drawn: Mapping[str, tuple[NDArray, NDArray]], tips: Mapping[str, NDArray]
-) -> tuple[NDArray, NDArray]:
+def _arrows(drawn: Mapping[str, tuple[Array, Array]], tips: Mapping[str, Array]) -> tuple[Array, ByteArray]:
     """Arrows (K, 2, 3) that have a length, and their colours (K, 3)."""
     arrows, colours = [], []
     for name, (start, error) in drawn.items():
@@ -154,7 +152,7 @@ class ArmDrawing:
 # ---- the jig over the scan ------------------------------------------------------------------------------------------
 
 
-def jig_distances(view: View, scan: Scan | None) -> NDArray | None:
+def jig_distances(view: View, scan: Scan | None) -> Array | None:
     """Signed distance (N,) of the scan's points to the jig's faces, nan beside the jig; None without a corner."""
     corner = None if view.search is None else view.search.corner
     if scan is None or corner is None:
@@ -169,10 +167,10 @@ def draw_jig(scene: SceneView, view: View) -> None:
     scene.draw("jig", lambda api, name: model_nodes.jig(api, name, outline, FACE_COLOURS[: len(outline)]))
 
 
-def draw_distance(scene: SceneView, scan: Scan | None, distances_mm: NDArray | None) -> None:
+def draw_distance(scene: SceneView, scan: Scan | None, distances_mm: Array | None) -> None:
     """The scan's points on the jig, coloured by their distance to its faces."""
     if scan is None or distances_mm is None:
-        scene.draw_distance(np.zeros((0, 3)), np.zeros((0, 3)))
+        scene.draw_distance(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8))
         return
     on_jig = np.isfinite(distances_mm)
     limit = distance_limit_mm(distances_mm)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.scans.scan import Scan
 from inspector.markup import numbers
 from inspector.markup.corner import ellipsoid_words
@@ -110,7 +110,7 @@ def draw_planes(scene: SceneView, view: View, visible: set[str]) -> None:
     )
 
 
-def draw_corners(scene: SceneView, view: View, on_click: Callable[[int], None]) -> NDArray:
+def draw_corners(scene: SceneView, view: View, on_click: Callable[[int], None]) -> Array:
     """All corners seen from the selected pose's scanner placement, by role or by error. Returns them."""
     poses = view.session.dataset.poses
     here = [(i, corner_of(view, i)) for i in range(len(poses)) if poses.setup[i] == poses.setup[view.pose]]
@@ -162,7 +162,7 @@ def fitting_ellipsoids(view: View) -> float:
     return float(max((f for f in FACTORS if f * sigma_mm <= ELLIPSOID_MM), default=FACTORS[0]))
 
 
-def middle_of(view: View, medians: Mapping[int, NDArray]) -> tuple[NDArray, float]:
+def middle_of(view: View, medians: Mapping[int, Array]) -> tuple[Array, float]:
     """Middle (3,) of all corners, or of the scans' `medians`, from here, and a radius that holds nearly all, mm."""
     setups = view.session.dataset.poses.setup
     here = [i for i in range(len(setups)) if setups[i] == setups[view.pose]]

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.errors import DatasetError
 
@@ -19,7 +20,7 @@ KINDS = (".stl", ".ply", ".obj", ".off", ".glb")
 class LinkMesh:
     """The triangles of one link."""
 
-    vertices_mm: NDArray[np.float64]  # (V, 3) in the link's own frame
+    vertices_mm: Array  # (V, 3) in the link's own frame
     triangles: NDArray[np.int64]  # (T, 3) indices into them
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import viser
 import viser.transforms
-from numpy.typing import NDArray
 
+from calib.array_types import Array, ByteArray, IndexArray
 from inspector.markup.palette import ARM, JOINT, SLIDE, rgb
 from inspector.scene.arm_shape import ArmShape
 from inspector.scene.link_mesh import LinkMesh
@@ -33,11 +33,11 @@ class Solids:
         self,
         api: viser.SceneApi,
         name: str,
-        shape: tuple[NDArray, NDArray],
-        wxyz: NDArray,
-        at_mm: NDArray,
-        size_mm: NDArray,
-        colours: NDArray,
+        shape: tuple[Array, IndexArray],
+        wxyz: Array,
+        at_mm: Array,
+        size_mm: Array,
+        colours: ByteArray,
     ) -> list[viser.SceneNodeHandle]:
         """K of a shape (vertices, faces) at wxyz (K, 4), places (K, 3), scaled (K, 3), in colours (K, 3)."""
         node = self.nodes.get(name)
@@ -91,7 +91,7 @@ def arm(
     ]  # fmt: skip
 
 
-def base(api: viser.SceneApi, name: str, scanner_T_base: NDArray) -> list[viser.SceneNodeHandle]:
+def base(api: viser.SceneApi, name: str, scanner_T_base: Array) -> list[viser.SceneNodeHandle]:
     """The axes of the robot's base, x red, y green, z blue."""
     wxyz, position = pose_of(scanner_T_base)
     return [
@@ -104,10 +104,10 @@ def base(api: viser.SceneApi, name: str, scanner_T_base: NDArray) -> list[viser.
     ]  # fmt: skip
 
 
-def pose_of(transform: NDArray) -> tuple[NDArray, NDArray]:
+def pose_of(transform: Array) -> tuple[Array, Array]:
     """wxyz (4,) and position (3,) in the scene's unit of a transform (4, 4) in mm."""
     wxyz = viser.transforms.SO3.from_matrix(transform[:3, :3]).wxyz
-    return wxyz, to_scene(transform[:3, 3]).astype(float)
+    return np.asarray(wxyz, dtype=float), to_scene(transform[:3, 3]).astype(np.float64)
 
 
 def link_mesh(api: viser.SceneApi, name: str, mesh: LinkMesh) -> viser.MeshHandle:
@@ -121,7 +121,7 @@ def link_mesh(api: viser.SceneApi, name: str, mesh: LinkMesh) -> viser.MeshHandl
 def predicted(
     api: viser.SceneApi,
     name: str,
-    points_mm: Mapping[str, NDArray],
+    points_mm: Mapping[str, Array],
     colours: Mapping[str, str],
     size_mm: float,
 ) -> list[viser.SceneNodeHandle]:
@@ -136,11 +136,11 @@ def predicted(
 def residuals(
     api: viser.SceneApi,
     name: str,
-    arrows_mm: NDArray,
-    colours: NDArray,
+    arrows_mm: Array,
+    colours: ByteArray,
     size_mm: float,
     text: str,
-    at_mm: NDArray,
+    at_mm: Array,
 ) -> list[viser.SceneNodeHandle]:
     """Arrows (K, 2, 3) from measured to predicted, in colours (K, 3), and what they are in words."""
     if not len(arrows_mm):
@@ -159,7 +159,7 @@ def residuals(
 
 
 def jig(
-    api: viser.SceneApi, name: str, triangles_mm: NDArray, colours: Sequence[str]
+    api: viser.SceneApi, name: str, triangles_mm: Array, colours: Sequence[str]
 ) -> list[viser.SceneNodeHandle]:
     """The jig's model: a translucent triangle (3, 3) for each face, in the face's colour, with its outline."""
     nodes: list[viser.SceneNodeHandle] = [

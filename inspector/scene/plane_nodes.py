@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
+from calib.array_types import Array, ByteArray
 from inspector.markup.palette import FILTER_COLOURS, REJECTED, rgb
 from inspector.scene.scene_view import M_PER_MM, cloud, to_scene
 from inspector.scene.shapes import disc, facing
@@ -21,7 +21,7 @@ REJECTED_MM = 1.0  # diameter of a rejected set's point
 
 
 def sets(
-    api: viser.SceneApi, name: str, points_mm: NDArray, normals: NDArray, colours: Sequence[str | None]
+    api: viser.SceneApi, name: str, points_mm: Array, normals: Array, colours: Sequence[str | None]
 ) -> list[viser.SceneNodeHandle]:
     """Passing sets as quadrilaterals with a normal, in their group's colour.
 
@@ -46,7 +46,7 @@ def sets(
 
 
 def rejected(
-    api: viser.SceneApi, name: str, centroids_mm: NDArray, filters: NDArray
+    api: viser.SceneApi, name: str, centroids_mm: Array, filters: ByteArray
 ) -> list[viser.SceneNodeHandle]:
     """Rejected sets as points in the colour of their filter; centroids_mm (R, 3), filters (R,) 1, 2 or 3."""
     every = max(1, -(-len(centroids_mm) // DRAWN_REJECTED))
@@ -60,9 +60,9 @@ def rejected(
 def groups(
     api: viser.SceneApi,
     name: str,
-    centres_mm: NDArray,
-    normals: NDArray,
-    radii_mm: NDArray,
+    centres_mm: Array,
+    normals: Array,
+    radii_mm: Array,
     colours: Sequence[str],
     chosen: Sequence[bool],
 ) -> list[viser.SceneNodeHandle]:

@@ -14,6 +14,7 @@ import numpy as np
 import viser
 from numpy.typing import ArrayLike, NDArray
 
+from calib.array_types import Array, ByteArray, IndexArray
 from inspector.markup.palette import FACE_COLOURS, SCAN_ON_DARK, SCAN_ON_LIGHT, rgb
 from inspector.scene.shapes import shaded, thin
 
@@ -45,13 +46,13 @@ DOWN = (0.0, 1.0, 0.0)  # in a scanner's frame, which is a camera's: y points do
 BESIDE = (0.35, -0.30, 0.0)  # of the scanner, and a little above: where looks come from
 
 
-def to_scene(points_mm: ArrayLike) -> NDArray:
+def to_scene(points_mm: ArrayLike) -> NDArray[np.float32]:
     """Metres, single precision: 0.06 um at 1 m. points_mm  # (..., 3)"""
     return (np.asarray(points_mm, dtype=np.float64) * M_PER_MM).astype(np.float32)
 
 
 def cloud(
-    api: viser.SceneApi, name: str, points_mm: NDArray, colours: ArrayLike, size_mm: float
+    api: viser.SceneApi, name: str, points_mm: Array, colours: ArrayLike, size_mm: float
 ) -> viser.PointCloudHandle:
     """A node of round points (N, 3) in the scanner's frame; colours (3,) or (N, 3)."""
     return api.add_point_cloud(
@@ -166,7 +167,7 @@ class SceneView:
     # ---- scans ------------------------------------------------------------------------------------------------------
 
     def draw_overview(
-        self, index: int, points_mm: NDArray, colour: str, scans: int, normals: NDArray | None = None
+        self, index: int, points_mm: Array, colour: str, scans: int, normals: Array | None = None
     ) -> None:
         """One of so many scans, in few points, lit from the side where their normals are known."""
         kept = thin(points_mm, max(200, min(OVERVIEW_POINTS, OVERVIEW_TOTAL // max(scans, 1))))
@@ -189,7 +190,7 @@ class SceneView:
             other.remove()
         self._overview.clear()
 
-    def draw_scan(self, points_mm: NDArray, faces: Sequence[NDArray] = ()) -> int:
+    def draw_scan(self, points_mm: Array, faces: Sequence[IndexArray] = ()) -> int:
         """The selected scan; `faces` are index arrays into it. Returns how many points are drawn."""
         face_of = np.full(len(points_mm), -1)
         for number, inliers in enumerate(faces):
@@ -207,13 +208,13 @@ class SceneView:
             self._draw_on_faces("faces", points[on_face], colours[face_of[on_face]])
         return len(kept)
 
-    def draw_distance(self, points_mm: NDArray, colours: NDArray) -> None:
+    def draw_distance(self, points_mm: Array, colours: ByteArray) -> None:
         """Points (N, 3) of the selected scan on the jig, in colours (N, 3) that say how far off its faces they lie."""
         kept = thin(points_mm, DETAIL_POINTS)
         with self._server.atomic():
             self._draw_on_faces("distance", points_mm[kept], colours[kept])
 
-    def _draw_on_faces(self, layer: str, points_mm: NDArray, colours: NDArray) -> None:
+    def _draw_on_faces(self, layer: str, points_mm: Array, colours: ByteArray) -> None:
         nodes = []
         if len(points_mm):
             name = f"{ROOT}/{layer}/points"

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import viser.transforms
-from numpy.typing import NDArray
+
+from calib.array_types import Array, ByteArray, IndexArray
 
 
-def thin(points_mm: NDArray, limit: int) -> NDArray:
+def thin(points_mm: Array, limit: int) -> IndexArray:
     """Indices of at most `limit` points, one a voxel, so that near and far parts stay equally dense."""
     count = len(points_mm)
     if count <= limit:
@@ -23,14 +24,14 @@ def thin(points_mm: NDArray, limit: int) -> NDArray:
         edge *= max(1.05, np.sqrt(len(kept) / limit))
 
 
-def shaded(colour: NDArray, normals: NDArray) -> NDArray:
-    """Colours (N, 3) uint8 of one colour (3,) on surfaces with these normals, lit from above beside the scanner."""
+def shaded(colour: ByteArray, normals: Array) -> ByteArray:
+    """Colours (N, 3) of one colour (3,) on surfaces with these normals, lit from above beside the scanner."""
     light = np.array([-0.55, -0.70, -0.45])
     lit = np.clip(normals @ (light / np.linalg.norm(light)), 0, 1)
     return np.asarray(np.clip(colour * (0.45 + 0.65 * lit)[:, None], 0, 255), dtype=np.uint8)
 
 
-def ellipsoids(covariance_mm2: NDArray, factor: float) -> tuple[NDArray, NDArray]:
+def ellipsoids(covariance_mm2: Array, factor: float) -> tuple[Array, Array]:
     """Orientations wxyz (N, 4) and half axes (N, 3) in mm of the 1-sigma ellipsoids, `factor` times enlarged."""
     variance, axes = np.linalg.eigh(np.asarray(covariance_mm2, dtype=float))
     axes[np.linalg.det(axes) < 0, :, 0] *= -1
@@ -39,7 +40,7 @@ def ellipsoids(covariance_mm2: NDArray, factor: float) -> tuple[NDArray, NDArray
     return wxyz, np.maximum(half, 1e-4)
 
 
-def facing(normals: NDArray) -> NDArray:
+def facing(normals: Array) -> Array:
     """wxyz (N, 4) of the rotations that turn z to each of the unit normals (N, 3)."""
     other = np.where(np.abs(normals[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]])
     x = np.cross(other, normals)
@@ -48,7 +49,7 @@ def facing(normals: NDArray) -> NDArray:
     return np.array([viser.transforms.SO3.from_matrix(m).wxyz for m in matrices]).reshape(-1, 4)
 
 
-def jig_edges(xyz_mm: NDArray, normals: NDArray, centres_mm: NDArray, edge_mm: float) -> NDArray:
+def jig_edges(xyz_mm: Array, normals: Array, centres_mm: Array, edge_mm: float) -> Array:
     """The three lines (3, 2, 3) in mm in which the faces meet, from the corner `edge_mm` long, along the jig."""
     lines = []
     for i, j in ((0, 1), (1, 2), (2, 0)):
@@ -60,7 +61,7 @@ def jig_edges(xyz_mm: NDArray, normals: NDArray, centres_mm: NDArray, edge_mm: f
     return np.array(lines)
 
 
-def disc() -> tuple[NDArray, NDArray]:
+def disc() -> tuple[Array, IndexArray]:
     """Vertices (V, 3) and faces (F, 3) of a unit disc across z."""
     sides = 32
     angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
@@ -68,7 +69,7 @@ def disc() -> tuple[NDArray, NDArray]:
     return vertices, np.array([[0, i, i + 1] for i in range(1, sides - 1)])
 
 
-def unit_sphere(rings: int = 12, sectors: int = 20) -> tuple[NDArray, NDArray]:
+def unit_sphere(rings: int = 12, sectors: int = 20) -> tuple[Array, IndexArray]:
     """Vertices (V, 3) and faces (F, 3), outward, of a unit sphere."""
     polar = np.linspace(0, np.pi, rings + 1)[:, None]
     around = np.linspace(0, 2 * np.pi, sectors, endpoint=False)[None]
@@ -83,12 +84,12 @@ def unit_sphere(rings: int = 12, sectors: int = 20) -> tuple[NDArray, NDArray]:
     return vertices, faces
 
 
-def spread(points_mm: NDArray, centre_mm: NDArray) -> float:
+def spread(points_mm: Array, centre_mm: Array) -> float:
     """Radius around the centre inside which nine in ten of the points lie."""
     return float(np.percentile(np.linalg.norm(points_mm - centre_mm, axis=1), 90)) if len(points_mm) else 0.0
 
 
-def unit_cylinder() -> tuple[NDArray, NDArray]:
+def unit_cylinder() -> tuple[Array, IndexArray]:
     """Vertices (V, 3) and faces (F, 3), outward, of a cylinder of radius 1 and length 1 along z, about the origin.
 
     Rims have their vertices twice, so that caps and side are shaded apart.

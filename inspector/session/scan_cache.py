@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.scans.scan import Scan, load_scan
 
@@ -16,7 +16,7 @@ class ScanCache:
         self._dataset: Dataset | None = None
         self._kept: tuple[int, Scan] | None = None
         # (3,) middle of each scan that was worked on, by pose, mm; nan where it has no points
-        self.medians: dict[int, NDArray] = {}
+        self.medians: dict[int, Array] = {}
 
     def open(self, dataset: Dataset) -> None:
         """Another dataset: nothing of it is loaded yet."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.calibration.model_versions import Version
 from calib.corners.search import CornerSearch
 from calib.options import RESIDUAL_KINDS
@@ -78,7 +78,7 @@ class View:
         return replace(self, session=session, chosen=chosen, compared=compared)
 
 
-def corner_of(view: View, pose: int) -> tuple[NDArray, NDArray | None] | None:
+def corner_of(view: View, pose: int) -> tuple[Array, Array | None] | None:
     """The measured point of a pose, (3,) mm, and its covariance (3, 3): from points.csv, else from its scan.
 
     Where points.csv has no covariance, the scanner's declared sigma stands for it.
