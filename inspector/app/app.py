@@ -128,7 +128,7 @@ class App:
             self.select(view.session.dataset.poses.index(pose_id))
 
     def step(self, by: int) -> None:
-        """Go on to the next poses or back; ten presses are ten poses."""
+        """Go on to the next poses or back; each press counts."""
         self._want(lambda current: current + by)
 
     def _want(self, pose: Callable[[int], int]) -> None:
@@ -174,7 +174,7 @@ class App:
         self.worker.submit("colouring", lambda: self.stage.comparison.colour_by(by))
 
     def failure(self) -> None:
-        """Show what is left over against what is chosen now."""
+        """Plot the residual against the input that is chosen now."""
         self.worker.submit("failure", lambda: self.panels.residuals.update(self.state.now))
 
     def grey_rejected(self, grey: bool) -> None:
@@ -207,7 +207,7 @@ class App:
             self.worker.submit("calibrate", lambda: self.model.calibrate(residual))
 
     def find(self, start: bool) -> None:
-        """Look for what is missing, to the end; or stop looking."""
+        """Run the whole diagnosis; or stop it."""
         if start:
             self.worker.submit("find", lambda: self.model.find())
         else:
@@ -231,7 +231,7 @@ class App:
         self.worker.submit(("remove", name), lambda: self.model.remove(name))
 
     def move(self, by: int) -> None:
-        """Undo changes of the model, or redo them; three presses are three changes."""
+        """Undo changes of the model, or redo them; each press counts."""
         with self._asking:
             self._moves += by
         self.worker.submit("move", self._move)

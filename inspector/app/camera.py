@@ -78,7 +78,7 @@ class Camera:
 
 
 def close_beside(view: View) -> Array:
-    """Where one scan is looked at from, beside the scanner (3,): where the jig's three faces all turn to the eye."""
+    """Where one scan is looked at from, beside the scanner (3,): where all three faces of the jig can be seen."""
     corner = None if view.search is None else view.search.corner
     if corner is None:
         return CLOSE_BESIDE

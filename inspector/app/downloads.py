@@ -1,4 +1,4 @@
-"""Makes what a page asks to take away, beside the app's own work, and sends it to that page alone."""
+"""Makes the files that a page asks for, in the background, and sends them to that page alone."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Downloads:
         self._pictures = Background("pictures", threads=2)
 
     def close(self) -> None:
-        """Let go of the threads."""
+        """End the threads."""
         self._files.close()
         self._pictures.close()
 
@@ -159,4 +159,4 @@ MAKERS: dict[str, Callable[[Asked], tuple[str, bytes]]] = {
     "Redundancy (CSV)": _redundancy,
     "3D scene (GLB)": _scene,
 }
-"""How each is made; the screenshot needs its page."""
+"""How each file is made; only the screenshot needs the page that asks."""

@@ -24,7 +24,7 @@ class FaceLabelling:
         self._last: tuple[Session, Future[FaceLabels]] | None = None  # asked for last, and of what corners
 
     def close(self) -> None:
-        """Let go of the thread."""
+        """End the thread."""
         self._background.close()
 
     def require(self) -> LongWork:

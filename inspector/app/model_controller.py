@@ -58,7 +58,7 @@ class ModelController:
         self._labelling = FaceLabelling(state, panels.fit)
 
     def close(self) -> None:
-        """Let go of the threads."""
+        """End the threads."""
         self._background.close()
         self._labelling.close()
 
@@ -101,7 +101,7 @@ class ModelController:
         saved = self.saved.pop(self._state.name, None)
         try:
             yield from self._first_fit(residual) if saved is None else self._reopen(saved, residual)
-        except CalibError:  # full poses may tell what positions did not
+        except CalibError:  # full poses may still be fitted
             yield from self._labelling.try_it()
             raise
         yield from self._labelling.try_it()
@@ -154,7 +154,7 @@ class ModelController:
             raise
         finally:
             self._panels.fit.busy(False)
-        if self._session.calibration is None:  # points were found since: what was learnt before is of no use
+        if self._session.calibration is None:  # points were found since: earlier models are of other points
             self._undo.pop(self._state.name, None)
         self._change(session)
         yield from self.rank()
@@ -162,12 +162,12 @@ class ModelController:
     # ---- effects ----------------------------------------------------------------------------------------------------
 
     def rank(self) -> LongWork:
-        """Rank the effects against what is left, and judge that, where it is not known yet."""
+        """Rank the effects by what they explain of the residual and test that, where it is not done yet."""
         session = self._session
         stale = self._user_effects.stale(self._state.name, session.user_effects)
         if session.calibration is None or (session.screening is not None and not stale):
             self.show()
-            yield from self._judge()
+            yield from self._test_residual()
             return
         self._panels.missing_effects.say("Ranking what could be missing …")
         yield
@@ -185,18 +185,18 @@ class ModelController:
             self.show()
         else:  # own effects that are in the model have changed
             self._change(ranked)
-        yield from self._judge()
+        yield from self._test_residual()
         yield from self.compare()
 
-    def _judge(self) -> LongWork:
-        """Judge what is left, where that is not known yet; the ranking is on show meanwhile."""
+    def _test_residual(self) -> LongWork:
+        """Test the residual, where that is not done yet; the ranking is on show meanwhile."""
         session = self._session
         if session.screening is None or session.residual_tests is not None:
             return
         yield
-        judged = yield from self._beside(lambda: sessions.with_judgement(session), session)
-        if judged is not None and self._session.screening is session.screening:
-            known = replace(self._session, residual_tests=judged.residual_tests, advice=judged.advice)
+        tested = yield from self._beside(lambda: sessions.with_residual_tests(session), session)
+        if tested is not None and self._session.screening is session.screening:
+            known = replace(self._session, residual_tests=tested.residual_tests, advice=tested.advice)
             self._state.keep(known)
             self._panels.missing_effects.advise(self._session)
             self._panels.residuals.update(self._state.now)

@@ -10,7 +10,7 @@ from inspector.session.view import View
 
 
 class PageState:
-    """The one place that is written when something on the page changes; whoever writes it has it drawn."""
+    """What the controllers and the stage share. Who changes it draws what depends on it."""
 
     def __init__(self) -> None:
         self.view: View | None = None  # none until a dataset is open

@@ -47,8 +47,8 @@ def put(handle: Any, value: Any) -> None:
     handle.value = value
 
 
-class News:
-    """Puts into widgets what is news only.
+class ChangedValues:
+    """Puts a value into a widget only where it is another than the one put last.
 
     A page may just have chosen something else whose turn is still to come: that must not be taken back.
     """

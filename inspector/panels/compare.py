@@ -10,7 +10,7 @@ from calib.array_types import Array
 from calib.calibration.model_versions import VERSIONS
 from inspector.markup import elements
 from inspector.markup.comparison import arrows_and_points_legend, distance_html, figures_html, pose_html
-from inspector.panels.base import Actions, News, by_page
+from inspector.panels.base import Actions, ChangedValues, by_page
 from inspector.panels.input_checks import one_of
 from inspector.session.view import COLOURINGS, FACTORS, View
 
@@ -47,7 +47,7 @@ class ComparePanel:
         self._pose = gui.add_html("")
         self._distance = gui.add_html("")
         self._problems = gui.add_html("")
-        self._news = News()
+        self._changed = ChangedValues()
         self._connect(actions)
 
     def _connect(self, a: Actions) -> None:
@@ -68,15 +68,15 @@ class ComparePanel:
         names = [version.name for version in view.versions]
         for name, box in self.shown.items():
             box.disabled = name not in names
-            self._news.put(box, name in names and name in view.compared)
+            self._changed.put(box, name in names and name in view.compared)
         has_scans = view.session.dataset.scan_folder is not None
         self._show.options = (SHOW_ARM, SHOW_DISTANCE) if has_scans else (SHOW_ARM,)
         if tuple(names or VERSIONS) != tuple(self.version.options):
             self.version.options = tuple(names or VERSIONS)
         if view.version is not None:
-            self._news.put(self.version, view.version.name)
-        self._news.put(self.arrows, f"{view.arrows:g}")
-        self._news.put(self.colouring, view.colouring)
+            self._changed.put(self.version, view.version.name)
+        self._changed.put(self.arrows, f"{view.arrows:g}")
+        self._changed.put(self.colouring, view.colouring)
         self._figures.content = figures_html(view) if names else elements.note(NOT_YET)
         self._legend.content = arrows_and_points_legend(view) if names else ""
         self._pose.content = pose_html(view)

@@ -1,4 +1,4 @@
-"""Tab Take away: everything that can be carried off, each for the browser that asks."""
+"""Tab Take away: files that can be downloaded, each for the browser that asks."""
 
 from __future__ import annotations
 

@@ -46,7 +46,9 @@ class FitPanel:
         self._figures = gui.add_html("")
         self._residuals = hidden_plot(gui, 0.62)
         self._parameters = gui.add_html("")
-        self._unnamed: tuple[Mapping[str, CornerSearch], str] | None = None  # whose naming failed, and why
+        self._unlabelled: tuple[Mapping[str, CornerSearch], str] | None = (
+            None  # faces not labelled: of what, why
+        )
         self._drawn: tuple[Calibration, bool] | None = None  # what the bars on show are of
         self._fitted: Calibration | None = None  # what the figures are of
         self.calibrate.on_click(
@@ -54,7 +56,7 @@ class FitPanel:
         )
 
     def busy(self, busy: bool) -> None:
-        """While the fit runs the button rests."""
+        """While the fit runs the button is disabled."""
         self.calibrate.disabled = busy
         self.calibrate.label = "Calibrating …" if busy else "Calibrate"
 
@@ -80,11 +82,11 @@ class FitPanel:
         self.update_residuals(view)
 
     def update_faces(self, view: View, problem: str = "") -> None:
-        """Whether full poses can be fitted, what named the jig's faces, or why not; `problem`: why naming failed."""
+        """Whether full poses can be fitted, how the faces were labelled, or why not; `problem`: why that failed."""
         searches = view.session.searches
-        if problem or self._unnamed is None or self._unnamed[0] is not searches:
-            self._unnamed = (searches, problem) if problem else None
-        words = NO_POSES + self._unnamed[1] if self._unnamed else faces_words(view.session)
+        if problem or self._unlabelled is None or self._unlabelled[0] is not searches:
+            self._unlabelled = (searches, problem) if problem else None
+        words = NO_POSES + self._unlabelled[1] if self._unlabelled else faces_words(view.session)
         self._faces.content = elements.note(words)
 
     def update_residuals(self, view: View) -> None:

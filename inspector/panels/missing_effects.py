@@ -65,7 +65,7 @@ class MissingEffectsPanel:
             self._actions.move(-1 if button == UNDO else 1)
 
     def finding(self, running: bool) -> None:
-        """While the program looks, the button stops it."""
+        """While the diagnosis runs, the button stops it."""
         self.find.label = STOP if running else FIND
 
     def say(self, words_now: str) -> None:
@@ -92,7 +92,7 @@ class MissingEffectsPanel:
         self._untestable.content = html.untestable_html(screening.untestable) if screening else ""
 
     def advise(self, session: Session) -> None:
-        """The verdict where the program looked by itself; else what is left, and what to do next, with its button."""
+        """The verdict of a diagnosis; without one what is left over, and what to do next, with its button."""
         self._advised = ""
         self._advice.content = html.verdict_html(session.diagnosis)
         advice = session.advice

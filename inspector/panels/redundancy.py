@@ -1,4 +1,4 @@
-"""Tab Redundancy: which parameters say the same thing (Park), and how many the data can tell apart."""
+"""Tab Redundancy: which parameters act alike (Park), and how many the data can tell apart."""
 
 from __future__ import annotations
 

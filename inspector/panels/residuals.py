@@ -1,4 +1,4 @@
-"""Tab Where it fails: what is left over against anything it may depend on, over the work space, and the worst poses."""
+"""Tab Where it fails: the residual against anything it may depend on, over the work space, and the worst poses."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ WORST = 8
 
 
 class ResidualsPanel:
-    """One plot of what is left, and the poses that are off the most."""
+    """One plot of the residual, and the poses with the largest errors."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         self._actions = actions

@@ -8,7 +8,7 @@ import viser
 
 from inspector.markup import elements, numbers
 from inspector.markup.palette import DOUBT, FAILED, ROLE_WORDS, role_colour
-from inspector.panels.base import Actions, News, by_page, put
+from inspector.panels.base import Actions, ChangedValues, by_page, put
 from inspector.panels.input_checks import clamped, one_of
 from inspector.session.view import FACTORS, POINT_VIEWS, VIEW_LAYERS, VIEWS, View, corner_of
 
@@ -41,7 +41,7 @@ class ReviewPanel:
 
     def __init__(self, gui: viser.GuiApi, actions: Actions, datasets: tuple[str, ...]) -> None:
         self._actions = actions
-        self._news = News()
+        self._changed = ChangedValues()
         self.dataset = gui.add_dropdown("Dataset", datasets, disabled=len(datasets) < 2)
         self._problem = gui.add_html("")  # here it is seen, whatever the height of the screen
         self._about = gui.add_html("")
@@ -136,7 +136,7 @@ class ReviewPanel:
                 *([("scanner placements", len(set(poses.setup)))] if len(set(poses.setup)) > 1 else []),
             ]
         ) + "".join(elements.alert(w, colour="#E69F00") for w in dataset.warnings)  # fmt: skip
-        self._news.put(self.pose, self.pose.options[view.pose])
+        self._changed.put(self.pose, self.pose.options[view.pose])
         self._status.content = self._pose_status(view)
 
     def _pose_status(self, view: View) -> str:
@@ -212,7 +212,7 @@ class ReviewPanel:
         self._legend.content = html
 
     def show_problem(self, text: str) -> None:
-        """The last thing that went wrong, so that it outlives its notification."""
+        """The last error, which stays after its notification has gone."""
         self._problem.content = elements.alert(text) if text else ""
 
 

@@ -1,7 +1,7 @@
 """Draws plain arrays in viser. The only file that turns millimetres into viser's units (metres).
 
 Everything hangs under one frame that is moved so that the point looked at lies in viser's origin: the view orbits
-around the corner of the selected pose, also after the next pose is chosen, without a word about cameras. What is big is
+around the corner of the selected pose, also after the next pose is chosen, without a camera message. What is big is
 sent once under a fixed name; a layer is a node name, so showing and hiding sends no points again.
 """
 

@@ -1,4 +1,4 @@
-"""Work beside the app's own thread, which goes on with what else is asked for meanwhile."""
+"""Work on other threads; the app's own thread goes on with what else is asked for meanwhile."""
 
 from __future__ import annotations
 

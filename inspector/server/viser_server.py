@@ -2,7 +2,7 @@
 
 Viser as it comes binds every interface, moves to the next port when the asked one is taken, accepts websocket
 connections that any web page in the user's browser opens, lets any client open a public share tunnel, and applies
-whatever value a client sends, also to fields that are not values. `start_server` closes these five doors.
+whatever value a client sends, also to fields that are not values. `start_server` prevents all five.
 
 This is the one file that leans on viser's private names, so viser is pinned to >=1.1.1,<1.2.
 """
@@ -62,7 +62,7 @@ def bind(host: str, port: int) -> socket.socket:
         ) from error
 
 
-# ---- which web pages may talk to us ---------------------------------------------------------------------------------
+# ---- which web pages may connect ---------------------------------------------------------------------------------
 
 
 def _host_name(netloc: str) -> str:
@@ -170,8 +170,8 @@ def _opened(path: Path) -> contextlib.AbstractContextManager[zipfile.ZipFile]:
     return contextlib.nullcontext(zipfile.ZipFile(path))
 
 
-def _remember() -> None:
-    """Let viser do once what it does again and again, for time that would be felt.
+def _cache_lookups() -> None:
+    """Cache what viser looks up again and again, which takes noticeable time.
 
     It works out the types of a kind of node for every node (a sixth of a turn of the page), and reads the directory of
     its four thousand icons for every icon (more than half a second of the start).
@@ -230,7 +230,7 @@ def _serving_on(listener: socket.socket, bound_host: str) -> Iterator[None]:
 
 
 class InspectorServer(viser.ViserServer):
-    """A viser server behind the five closed doors; `start_server` makes one."""
+    """A viser server that only its own page can drive; `start_server` makes one."""
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refused: scans and robots stay on this machine."""
@@ -250,7 +250,7 @@ def start_server(host: str = LOOPBACK, port: int = 8080, *, label: str | None = 
     Raises:
         ServerError: the address cannot be bound (`bind`).
     """
-    _remember()
+    _cache_lookups()
     listener = bind(host, port)
     try:
         with _serving_on(listener, host), contextlib.redirect_stdout(io.StringIO()):

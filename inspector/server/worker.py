@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 class Worker:
-    """Runs jobs on one thread; `on_error(key, exception)` hears of every job that fails, on that same thread."""
+    """Runs jobs on one thread; `on_error(key, exception)` is called for every job that fails, on that same thread."""
 
     def __init__(self, on_error: Callable[[Hashable, Exception], None]) -> None:
         self._on_error = on_error

@@ -122,7 +122,7 @@ def _selections(saved: Saved, dataset: Dataset, own: Sequence[Family]) -> list[t
 
 
 def _differences(saved: Saved, history: Sequence[StepErrors]) -> list[str]:
-    """What came out otherwise than it is written down."""
+    """What came out otherwise than was saved."""
     before, now = [s.label for s in saved.history], [s.label for s in history]
     if before != now:
         return [f"The steps are now {', '.join(now)}; saved were {', '.join(before)}."]

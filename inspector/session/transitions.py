@@ -53,13 +53,13 @@ def with_search(session: Session, pose: int) -> Session:
     searches = {**session.searches, session.dataset.poses.ids[pose]: search}
     if session.dataset.points is not None:
         return replace(session, searches=searches)
-    return _unjudged(
+    return _untested(
         replace(session, searches=searches, face_labels=None, calibration=None, effects=(), steps=())
     )
 
 
 def with_face_labels(session: Session) -> Session:
-    """Name the jig's faces in the corners found so far, where nothing has yet; points.csv needs no names.
+    """Label the jig's faces in the corners found so far, where that is not done yet; points.csv needs no labels.
 
     Raises CornerError for face angles that no jig can have.
     """
@@ -87,7 +87,7 @@ def seen_since(session: Session, now: Session) -> Session:
 
 
 def with_redundancy(session: Session, residual: str = "position") -> Session:
-    """Find which parameters say the same at the dataset's poses."""
+    """Find which parameters act alike at the dataset's poses."""
     return replace(session, redundancy=redundancy(session.dataset, residual=residual))
 
 
@@ -102,7 +102,7 @@ def with_calibration(session: Session, residual: str = "position") -> Session:
 
 def with_screening(session: Session) -> Session:
     """Test every effect, the catalogue's and the user's, against the calibration's residual; then test that itself."""
-    return with_judgement(with_ranking(session))
+    return with_residual_tests(with_ranking(session))
 
 
 def with_ranking(session: Session) -> Session:
@@ -120,7 +120,7 @@ def with_ranking(session: Session) -> Session:
     )
 
 
-def with_judgement(session: Session) -> Session:
+def with_residual_tests(session: Session) -> Session:
     """The second half: tests of the residual, and advice; nothing new where they are known or nothing was ranked."""
     if session.screening is None or session.residual_tests is not None:
         return session
@@ -193,7 +193,7 @@ def without_effect(session: Session, name: str) -> Session:
 def with_diagnosis(session: Session, on_step: Callable[[str], None] | None = None) -> Session:
     """Find what is missing from the link errors alone, to the end, and take the model that this leads to.
 
-    `on_step` hears a line of words before each stage; what it raises ends the work.
+    `on_step` is called with a line of text before each stage; what it raises ends the work.
     """
     return with_found(session, diagnose(session.measured, user_effects=session.user_effects, on_step=on_step))
 
@@ -212,7 +212,7 @@ def with_found(session: Session, found: Diagnosis) -> Session:
 def with_steps(session: Session, steps: Sequence[FitStep]) -> Session:
     """Take over fits that were made, the last as the model; nothing more is known of that yet."""
     calibration, effects = steps[-1].calibration, steps[-1].selected
-    return _unjudged(replace(session, calibration=calibration, effects=effects, steps=tuple(steps)))
+    return _untested(replace(session, calibration=calibration, effects=effects, steps=tuple(steps)))
 
 
 def _calibrated(session: Session) -> Calibration:
@@ -236,7 +236,7 @@ def start_of(last: FitStep, effects: Sequence[SelectedEffect]) -> Calibration | 
     return last.calibration if len(effects) > len(last.selected) else None
 
 
-def _unjudged(session: Session) -> Session:
+def _untested(session: Session) -> Session:
     """A new fit, of which nothing more is known yet."""
     unknown = replace(session, screening=None, pose_errors=None, residual_tests=None, advice=None)
     return replace(unknown, diagnosis=None, separations={}, versions=())

@@ -19,7 +19,7 @@ from inspector.markup.corner import corner_html
 from inspector.markup.legend import EMPTY, legend_html
 from inspector.markup.palette import FILTER_COLOURS, rgb
 from inspector.markup.planes import NOT_SEARCHED, passes_note, planes_html
-from inspector.panels.base import News
+from inspector.panels.base import ChangedValues
 from inspector.panels.corner import DISTANCES
 from inspector.panels.scans import corner_state, pose_table
 from inspector.report.content import report_of
@@ -193,7 +193,7 @@ def test_the_report_tells_which_scans_have_no_corner_and_which_corners_have_doub
 
 
 def test_a_choice_whose_turn_is_still_to_come_is_not_taken_back() -> None:
-    widget, news = SimpleNamespace(value=""), News()
+    widget, news = SimpleNamespace(value=""), ChangedValues()
     news.put(widget, "first")
     assert widget.value == "first"
     widget.value = "chosen by a page"

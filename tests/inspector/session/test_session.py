@@ -86,10 +86,10 @@ def test_a_ranking_is_there_before_its_judgement_and_is_not_judged_twice(ranked:
     assert early.screening is not None
     assert early.pose_errors is not None
     assert early.residual_tests is None
-    assert sessions.with_judgement(early).residual_tests == ranked.residual_tests
-    assert sessions.with_judgement(ranked) is ranked
+    assert sessions.with_residual_tests(early).residual_tests == ranked.residual_tests
+    assert sessions.with_residual_tests(ranked) is ranked
     unranked = replace(ranked, screening=None, residual_tests=None)
-    assert sessions.with_judgement(unranked) is unranked
+    assert sessions.with_residual_tests(unranked) is unranked
 
 
 def test_nothing_can_be_added_before_it_is_ranked(ranked: Session) -> None:
