@@ -26,7 +26,7 @@ from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
 
-MAX_TOLERANCE = 1e6  # mm or rad: whoever wants no prior switches it off
+MAX_TOLERANCE = 1e6  # mm or rad; `prior=False` is the way to have none
 
 
 @one_blas_thread()
@@ -40,8 +40,8 @@ def calibrate(
 ) -> Calibration:
     """Fit the link errors, and further effects, to the training poses of a dataset.
 
-    Effects are added to a fit, an earlier one or that of the link errors alone, and gravity's loads are worked out at
-    its links: by how much effects then still move them, some 1e-3 rad, a load changes by 1e-3 of itself.
+    With effects, an earlier fit or one of the link errors alone comes first, and gravity's loads are worked out at its
+    links. Effects then change the links by some 1e-3 rad, and loads by some 1e-3 of themselves, which is left out.
 
     Args:
         dataset: with measured points.
@@ -51,7 +51,7 @@ def calibrate(
         start: an earlier fit of the same arm to go on from, by its parameters' names. It saves iterations.
 
     Raises:
-        FitError: no points, an unknown name, or fewer equations than the data would have to settle.
+        FitError: no points, an unknown name, a weight that the residual cannot have, or fewer equations than unknowns.
     """
     residual, prior = options.residual, options.prior
     links = LinkErrors(dataset.robot, checked_tolerances(dataset.robot, options.tolerances))
@@ -69,7 +69,7 @@ def calibrate(
     _require_equations(dataset, observed, residual, rows - residuals.degrees_spent, rank=0)
     if options.robust and residual == "distance":
         raise FitError("robust weights need a residual of each point; take position, pairs or pose")
-    way: tuple[Iteration, ...] = ()  # that led to where this fit begins
+    way: tuple[Iteration, ...] = ()  # of the fits before this one
     links_alone = Model(dataset.robot, (links,), model.held)
     if start is not None:
         way = _in_order_of(model, start.fit)
@@ -117,7 +117,7 @@ def _in_order_of(model: Model, fit: Fit) -> tuple[Iteration, ...]:
 def _require_equations(
     dataset: Dataset, observed: Observations, kind: str, equations: int, rank: int
 ) -> None:
-    """Raise FitError where poses give no more equations than directions to settle, with the number that would do."""
+    """Raise FitError where poses give no more equations than there are unknown directions, with the number needed."""
     if equations > rank:
         return
     arm = structural_rank(dataset.robot, residual=kind)

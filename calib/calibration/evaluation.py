@@ -1,7 +1,7 @@
-"""How far a model is from the measurements, in millimetres: training and test poses apart.
+"""Errors of a model against the measurements, in millimetres, of training and test poses apart.
 
-Positions are compared in the scanner's frame, which is fitted to the training poses of each setup alone; test poses
-have no say in it. Distances run from the reference pose, as Jang 2025 counts them (section 3.2, figure 15).
+Positions are compared in the scanner's frame, which is fitted to the training poses of each setup alone, never to test
+poses. Distances run from the reference pose, as Jang 2025 counts them (section 3.2, figure 15).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Figures:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """A model against all M measured points of a dataset."""
+    """Errors of a model at all M measured points of a dataset with N poses, and at its K distances."""
 
     pose: IndexArray  # (M,)
     error_mm: Array  # (M, 3) predicted minus measured, scanner frame
@@ -89,12 +89,12 @@ class Evaluation:
 
 
 def evaluate(model: Model, x: Array, dataset: Dataset) -> Evaluation:
-    """Hold the model at x against the dataset's points, see `evaluate_all`."""
+    """The errors of the model at x (P,), see `evaluate_all`."""
     return evaluate_all(model, [x], dataset)[0]
 
 
 def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset) -> list[Evaluation]:
-    """Hold the model at each of several x against the dataset's points, which are prepared once for all.
+    """The errors of the model at each of several x (P,), at all points of the dataset.
 
     A setup without training poses gets its frame from its own test poses, and a note says so: its errors are then the
     scatter about its own best frame, not a prediction.
@@ -154,7 +154,7 @@ class _Distances:
             start[usable & (poses.setup == setup)] = reference
         others = np.flatnonzero(usable & (start != np.arange(len(poses))))
         jig = np.flatnonzero(observed.points.target == "jig")
-        point = np.zeros(len(poses), dtype=np.int64)  # of each pose: repeats are predicted alike, any will do
+        point = np.zeros(len(poses), dtype=np.int64)  # one of each pose: repeats have the same prediction
         point[row[jig]] = jig
         length_mm = np.linalg.norm(measured_mm[others] - measured_mm[start[others]], axis=1)
         return cls(np.unique(observed.points.pose)[others], point[others], point[start[others]], length_mm)

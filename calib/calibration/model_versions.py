@@ -1,4 +1,4 @@
-"""The states of a model side by side: the nominal robot, its link errors calibrated, and with effects beyond them."""
+"""Versions of a model for comparison: the nominal robot, with link errors fitted, and with further effects fitted."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ VERSIONS = (NOMINAL, LINKS, EFFECTS)
 
 @dataclass(frozen=True)
 class Version:
-    """One state of the model, held against all measured points of the same dataset as the others."""
+    """One version of the model, with its errors at all measured points of the dataset."""
 
     name: str  # of VERSIONS
     model: Model

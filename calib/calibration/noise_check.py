@@ -1,4 +1,4 @@
-"""The residual sigma against the declared one: is more left than noise?"""
+"""The residual sigma against the declared one: whether more is left than measurement noise (chi-squared interval)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far a model's attitudes are from measured orientations."""
+"""Errors of a model against the measured orientations of the jig, in radians."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ class OrientationFigures:
 
 @dataclass(frozen=True)
 class OrientationErrors:
-    """A model against the measured orientations; the scanner's frames and the jig's seat are of the training poses."""
+    """Of training and test poses; the scanner's frames and the jig's seat are fitted to training poses alone."""
 
     train: OrientationFigures | None
     test: OrientationFigures | None
 
 
 def evaluate_orientations(model: Model, x: Array, dataset: Dataset) -> OrientationErrors:
-    """Hold the model at x against the dataset's orientations. Setups without training poses are left out.
+    """The orientation errors of the model at x (P,). Setups without training poses are left out.
 
     Raises FitError where no training pose has an orientation, or orientations have no covariance.
     """
@@ -58,7 +58,7 @@ def evaluate_orientations(model: Model, x: Array, dataset: Dataset) -> Orientati
 
 
 def orientation_lines(before: OrientationErrors, after: OrientationErrors) -> list[str]:
-    """Before and after in words, a line for the training poses and one for the test poses."""
+    """Before and after as text: a line for the training poses and one for the test poses."""
     lines = []
     for label, was, now in (("train", before.train, after.train), ("test ", before.test, after.test)):
         if was is not None and now is not None:

@@ -1,4 +1,4 @@
-"""Do points, poses and table belong to one arm at all? A wrong unit, order or sign is no calibration error."""
+"""Whether a fit is plausible at all: wrong units, joint signs or order of poses are no calibration errors."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import numpy as np
 from calib.calibration.result import Calibration
 
 MAX_TOLERANCES = 100.0
-"""No arm has a length or an angle this many tolerances (100 mm, 50 deg) from its nominal value."""
+"""Largest plausible correction, in tolerances: 100 mm and 50 deg by default."""
 MAX_SHARE_OF_SPAN = 0.02
-"""Nor does a calibrated one err by this share of the space that its points span, whatever effect is missing."""
+"""Largest plausible residual sigma, as a share of the RMS spread of the points, whatever effect is missing."""
 
 
 def implausibility_reason(calibration: Calibration) -> str:
-    """What says that the data are not of this arm, in words; "" where nothing does.
+    """Why the data cannot be of this arm, in a sentence; "" where they can.
 
-    Large residuals say so, and corrections that the points forced far beyond what their tolerances allow: one point
-    reported again and again is fitted without any residual by links of no length.
+    Either the residual is too large, or a correction is far beyond its tolerance: one point reported for all poses, for
+    example, is fitted exactly by links without length.
     """
     assert calibration.dataset.points is not None
     fit, xyz_mm = calibration.fit, calibration.dataset.points.xyz_mm

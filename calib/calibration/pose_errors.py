@@ -1,4 +1,4 @@
-"""Where a model fails: each pose's residual, and the joint motion that would explain it; training and test poses."""
+"""The error of every measured pose, training and test, and the motion of each joint that would explain it."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from calib.fitting.observations import Observations, with_scanner_frames
 from calib.fitting.pose_means import mean_by_pose, sum_by_pose
 from calib.fitting.scanner_frame import whitener
 
-_RANKS = 4  # to either side of a point, whose median is its smooth
+_RANKS = 4  # points to either side that a running median takes
 
 
 @dataclass(frozen=True)
 class PoseErrors:
-    """The residual of every measured pose, seen from several sides. N poses, in the dataset's order, n joints.
+    """Errors of N measured poses, in the dataset's order, of an arm with n joints.
 
-    Test poses are predicted: no fit saw them. The bands are of the measurement's noise alone, so where test poses leave
-    them more often than training poses do, the model does not carry over.
+    Test poses took no part in the fit. Noise levels are of the measurement alone, so where test poses exceed them more
+    often than training poses do, the model does not hold for other poses.
     """
 
     pose_ids: tuple[str, ...]
@@ -35,11 +35,11 @@ class PoseErrors:
     place_mm: Array  # (N, 3) where the point was measured, base frame as the model places it
     noise_mm: float  # what one coordinate may be off by noise alone
     apparent_joint_error: (
-        Array  # (N, n) rad or mm: each joint's own motion that would best explain the residual
+        Array  # (N, n) rad or mm: the motion of each joint alone that would best explain the error
     )
-    inputs: dict[str, Array]  # everything it may depend on, (N,)
+    inputs: dict[str, Array]  # what the error may depend on, (N,) each: `calib.calibration.input_variables`
     apparent_joint_noise: (
-        Array  # (N, n) what noise alone does to `apparent_joint_error`; nan where it tells nothing
+        Array  # (N, n) sigma of `apparent_joint_error` by noise alone; nan where no motion shows
     )
 
     @property
@@ -73,16 +73,17 @@ class PoseErrors:
         return pd.DataFrame(columns | self.inputs)
 
     def worst(self, count: int = 5) -> tuple[str, ...]:
-        """The poses that are off the most, training and test."""
+        """The poses with the largest errors, training and test."""
         order = np.argsort(-self.error_length_mm, kind="stable")
         return tuple(self.pose_ids[i] for i in order[:count])
 
 
 def pose_errors_of(calibration: Calibration) -> PoseErrors:
-    """Look at what a calibration left over, at all poses that were measured.
+    """The errors of a calibration at all measured poses.
 
-    The apparent error of joint j at a pose is the least-squares motion of that joint alone: d_j . e / |d_j|^2, d_j how
-    the measured point moves with the joint. Joints are taken one at a time, so they do not add up.
+    The apparent error of joint j at a pose is the least-squares motion of that joint alone, -d_j . e / |d_j|^2 with the
+    whitened error e and the derivative d_j of the measured point by the joint. Joints are taken one at a time, so their
+    errors do not add up.
     """
     dataset, model, x = calibration.dataset, calibration.model, calibration.fit.x
     everything = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
@@ -98,7 +99,7 @@ def pose_errors_of(calibration: Calibration) -> PoseErrors:
     for j, direction in enumerate(directions_at(model, x, observed, whiten @ scanner_T_base[:, :3, :3])):
         along = sum_by_pose(np.sum(direction * raw, axis=1), row, len(poses))
         size = sum_by_pose(np.sum(direction**2, axis=1), row, len(poses))
-        # A joint whose axis passes the point close by explains nothing: its motion would be huge.
+        # A joint whose axis passes close to the point moves it little: its apparent motion would be noise.
         usable = size > 1e-4 * max(float(size.max()), 1e-300)
         apparent[usable, j] = -along[usable] / size[usable]
         noise[usable & (size > 0.0), j] = 1.0 / np.sqrt(size[usable & (size > 0.0)])
@@ -119,9 +120,9 @@ def pose_errors_of(calibration: Calibration) -> PoseErrors:
 def running_median(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
     """A smooth of y (N,) over x (N,): at each value of x the median of the points within `_RANKS` ranks of it.
 
-    Over a gap in x nothing is known: the smooth ends before it, a row of nan comes between, and no median takes points
-    from both sides. Where fewer than three points lie between two gaps there is none. Equal x give one value. Towards
-    the ends the window shrinks symmetrically, so that a slope is not bent there.
+    A gap in x ends the smooth: a row of nan comes between, and no median takes points from both sides. Fewer than three
+    points between two gaps give none. Equal x give one value. Towards the ends the window shrinks symmetrically, so
+    that a slope keeps its direction there.
     """
     across, values = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     known = np.isfinite(across) & np.isfinite(values)

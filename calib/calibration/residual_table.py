@@ -1,4 +1,4 @@
-"""What a calibration leaves over as a table: a row a pose, training and test, with everything it may depend on."""
+"""The residuals of a calibration as a table: one row a pose, training and test, with every input they may depend on."""
 
 from __future__ import annotations
 

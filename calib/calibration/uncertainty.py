@@ -1,8 +1,8 @@
-"""What a fit knows: sums that are sure although their parts are not, pairs that blur each other, and where a prediction
-can be trusted.
+"""Uncertainty of a fit: combinations of parameters that are well determined although each alone is not, correlated
+pairs, and the covariance of a prediction.
 
-All of it follows from the fit's covariance, which is by the noise that the residual shows and, where one was used, the
-prior: it assumes that nothing is missing from the model.
+All follow from the posterior covariance of the parameters, by the noise that the residual shows and, where one was
+used, the prior. It holds for a complete model only: missing effects are no part of it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ CORRELATED = 0.8
 
 @dataclass(frozen=True)
 class Combination:
-    """A weighted sum of parameters: its value and how well it is known, beside the least known of its parts."""
+    """A weighted sum of parameters: its value and sigma, beside the sigma of its least known part."""
 
     coefficients: Mapping[str, float]
     value: float  # of the fitted parameters, nominal and correction
@@ -36,7 +36,7 @@ class Combination:
 
     @property
     def is_known(self) -> bool:
-        """Whether the data tell more of it than a tolerance does: the rule that single parameters go by."""
+        """Whether its sigma is below half its tolerance: the same rule as for single parameters."""
         return self.sigma < 0.5 * self.tolerance
 
     @property
@@ -50,7 +50,7 @@ class Combination:
 
 @dataclass(frozen=True)
 class CorrelatedPair:
-    """Two parameters whose estimates move together: r of their errors."""
+    """Two parameters and Pearson's r of their estimates' errors."""
 
     first: str
     second: str
@@ -82,10 +82,10 @@ def combination(calibration: Calibration, coefficients: Mapping[str, float]) -> 
 
 
 def identifiable_combinations(calibration: Calibration) -> tuple[Combination, ...]:
-    """For each group of parameters that act alike: the one sum that the data know (a6 + aTCP, theta4 - beta4).
+    """For each group of redundant parameters the one sum that can be identified (a6 + aTCP, theta4 - beta4).
 
-    Left out are sums that these poses leave as vague as their tolerance, and groups without influence on distances or
-    positions from an unknown place (d1, theta1 - beta1).
+    Left out are sums whose sigma is not below half their tolerance at these poses, and groups that a motion of the
+    scanner's frame can replace (d1, theta1 - beta1).
     """
     found = redundancy(calibration.dataset)
     blind = set(redundancy(calibration.dataset, residual="distance").no_influence)
@@ -116,17 +116,17 @@ def correlated_pairs(calibration: Calibration) -> tuple[CorrelatedPair, ...]:
 
 
 def prediction_covariance(calibration: Calibration, q: ArrayLike, setup: str | None = None) -> Array:
-    """How uncertain the predicted tool point is at any joint vectors, in a setup's scanner frame.
+    """The covariance of the predicted tool point at any joint vectors, in a setup's scanner frame.
 
-    Both the parameters and the frame that was fitted with them are uncertain, and they are so together: a change dx of
-    the parameters drags the frame along by -F^+ J dx (F the frame's columns at the training points), so that
+    The parameters and the frame that was fitted with them are both uncertain, and correlated: a change dx of the
+    parameters changes the fitted frame by -F^+ J dx (F the frame's columns at the training points), so that
 
         cov = A cov(x) A^T + G cov(frame) G^T,   A = J(q) - G F^+ J,   G the frame's columns at the predicted point.
 
     Args:
         calibration: a fit.
         q: (N, n) joint vectors, rad or mm.
-        setup: which placement of the scanner; the first where None.
+        setup: whose scanner frame; the first where None.
 
     Returns:
         (N, 3, 3) mm^2.
@@ -160,6 +160,6 @@ def prediction_covariance(calibration: Calibration, q: ArrayLike, setup: str | N
 
 
 def _motion(points_mm: Array, centre_mm: Array) -> Array:
-    """(N, 3, 6) a small translation of the points, then a small turn about the centre."""
+    """(N, 3, 6) derivative of points (N, 3) by a small shift, then by a small turn about the centre (3,)."""
     eye = np.broadcast_to(np.eye(3), (len(points_mm), 3, 3))
     return np.concatenate([eye, -frames.skew(points_mm - centre_mm)], axis=-1)

@@ -1,11 +1,12 @@
-"""Which parameters say the same thing: Park's pairwise correlation, and the truth by rank beside it.
+"""Redundant parameters: the Pearson redundancy matrix (Park 2022, section 3), and the Jacobian's rank beside it.
 
-Park 2022 section 3: columns of the Jacobian that are proportional to each other can only be known as one sum. Pearson's
-r between all pairs finds them where |r| = 1; columns of zeros (r undefined, NaN) have no influence. One parameter of
-each group is kept. Park looks at lengths (a, d) and angles (alpha, theta, beta) apart.
+Columns of the Jacobian that are proportional to each other can only be identified as one sum. Pearson's r between all
+pairs finds them, |r| = 1; columns of zeros (r undefined, NaN) have no influence. One parameter of each group is kept.
+Park treats lengths (a, d) and angles (alpha, theta, beta) apart.
 
-Pairs are not all: a length can equal an angle, and three or more columns can depend on each other although no two of
-them do. The rank (singular values) counts what can be known, and `combinations` names the rest.
+Pairs are not enough: a length can be proportional to an angle, and three or more columns can be linearly dependent
+although no two are proportional. The rank counts the parameters that can be identified; `combinations` lists the
+further dependencies.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ from calib.array_types import Array, BoolArray
 from calib.errors import FitError
 
 _SAME = 1e-8  # |r| this close to 1 is redundant
-_ZERO = 1e-9  # a column this small beside the largest of its unit has no influence
-_DEPENDENT = 1e-8  # what is left of a unit column after projection, below which it depends on the others
+_ZERO = 1e-9  # norm of a column, as a share of the largest of its unit, below which it has no influence
+_DEPENDENT = 1e-8  # norm of a unit column after projection, below which it depends on the others
 
 
 @dataclass(frozen=True)
 class Redundancy:
-    """What the columns of a Jacobian (R, P) share."""
+    """Linear dependencies between the columns of a Jacobian (R, P)."""
 
     parameters: tuple[str, ...]  # (P,)
     units: tuple[str, ...]  # (P,) "mm" or "rad", ...
@@ -35,17 +36,17 @@ class Redundancy:
     groups: tuple[tuple[str, ...], ...]  # Park's: |r| = 1 among parameters of one unit
     kept: tuple[str, ...]  # Park's: all but the later members of each group
     mixed_groups: tuple[tuple[str, ...], ...]  # |r| = 1 among all parameters, where units differ
-    rank: int  # of the Jacobian: how many parameters can be known
-    independent: tuple[str, ...]  # `rank` parameters, the first that will do, that carry all the information
+    rank: int  # of the Jacobian: how many parameters can be identified
+    independent: tuple[str, ...]  # the first `rank` parameters with independent columns
     combinations: tuple[
         dict[str, float], ...
     ]  # coefficients of corrections that cancel: three or more parameters
-    measured_by: str = ""  # by what measurements, in words
-    observed: str = "the measured point"  # what parameters without influence do not move
+    measured_by: str = ""  # by which measurements, as text
+    observed: str = "the measured point"  # what parameters without influence leave unchanged
 
     @property
     def dropped(self) -> dict[str, str]:
-        """Every parameter outside `independent`, with what makes it superfluous."""
+        """Every parameter outside `independent`, with the reason."""
         why = dict.fromkeys(self.no_influence, "no influence on what is measured")
         for group in (*self.groups, *self.mixed_groups):
             why |= {name: f"acts like {group[0]}" for name in group[1:] if name not in why}
@@ -62,7 +63,7 @@ class Redundancy:
         return pd.DataFrame(self.pearson, index=self.parameters, columns=self.parameters)
 
     def summary(self) -> str:
-        """In words: what acts together, what does nothing, what pairs cannot show."""
+        """As text: redundant groups, parameters without influence, dependencies of three and more."""
         how = f", seen by {self.measured_by}" if self.measured_by else ""
         lines = [
             f"{len(self.parameters)} parameters{how}; Park's pairwise method keeps {len(self.kept)}, "
@@ -87,7 +88,7 @@ class Redundancy:
 
 
 def pearson_matrix(jacobian: ArrayLike, is_zero: ArrayLike | None = None) -> Array:
-    """Pearson's r between all columns of (R, P); NaN where a column is zero (Park 2022 eq for r, section 3)."""
+    """Pearson's r between all columns of a Jacobian (R, P): (P, P), NaN where a column is zero (Park 2022)."""
     columns = np.asarray(jacobian, dtype=float)
     centred = columns - columns.mean(axis=0)
     norm = np.linalg.norm(centred, axis=0)
@@ -110,11 +111,11 @@ def analyse(
     measured_by: str = "",
     observed: str = "the measured point",
 ) -> Redundancy:
-    """Everything `Redundancy` holds, from a Jacobian (R, P) in the parameters' own units.
+    """The redundancy of a Jacobian (R, P) in the parameters' own units.
 
     Args:
-        moved: (P,) lengths that the columns had before something was taken out of them, against which a rest counts
-            as nothing; their own lengths where None.
+        moved: (P,) norms of the columns before other unknowns were projected out of them; a column counts as zero in
+            comparison to these. Their own norms where None.
         measured_by, observed: as of `Redundancy`.
 
     Raises FitError where the Jacobian has fewer than two rows or is not finite.
@@ -169,7 +170,7 @@ def _groups(pearson: Array, allowed: BoolArray, names: tuple[str, ...]) -> tuple
 def _dependencies(
     columns: Array, is_zero: BoolArray, names: tuple[str, ...]
 ) -> tuple[tuple[str, ...], dict[str, dict[str, float]]]:
-    """The first columns that span all (Gram-Schmidt in order), and what further ones are made of."""
+    """The first columns that span all others (Gram-Schmidt in order), and the others as combinations of these."""
     norm = np.where(is_zero, 1.0, np.linalg.norm(columns, axis=0))
     unit = columns / norm
     chosen: list[int] = []

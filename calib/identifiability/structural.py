@@ -1,11 +1,11 @@
-"""What measurements of a kind can tell of an arm at all, by the columns of its nominal robot's Jacobian.
+"""Structural identifiability: which parameters a kind of measurement can determine, by the nominal robot's Jacobian.
 
-Three kinds see different things. Positions and full poses are looked at with the scanner's place known, as Park 2022
-does, or unknown, as a fit has it: then what a motion of the scanner would do is taken out of the columns. Distances to
-a reference pose (Jang 2025 eq 14) need no place, and d1, theta1 and beta1 are invisible to them. Of an arm that moves
-in a plane they see less than positions do: what leads out of the plane changes no length, to first order.
+Positions and full poses are analysed with the scanner's frame known, as in Park 2022, or unknown, as in a fit: then the
+effect of a motion of the frame is projected out of the columns. Distances to a reference pose (Jang 2025 eq 14) need no
+frame; d1, theta1 and beta1 do not change them. Of an arm that moves in a plane they determine less than positions do:
+a motion out of the plane changes no distance, to first order.
 
-How the jig sits on the tool is unknown in any case, so what its seat can absorb is taken out of full poses too.
+The jig's orientation on the tool is unknown in any case, so its effect is projected out of full poses too.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from calib.kinematics.robot import Robot
 from calib.options import RESIDUAL_KINDS
 
 MM_PER_RADIAN = 500.0
-"""How turns count beside lengths where no measurement says so: 0.05 mm against 0.1 mrad."""
+"""The weight of turns against lengths where no covariance gives one: 0.05 mm against 0.1 mrad."""
 
 _KNOWN = "in the base frame, as if the scanner's place were known (Park)"
 MEASURED_BY = {
@@ -37,15 +37,15 @@ MEASURED_BY = {
     "distance": "distances to the reference pose, which need no scanner's place (Jang)",
     "pairs": "the distances between all poses, which are positions from an unknown place",
 }
-"""By what each kind of residual sees the parameters, in words."""
+"""The measurement behind each kind of residual, as text."""
 _OBSERVED = {"position": "the measured point", "pose": "the full pose, but for what the jig's seat takes up"}
 
 
 @one_blas_thread()
 def redundancy(dataset: Dataset, *, residual: str = "position") -> Redundancy:
-    """Which parameters say the same at the dataset's training poses, for the nominal robot (Park 2022 section 3).
+    """Redundant parameters at the dataset's training poses, for the nominal robot (Park 2022, section 3).
 
-    "position" and "pose" with the scanner's place known; "distance" and "pairs" need none.
+    "position" and "pose" with the scanner's frame known; "distance" and "pairs" need none.
     """
     columns, moved = _at_training_poses(dataset, residual, frame_known=True)
     return analyse(
@@ -60,7 +60,7 @@ def redundancy(dataset: Dataset, *, residual: str = "position") -> Redundancy:
 
 @dataclass(frozen=True)
 class FreeFrameRank:
-    """What is left of the rank where nobody knows the scanner's place, as in a fit."""
+    """The rank where the scanner's frame is unknown, as in a fit."""
 
     residual: str
     here: int  # at the dataset's training poses
@@ -83,7 +83,7 @@ class FreeFrameRank:
 
 
 def free_frame_rank(dataset: Dataset, *, residual: str = "position") -> FreeFrameRank:
-    """How many parameters can be told where the scanner's place is unknown."""
+    """How many parameters can be identified where the scanner's frame is unknown."""
     columns, moved = _at_training_poses(dataset, residual, frame_known=False)
     names, units = dataset.robot.parameter_names, dataset.robot.parameter_units
     here = analyse(columns, names, units, moved=moved).rank
@@ -92,7 +92,7 @@ def free_frame_rank(dataset: Dataset, *, residual: str = "position") -> FreeFram
 
 
 def structural_rank(robot: Robot, *, residual: str = "position") -> int:
-    """How many parameters distances, or positions or poses from an unknown place, can tell of this arm at best."""
+    """How many parameters of this arm a kind of residual can identify at best, the scanner's frame unknown."""
     rng, poses = np.random.default_rng(0), 200  # any generic poses give the same rank
     span = np.where(robot.is_revolute, np.pi, 500.0)
     q = rng.uniform(-1.0, 1.0, (poses, robot.n_joints)) * span
@@ -101,12 +101,14 @@ def structural_rank(robot: Robot, *, residual: str = "position") -> int:
 
 
 def fewest_poses(robot: Robot, *, residual: str = "position", setups: int = 1, rank: int = 0) -> int:
-    """How many different poses a fit takes at the least: one equation more than it has to settle.
+    """The fewest different poses that a fit needs: one equation more than unknowns.
 
-    `rank`: of the fit, where effects make it more than the arm's.
+    Each setup's frame takes six equations of positions or poses, and one pose of distances; the jig's seat on the tool
+    takes three of poses. So few poses leave about one degree of freedom; three times as many are a good measurement.
 
-    Each setup's frame takes six equations of positions or poses and its first pose of distances, the jig's seat on the
-    tool three of poses. So few leave the residual hardly a degree of freedom; three times as many are a measurement.
+    Args:
+        setups: how many placements of the scanner.
+        rank: of the fit, where effects make it more than the arm's.
     """
     each, unknowns = {"distance": (1, setups), "pose": (6, 6 * setups + 3)}.get(residual, (3, 6 * setups))
     return (max(structural_rank(robot, residual=residual), rank) + unknowns) // each + 1
@@ -129,7 +131,7 @@ def _at_training_poses(dataset: Dataset, residual: str, *, frame_known: bool) ->
 def _columns(
     robot: Robot, q: Array, setup: NDArray[np.str_], residual: str, *, frame_known: bool
 ) -> tuple[Array, Array]:
-    """(R, P) how the table's entries move what a residual sees, and (P,) how far before unknowns take up their part.
+    """The Jacobian (R, P) of what a residual compares, and its columns' norms (P,) before unknowns are projected out.
 
     q  # (N, n); setup  # (N,), whose first pose is the one that distances start from
     """
@@ -153,7 +155,7 @@ def _columns(
     moved = np.linalg.norm(columns, axis=(0, 1))
     columns = np.asarray(columns.reshape(-1, columns.shape[-1]), dtype=np.float64)
     if absorbed:
-        height = len(columns) // len(q)  # what stands below the place is for full poses
+        height = len(columns) // len(q)  # 3 rows a position, 6 a full pose
         basis = orthonormal(
             np.concatenate([a[:, :height] for a in absorbed], axis=2).reshape(len(columns), -1)
         )
@@ -162,7 +164,7 @@ def _columns(
 
 
 def _motion(points_mm: Array, rows: IndexArray) -> Array:
-    """(N, 6, 6) what a shift of one setup's scanner, and a turn about its points' centre, do to place and attitude."""
+    """(N, 6, 6) derivative of position and orientation by a shift of a setup's frame and a turn about its points."""
     out = np.zeros((len(points_mm), 6, 6))
     out[rows, :3, :3] = np.eye(3)
     out[rows, :3, 3:] = -frames.skew(points_mm[rows] - points_mm[rows].mean(axis=0))
