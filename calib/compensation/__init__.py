@@ -1,1 +1,1 @@
-"""Joint targets that bring the real arm where the nominal one should be."""
+"""Joint targets with which the real arm goes where the nominal one was commanded to."""

@@ -1,16 +1,16 @@
-"""Use of a calibration: joint targets that bring the real arm where the nominal arm was meant to be.
+"""Compensation: joint targets with which the real arm goes where the nominal arm was commanded to.
 
-Robot controllers compute with their own table and cannot load another. So the correction goes into the targets: for
-each nominal joint vector q0 find q near it with F(q) = F0(q0), where F0 is the nominal and F the calibrated forward
+Robot controllers compute with their own table and cannot load another. So the targets are corrected: for each nominal
+joint vector q0 find q near it with F(q) = F0(q0), where F0 is the nominal and F the calibrated forward
 map, effects included (`calib.kinematics.inverse`). Redundant arms move the least.
 
-Joints stay inside a box, their limits and a largest change from q0: near a singular posture a hair's breadth of error
-can ask for a quarter turn of a wrist, which nobody wants from a correction.
+Joints stay inside a box: their limits and a largest change from q0. Near a singular posture a small error would need a
+large turn of the wrist.
 
-What it is right for: a scanner whose place is unknown cannot see the base. Link errors that only move or turn the base
-(d1, theta1, beta1) stay at their nominal value, so corrected targets are right relative to each other, up to one
-motion of the base common to all. A measured point also tells nothing of the tool's own turn about itself: a pose's
-orientation is right as far as the fit knows the last joint's frame.
+Limits: with an unknown scanner frame, link errors that only move or turn the base (d1, theta1, beta1) cannot be
+identified and stay nominal, so corrected targets are right relative to each other, up to one motion of the base common
+to all. Measured points do not depend on the tool's turn about its own point: a corrected orientation is as accurate as
+the fit's last joint frame.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ POSITION_TOLERANCE_MM = 1e-9
 ORIENTATION_TOLERANCE_RAD = 1e-12
 MAX_CHANGE_RAD, MAX_CHANGE_MM = np.radians(15.0), 100.0  # of a joint, from its nominal value
 _SINGULAR = (
-    0.02  # a posture is called so below this ratio of the Jacobian's smallest singular value to its largest
+    0.02  # smallest over largest singular value of the Jacobian, below which a posture is near singular
 )
 
 
 @dataclass(frozen=True)
 class Correction:
-    """Corrected joint vectors of N targets. Errors are of the calibrated arm against the nominal place."""
+    """Corrected joint vectors of N targets. Errors are of the calibrated arm against the nominal arm's tool frame."""
 
     robot: Robot  # nominal
     what: str  # "position" or "pose"
@@ -52,8 +52,8 @@ class Correction:
     reached: BoolArray  # (N,) to 1e-9 mm, and 1e-12 rad where the orientation counts
     position_error_mm: Array  # (N,) with q
     orientation_error_rad: Array  # (N,) with q; nan where only the position counts
-    uncorrected_mm: Array  # (N,) position error with q_nominal: what the correction is worth
-    reasons: tuple[str, ...]  # (N,) in words why a target is not reached; "" where it is
+    uncorrected_mm: Array  # (N,) position error with q_nominal
+    reasons: tuple[str, ...]  # (N,) why a target is not reached, as text; "" where it is
 
     @property
     def change(self) -> Array:
@@ -61,7 +61,7 @@ class Correction:
         return self.q - self.q_nominal
 
     def summary(self, ids: Sequence[str] | None = None) -> str:
-        """In words, with the targets' names where they have any."""
+        """As text, with the targets' names where they have any."""
         if len(self.q) == 0:
             return "no target"
         turning = self.robot.is_revolute
@@ -104,16 +104,16 @@ def corrected_joints(
     conditions: Poses | None = None,
     what: str | None = None,
 ) -> Correction:
-    """Joint vectors with which the calibrated arm's tool stands where the nominal arm's would with `q_nominal`.
+    """Joint vectors that give the calibrated arm the tool frame that the nominal arm has with `q_nominal`.
 
     Args:
         nominal: the robot that the controller computes with; its joint limits hold.
-        calibrated: the fitted robot, or a model, whose effects then count at every posture on the way.
+        calibrated: the fitted robot, or a model, whose effects are then part of the calibrated arm.
         q_nominal: (N, n) rad, mm for prismatic joints.
         x: (P,) the model's fitted parameters; needed with a model.
         conditions: payload, temperature ... of each target, for effects that depend on them; its own q is not used.
-        what: "pose" (place and orientation of the tool frame) or "position" (its place alone); where None, a pose
-            for six joints and more.
+        what: "pose" (position and orientation of the tool frame) or "position" alone; where None, a pose for six
+            joints and more.
 
     Raises:
         FitError: joint vectors of the wrong shape or not finite, arms that differ in their joints, or a model
@@ -159,9 +159,9 @@ def corrected_joints(
 
 
 def needed_columns(model: Model, x: ArrayLike, poses: Poses) -> tuple[str, ...]:
-    """Columns of poses.csv beside the joints' that the tool's place or attitude depends on, by their names there.
+    """Columns of poses.csv beside the joints' that the tool's position or orientation depends on, by their names there.
 
-    Found by trial: a column is needed where the model at x puts the tool elsewhere without it, or fails.
+    A column is needed where the model at x predicts another tool frame without it, or cannot predict.
     """
     n = poses.q.shape[1]
     without: dict[tuple[str, ...], Poses] = {}
@@ -187,7 +187,7 @@ def needed_columns(model: Model, x: ArrayLike, poses: Poses) -> tuple[str, ...]:
 
 
 def _tool_frames(model: Model, x: ArrayLike, poses: Poses) -> Array:
-    """(N, 3, 4) attitude and place of the tool."""
+    """(N, 3, 4) orientation and position of the tool."""
     state = model.state(x, poses)
     return np.concatenate([state.attitude, state.place(state.chain.target_mm)[..., None]], axis=2)
 
@@ -235,7 +235,7 @@ def _plain_poses(q: Array) -> Poses:
 def _reason(
     robot: Robot, q: Array, q_nominal: Array, box: tuple[Array, Array], missed: str, singular: bool
 ) -> str:
-    """In words why a target is not reached; `box` is its own (n,), (n,)."""
+    """Why a target is not reached, as text; `box` has its own lower and upper bounds (n,)."""
     held = []
     for k in np.flatnonzero((q <= box[0]) | (q >= box[1])):
         joint = robot.joints[k]

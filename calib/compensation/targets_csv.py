@@ -1,8 +1,8 @@
-"""Tables of joint targets: what a robot program wants to reach, read; and the corrected ones, written.
+"""Tables of joint targets: those of a robot program, read, and the corrected ones, written.
 
 The columns are those of poses.csv; only the joints' are needed. `pose` names a target, conditions (payload_kg,
-temperature_c, time_s, approach1 ...) are for effects that depend on them, as any other column may be for effects of the
-user's own; all columns are kept.
+temperature_c, time_s, approach1 ...) are for effects that depend on them, any other column may be for effects of the
+user's own file; all columns are kept.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a correction solves: the calibrated arm's tool where the nominal arm's would be, position alone or full poses.
+"""The inverse problem of a correction: the calibrated arm's tool at the nominal arm's tool frame, or at its position.
 
     e = [p_goal - p; L sin(turn)]
 
@@ -22,7 +22,7 @@ from calib.kinematics import chain as kinematics
 
 @dataclass(frozen=True)
 class ToolProblem:
-    """Where the tool should be, and where the calibrated arm has it."""
+    """N goals of the tool (an `InverseProblem`), and the calibrated arm, a model at x (P,) under N conditions."""
 
     model: Model
     x: Array
@@ -32,7 +32,7 @@ class ToolProblem:
 
     @property
     def length_mm(self) -> float:
-        """What a radian is worth: the arm's reach. Columns and rows are scaled to millimetres by it."""
+        """The arm's reach, by which radians are scaled to millimetres in rows and columns."""
         table = self.model.robot.table
         return max(float(np.sum(np.hypot(table[:, 0], table[:, 2]))), 1.0)
 
@@ -59,7 +59,7 @@ class ToolProblem:
         return np.concatenate([position, self.length_mm * _turn_vector(base_T_tool, goal)], axis=1)
 
     def linearise(self, q: Array, rows: IndexArray) -> tuple[Array, Array]:
-        """Goal minus place (K, 3 or 6) of some targets, mm, and the place's derivative by the scaled joints (..., n).
+        """Goal minus position (K, 3 or 6) of some targets, mm, and the derivative by the scaled joints (K, 3 or 6, n).
 
         Rows 4 to 6 are the turn that is left, times the reach.
         """

@@ -12,7 +12,7 @@ others step anew. Two rules say how much is damped:
 * `FROM_NEARBY`: mu is 0 while full steps lower |e|; where one does not, it is refused and mu is raised.
 * `FROM_ANYWHERE`: from a random start, which |e| may have to rise to leave: mu is constant and every step is taken.
 
-How J leaves out what changes slowly with q costs an iteration or two and no accuracy, as long as e is exact.
+J may leave out terms that change slowly with q: that costs an iteration or two and no accuracy, since e is exact.
 """
 
 from __future__ import annotations

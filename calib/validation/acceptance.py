@@ -1,4 +1,4 @@
-"""Is this calibration good? The whole chain on one dataset, each link with what was found and whether it holds."""
+"""Acceptance of a dataset (`check`): every step from the corners to the held-out error, and whether it passes."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from calib.validation.cross_validation import SUSPICIOUS, noise_ratio
 from calib.validation.splits import training_groups
 
 MAX_SIGMA_RATIO = 100.0
-"""A residual this many times the declared sigma is no calibrated arm, whatever the improvement."""
+"""Residual sigma over the declared one, beyond which the arm is not calibrated, whatever the improvement."""
 _NO_NOISE_MM = 1e-6  # where none is declared
-MAX_SHARE_DROPPED = 0.5  # of a scan's points; one that loses more is told
+MAX_SHARE_DROPPED = 0.5  # of a scan's points that have no value; more is a warning
 
 
 @dataclass(frozen=True)
 class CheckItem:
-    """One link of the chain. `passed` is None for what is told, not judged; some of that is a warning."""
+    """The result of one step. `passed` is None where it is a note only, or a warning."""
 
     name: str
     passed: bool | None
@@ -50,13 +50,13 @@ class CheckItem:
 
 @dataclass(frozen=True)
 class Check:
-    """All items on a dataset. It passes where none failed."""
+    """All items of a dataset. It passes where none failed."""
 
     dataset: Dataset  # with the points that were judged
     items: tuple[CheckItem, ...]
     calibration: Calibration | None
     repeats: tuple[Repeats, ...]
-    diagnosis: Diagnosis | None = None  # where the fit leaves enough to judge a cause by
+    diagnosis: Diagnosis | None = None  # where the fit leaves degrees of freedom for one
 
     @property
     def passed(self) -> bool:
@@ -64,12 +64,12 @@ class Check:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why it did not pass."""
+        """The items that failed, as text."""
         return tuple(f"{f.name}: {f.description}" for f in self.items if f.passed is False)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What one should look at although it does not decide."""
+        """The items that are warnings, as text: they do not decide."""
         return tuple(f"{f.name}: {f.description}" for f in self.items if f.warning)
 
     def summary(self) -> str:
@@ -89,13 +89,13 @@ def check(
     max_test_rmse_mm: float | None = None,
     on_step: Callable[[str], None] | None = None,
 ) -> Check:
-    """Judge a dataset from its corners to its held-out error, and tell what is missing from the model.
+    """Check a dataset from its corners to its held-out error, and diagnose what is missing from the model.
 
     Args:
         searches: of the scans, by pose id, where the points come from them.
         options: what is asked of the fit.
-        max_test_rmse_mm: what the 3D error of the test poses may be; without it, it has to be less than before.
-        on_step: hears a line of words before each stage of the diagnosis.
+        max_test_rmse_mm: the largest 3D RMSE of the test poses that passes; where None, less than before.
+        on_step: called with a line of text before each stage of the diagnosis.
     """
     items = [CheckItem("dataset", None, warning, warning=True) for warning in dataset.warnings]
     if searches:
@@ -119,13 +119,13 @@ def check(
         try:
             diagnosis = diagnose(dataset, options.with_residual("position"), on_step=on_step)
             items.append(CheckItem("diagnosis", None, verdict_text(diagnosis.explanation.verdict)))
-        except FitError as error:  # a fit that leaves no equation to judge by is told of, it is no failure
+        except FitError as error:  # no degree of freedom is left: a note, no failure
             items.append(CheckItem("diagnosis", None, f"not tried: {error}"))
     return Check(dataset, tuple(items), calibration, repeats, diagnosis)
 
 
 def thin_scans(counts: Mapping[str, PointCount]) -> list[CheckItem]:
-    """A warning where scans lose more than half of their points for want of a value."""
+    """A warning where more than half of a scan's points have no value."""
     thin = {pose_id: count for pose_id, count in counts.items() if count.share_dropped > MAX_SHARE_DROPPED}
     if not thin:
         return []
@@ -160,10 +160,10 @@ def _repeats(dataset: Dataset, repeats: tuple[Repeats, ...]) -> CheckItem:
 
 
 def _against_training(calibration: Calibration, train: Figures, test: Figures) -> CheckItem:
-    """The test error as a multiple of the training error, against what noise makes of it.
+    """The test error as a multiple of the training error, against the ratio that noise explains (`noise_ratio`).
 
-    A warning where it is more: that training error is not what to expect elsewhere. A test error that is no more than
-    noise is well whatever the training error.
+    A warning where it is larger: the training error is then not to be expected elsewhere. None where the test error is
+    no more than the declared noise.
     """
     ratio, expected = test.rmse_mm / train.rmse_mm, noise_ratio(calibration.fit)
     name, words = "test against training", f"{ratio:.2f} times the training error"

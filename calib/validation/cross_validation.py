@@ -1,8 +1,7 @@
-"""How to tell that a calibration is good: K folds over the training poses.
+"""K-fold cross-validation over the training poses: each pose's error by a fit that was made without it.
 
-Each pose is judged by a fit that never saw it. The test role stays untouched, for the last word. Whether more poses
-would help is the question of `calib.validation.learning_curve`, whether more than noise is left that of
-`calib.calibration.noise_check`.
+Poses of the role test take no part. Whether more poses would help is the question of
+`calib.validation.learning_curve`, whether more than noise is left that of `calib.calibration.noise_check`.
 """
 
 from __future__ import annotations
@@ -28,12 +27,14 @@ from calib.validation.splits import deal_folds, split_dataset, training_groups
 
 Progress = Callable[[int, int, str], None]
 
-SUSPICIOUS = 1.5  # a held-out error this many times above what noise explains points at the model
+SUSPICIOUS = (
+    1.5  # held-out over training error, in multiples of what noise explains, that calls the model in question
+)
 
 
 @dataclass(frozen=True)
 class Fold:
-    """One fold: fitted without its poses, held against them."""
+    """One fold: the fit without its poses, and its errors at them."""
 
     poses: tuple[str, ...]  # held out
     train: Figures
@@ -43,7 +44,7 @@ class Fold:
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Errors at poses that had no say in the fit, for every training pose."""
+    """Errors at every training pose, by the fit without its fold."""
 
     dataset: Dataset
     residual: str
@@ -72,7 +73,7 @@ class CrossValidation:
 
     @property
     def expected_ratio(self) -> float:
-        """What that ratio is where only noise is left."""
+        """`ratio` where only noise is left."""
         return noise_ratio(self.whole.fit)
 
     @property
@@ -158,14 +159,14 @@ def cross_validate(
     rng: np.random.Generator | None = None,
     on_progress: Progress | None = None,
 ) -> CrossValidation:
-    """Fit `folds` times, each time without one fold of the training poses, and look at the poses left out.
+    """Fit `folds` times, each time without one fold of the training poses, and evaluate the fold.
 
     Args:
         dataset: with measured points; its test poses are not touched.
         folds: how many; each has its share of every setup.
         options: what is asked of every fit.
         effects: in the model of every fit, beyond the link errors.
-        rng: deals the poses; the same deal every time where None.
+        rng: deals the poses into folds; always the same where None.
         on_progress: called with fits done, fits in all, and what was fitted.
 
     Raises:
@@ -208,7 +209,7 @@ def cross_validate(
 
 
 def _held_out(evaluation: Evaluation, rows: IndexArray, poses: int) -> Evaluation:
-    """The test poses' part of a split's evaluation, told in the whole dataset's pose numbers."""
+    """The test poses' part of a split's evaluation, with the pose numbers of the whole dataset; `rows` has them."""
     points = evaluation.is_test[evaluation.pose]
     distances = evaluation.is_test[evaluation.distance_pose]
     return Evaluation(
@@ -223,7 +224,7 @@ def _held_out(evaluation: Evaluation, rows: IndexArray, poses: int) -> Evaluatio
 
 
 def _pooled(parts: list[Evaluation]) -> Evaluation:
-    """The folds' evaluations as one: each held-out point stands in it once."""
+    """The folds' evaluations as one: each held-out point is in it once."""
     return Evaluation(
         pose=np.concatenate([part.pose for part in parts]),
         error_mm=np.concatenate([part.error_mm for part in parts]),

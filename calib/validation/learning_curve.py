@@ -1,7 +1,7 @@
-"""The learning curve: error against the number of training poses, and whether more of them would help.
+"""The learning curve: held-out error against the number of training poses n, and whether more of them would help.
 
-With noise alone the held-out mean square falls as A + B / n towards its floor A. A curve that still falls asks for more
-poses; a flat one that stands above the noise asks for a better model.
+With noise alone the held-out mean square falls as A + B / n towards A. A curve that still falls calls for more poses, a
+flat one above the noise for a better model.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from calib.validation.splits import (
     training_groups,
 )
 
-FLAT = 0.05  # twice the poses lower the error by less than this share: not worth measuring
-_FAR = 2.0  # held-out over training error from which on the held-out poses are of another kind
+FLAT = 0.05  # share by which twice the poses have to lower the error to be worth measuring
+_FAR = 2.0  # held-out over training error, from which on the held-out poses are of another kind
 _FOLDS = 5
 
 
 @dataclass(frozen=True)
 class LearningStep:
-    """What fits to so many training poses were like, over several draws of them."""
+    """Errors of fits to the same number of training poses, over several draws of these."""
 
     poses: int  # different ones; repeats of one count once
     fits: int
@@ -63,13 +63,13 @@ class LearningCurve:
 
     @property
     def doubled_rmse_mm(self) -> float:
-        """The held-out RMSE that twice the poses promise: A + B / n, both >= 0, through the curve's upper part."""
+        """The held-out RMSE expected of twice the poses: A + B / n with both >= 0, fitted to the curve's upper part."""
         floor, slope = self._floor_and_slope()
         return float(np.sqrt(floor + 0.5 * slope / self.steps[-1].poses))
 
     @property
     def gain(self) -> float:
-        """By which share twice the poses would lower the held-out RMSE."""
+        """The share by which twice the poses would lower the held-out RMSE."""
         floor, slope = self._floor_and_slope()
         now = float(np.sqrt(floor + slope / self.steps[-1].poses))
         return 1.0 - self.doubled_rmse_mm / now if now > 0.0 else 0.0
@@ -162,10 +162,10 @@ def learning_curve(
     rng: np.random.Generator | None = None,
     on_progress: Progress | None = None,
 ) -> LearningCurve:
-    """Fit to growing parts of the training poses and look at poses that are always held out.
+    """Fit growing subsets of the training poses and evaluate poses that are always held out.
 
     Held out are the test poses where there are any, else one of five folds, another one each repeat. Within a repeat
-    each part holds the smaller ones, so that a curve does not jump by the luck of the draw.
+    each subset contains the smaller ones, so that steps of the curve are due to the added poses alone.
 
     Args:
         dataset: with measured points.
@@ -173,7 +173,7 @@ def learning_curve(
         repeats: draws of the poses.
         options: what is asked of every fit.
         effects: in the model of every fit, beyond the link errors.
-        rng: draws the poses; the same ones every time where None.
+        rng: draws the poses; always the same where None.
         on_progress: called with fits done, fits in all, and the count just fitted.
 
     Raises:
@@ -213,7 +213,7 @@ def learning_curve(
 def _draws(
     dataset: Dataset, groups: JointGroups, repeats: int, rng: np.random.Generator
 ) -> tuple[str, list[tuple[IndexArray, IndexArray | None]]]:
-    """For each repeat the order in which groups join, and the groups held out; None: the test poses."""
+    """For each repeat the order in which groups are added, and the groups held out; None: the test poses."""
     assert dataset.points is not None
     everything = np.arange(len(groups))
     if np.any(dataset.poses.is_test[dataset.points.pose]):
@@ -228,7 +228,7 @@ def _draws(
 
 
 def _fewest(dataset: Dataset, groups: JointGroups, residual: str) -> int:
-    """The fewest groups that carry a fit: two more than parameters and frames ask for, three a setup at least."""
+    """The fewest groups that can be fitted: two more than parameters and frames need, and three a setup."""
     assert dataset.points is not None
     setups = len(np.unique(groups.setup))
     knowable = structural_rank(dataset.robot)

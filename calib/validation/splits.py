@@ -1,8 +1,8 @@
 """Splitting a dataset's training poses: folds, growing subsets, and the dataset that a split makes.
 
-What is dealt are *groups*: joint vectors. Repeats, several targets, and poses of the same joints under another name
-stay together, else a group would be tested by what it was fitted to. Every setup keeps training poses, because its
-scanner frame is fitted to them. Poses of the role test take no part.
+Poses with the same joint vector form a group and stay together: repeats, several targets, the same joints under another
+name. Else a pose would be tested by a fit that knows its repeats. Every setup keeps training poses, because its scanner
+frame is fitted to them. Poses of the role test take no part.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from calib.array_types import IndexArray
 from calib.dataset.dataset import Dataset
 from calib.errors import FitError
 
-MIN_FRAME_POSES = 3  # fewer points than three leave a scanner frame open
+MIN_FRAME_POSES = 3  # fewer points do not determine a scanner frame
 
 
 @dataclass(frozen=True)
 class JointGroups:
-    """The training poses of a dataset that have points, by group."""
+    """The K groups of a dataset's measured training poses: those of one group have the same joint vector."""
 
     poses: tuple[IndexArray, ...]  # of each group, indices into the dataset's poses
     setup: NDArray[np.str_]  # (K,) the setup of each group's first pose
@@ -31,7 +31,7 @@ class JointGroups:
         return len(self.poses)
 
     def poses_of(self, groups: Sequence[int] | IndexArray) -> IndexArray:
-        """IndexArray of the poses of some groups, in the dataset's order."""
+        """Indices of the poses of some groups, in the dataset's order."""
         chosen = [self.poses[int(k)] for k in groups]
         return np.sort(np.concatenate(chosen)) if chosen else np.zeros(0, dtype=np.int64)
 
@@ -72,7 +72,7 @@ def deal_folds(
 
 
 def growing_order(groups: JointGroups, among: IndexArray, rng: np.random.Generator) -> IndexArray:
-    """Some groups in an order whose every start is fair to the setups: three of each first, then in proportion."""
+    """Some groups in an order in which every beginning has all setups: three of each first, then in proportion."""
     rank, share = {}, {}
     for setup in np.unique(groups.setup[among]):
         members = rng.permutation(among[groups.setup[among] == setup])
@@ -83,9 +83,9 @@ def growing_order(groups: JointGroups, among: IndexArray, rng: np.random.Generat
 
 
 def split_dataset(dataset: Dataset, train: IndexArray, held_out: IndexArray) -> tuple[Dataset, IndexArray]:
-    """A dataset of some poses only, `train` to fit and `held_out` in the role test; and which poses they were.
+    """A dataset of some poses only, `train` to fit and `held_out` in the role test; and their indices (N,).
 
-    The reference pose keeps its role where it trains; where not, the first training pose takes it.
+    The reference pose keeps its role where it is in `train`; else the first training pose becomes the reference.
     """
     assert dataset.points is not None
     rows = np.sort(np.concatenate([train, held_out]))
