@@ -65,18 +65,21 @@ class Redundancy:
     def summary(self) -> str:
         """As text: redundant groups, parameters without influence, dependencies of three and more."""
         how = f", seen by {self.measured_by}" if self.measured_by else ""
-        lines = [
+        counts = (
             f"{len(self.parameters)} parameters{how}; Park's pairwise method keeps {len(self.kept)}, "
             f"the rank says that {self.rank} can be known."
-        ]
-        lines += [self._group_words(group) for group in self.groups]
-        lines += [self._group_words(group) for group in self.mixed_groups]
+        )
+        return "\n".join([counts, *self.relations()])
+
+    def relations(self) -> list[str]:
+        """A sentence for each group that acts together, for what does nothing, and for what pairs cannot show."""
+        lines = [self._group_words(group) for group in (*self.groups, *self.mixed_groups)]
         if self.no_influence:
             lines.append(f"No influence on {self.observed}: {', '.join(self.no_influence)}.")
         for relation in self.combinations:
             terms = " ".join(f"{value:+.6g} {name}" for name, value in relation.items())
             lines.append(f"Cancel each other, although no two are alike: corrections in the ratio {terms}.")
-        return "\n".join(lines)
+        return lines
 
     def _group_words(self, group: tuple[str, ...]) -> str:
         row = {name: i for i, name in enumerate(self.parameters)}

@@ -219,7 +219,7 @@ def redundancy(report: Report) -> list[Block]:
     return [
         Paragraph(f"Seen by {analysis.measured_by}."),
         Facts(rows),
-        Bullets(analysis.summary().split("\n")[1:]),
+        Bullets(analysis.relations()),
         Figure(draw, caption, height_px=640, width_px=740),
     ]
 
