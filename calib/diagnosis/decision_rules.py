@@ -11,18 +11,18 @@ from calib.screening.candidates import Candidate, Screening, Untestable
 from calib.screening.fault_models import JointFault, best_bump_or_jump
 from calib.screening.residual_tests import ResidualTests
 
-LEVEL = 0.01  # that the Holm-corrected p of an effect has to be below
+MAX_P_VALUE = 0.01  # that the Holm-corrected p of an effect has to be below
 MIN_LEAD = 3.0  # in log evidence over the nearest rival
 MIN_LOG_EVIDENCE = 3.0
-WORSE = 2.0  # standard errors by which a named effect may not raise the test poses' squared error
-RIVAL = 0.5  # share of what one effect explains that another must be able to explain to be its rival
+MAX_WORSENING = 2.0  # standard errors by which a named effect may not raise the test poses' squared error
+MIN_RIVAL_OVERLAP = 0.5  # share of what one effect explains that its rival could explain too
 
 VERDICTS = ("adequate", "named", "ambiguous", "unexplained", "outliers")
 
 
 def is_convincing(candidate: Candidate) -> bool:
     """Whether a candidate beats noise: the F test over all that were tried, and the evidence floor."""
-    return candidate.p_holm < LEVEL and candidate.log_evidence > MIN_LOG_EVIDENCE
+    return candidate.p_holm < MAX_P_VALUE and candidate.log_evidence > MIN_LOG_EVIDENCE
 
 
 def rank_candidates(screening: Screening) -> tuple[Candidate, float | None, tuple[Candidate, ...]]:
@@ -33,7 +33,7 @@ def rank_candidates(screening: Screening) -> tuple[Candidate, float | None, tupl
     """
     best = screening.candidates[0]
     others = screening.candidates[1:]
-    rivals = [c for c in others if best.overlaps.get(c.name, 0.0) > RIVAL]
+    rivals = [c for c in others if best.overlaps.get(c.name, 0.0) > MIN_RIVAL_OVERLAP]
     nearest = (*rivals, *others)[:1]
     margin = best.log_evidence - nearest[0].log_evidence if nearest else None
     tied = [c for c in rivals if best.log_evidence - c.log_evidence <= MIN_LEAD and c.log_evidence > 0.0]
@@ -65,7 +65,7 @@ def predicts_worse(before: Calibration, after: Calibration) -> bool:
     change = np.sum(after.after.error_mm[rows] ** 2, axis=1) - np.sum(
         before.after.error_mm[rows] ** 2, axis=1
     )
-    return bool(change.mean() > WORSE * change.std(ddof=1) / np.sqrt(len(change)))
+    return bool(change.mean() > MAX_WORSENING * change.std(ddof=1) / np.sqrt(len(change)))
 
 
 def verdict_of(

@@ -24,7 +24,7 @@ from calib.options import FitOptions
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import run_residual_tests
 
-FEW = 0.1  # share of poses that may stand out and still be called outliers
+MAX_OUTLIER_SHARE = 0.1  # share of poses that may stand out and still be called outliers
 
 
 @one_blas_thread()
@@ -53,7 +53,7 @@ def diagnose(
     tell = on_step or (lambda words: None)
     found = _diagnosis(_search_space(dataset, options, effects, user_effects), max_steps, tell)
     outliers = found.residual_tests.outlier_poses
-    if 0 < len(outliers) <= max(2, FEW * len(np.unique(found.calibration.after.pose))):
+    if 0 < len(outliers) <= max(2, MAX_OUTLIER_SHARE * len(np.unique(found.calibration.after.pose))):
         # Only now, with the effects in: a few wrong points bend the fit and hide or feign a pattern in all others.
         tell("once more without the poses that stand out")
         others = _search_space(without_poses(dataset, outliers), options, effects, user_effects)

@@ -12,7 +12,7 @@ from calib import frames
 from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
-from calib.diagnosis.decision_rules import RIVAL
+from calib.diagnosis.decision_rules import MIN_RIVAL_OVERLAP
 from calib.fitting.observations import conditions_at
 from calib.screening.candidates import Candidate, Screening
 
@@ -54,7 +54,7 @@ def nearest_rival(screening: Screening, name: str) -> Candidate | None:
     if chosen is None or not chosen.members:
         return None
     others = [c for c in ranked if c.name != name and c.members]
-    likely = [c for c in others if chosen.overlaps.get(c.name, 0.0) > RIVAL]
+    likely = [c for c in others if chosen.overlaps.get(c.name, 0.0) > MIN_RIVAL_OVERLAP]
     return next(iter((*likely, *others)), None)
 
 

@@ -29,7 +29,7 @@ from calib.options import FitOptions
 from calib.screening.candidates import Candidate, Screening, screen
 from calib.screening.fault_models import JointFault
 
-AHEAD = 4  # members of a tied set that are tried with a successor
+MAX_TRIED_AHEAD = 4  # members of a tied set that are tried with a successor
 
 Tell = Callable[[str], None]  # called with a line of words before each stage
 
@@ -129,7 +129,7 @@ def _look_ahead(
     """
     totals = []
     followed = False
-    for candidate in tied[:AHEAD]:
+    for candidate in tied[:MAX_TRIED_AHEAD]:
         after = space.screen(space.fit((*search.chosen, candidate), search.calibration)).candidates
         following = [c for c in after if is_convincing(c)]
         followed |= bool(following)

@@ -88,7 +88,9 @@ def test_the_end_says_what_could_not_be_tested(clean: tuple[Calibration, Screeni
     )
 
 
-def test_each_kind_of_remains_has_its_words(clean: tuple[Calibration, Screening, ResidualTests]) -> None:
+def test_each_result_of_the_residual_tests_has_its_words(
+    clean: tuple[Calibration, Screening, ResidualTests],
+) -> None:
     _, screening, residual_tests = clean
     first = replace(residual_tests.inputs[0], input="torque4", p_value=1e-4)
     pattern = replace(residual_tests, inputs=(first, *residual_tests.inputs[1:]))

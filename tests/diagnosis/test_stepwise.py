@@ -394,6 +394,18 @@ def test_an_ambiguous_set_comes_with_poses_that_split_it() -> None:
     assert diagnose(simulated(seed=8)).discriminating_poses == ()
 
 
+def test_where_tied_effects_cannot_be_fitted_no_pose_is_recommended(monkeypatch: pytest.MonkeyPatch) -> None:
+    def too_few(*_: object, **__: object) -> None:
+        raise FitError("measure more poses")
+
+    monkeypatch.setattr("calib.diagnosis.diagnose.discriminating_poses", too_few)
+    result = diagnose(simulated(["link_bending"], seed=10, sigmas=1.0))
+    assert result.verdict == "ambiguous"
+    assert result.discriminating_poses == ()
+    assert "cannot tell which" in result.summary()
+    assert "Poses at which they differ most" not in result.summary()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["rb5", "panda"])
 @pytest.mark.parametrize("seed", [0, 1])
