@@ -53,7 +53,7 @@ class PoseErrors:
         return self.noise_mm * float(np.sqrt(chi2_ppf(0.95, 3)))
 
     def joint_noise(self, joint: int) -> float:
-        """One sigma of a joint's apparent motion by noise alone, median over the poses; nan where no pose tells it."""
+        """One sigma of a joint's apparent motion by noise alone, median over the poses; nan where none has one."""
         noise = self.apparent_joint_noise[:, joint]
         return float(np.median(noise[np.isfinite(noise)])) if np.isfinite(noise).any() else float("nan")
 

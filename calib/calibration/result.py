@@ -70,7 +70,7 @@ class Calibration:
 
     @property
     def faces_named(self) -> str:
-        """What told the jig's faces apart, where full poses from scans were fitted; else nothing."""
+        """How the jig's faces were labelled, where full poses from scans were fitted; else ""."""
         points = self.dataset.points
         orientations = None if points is None else points.orientations
         return orientations.labelled_by if self.residual == "pose" and orientations is not None else ""

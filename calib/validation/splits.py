@@ -1,7 +1,7 @@
 """Splitting a dataset's training poses: folds, growing subsets, and the dataset that a split makes.
 
 Poses with the same joint vector form a group and stay together: repeats, several targets, the same joints under another
-name. Else a pose would be tested by a fit that knows its repeats. Every setup keeps training poses, because its scanner
+name. Else a pose would be tested by a fit to its own repeats. Every setup keeps training poses, because its scanner
 frame is fitted to them. Poses of the role test take no part.
 """
 
