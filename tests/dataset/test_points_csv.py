@@ -119,6 +119,19 @@ def test_the_same_coordinates_at_another_pose_are_a_copy_too_but_not_of_another_
     assert warnings_of(tmp_path, with_points(replace(dataset, poses=poses), xyz)) == ()
 
 
+def test_places_that_many_poses_share_are_sockets_and_no_copies(tmp_path: Path) -> None:
+    dataset = measured()
+    assert dataset.points is not None
+    xyz_mm = dataset.points.xyz_mm.copy()
+    half = len(xyz_mm) // 2
+    xyz_mm[:half], xyz_mm[half:] = (0.0, 0.0, 0.0), (500.0, 0.0, 0.0)
+    assert not [w for w in warnings_of(tmp_path, with_points(dataset, xyz_mm)) if "last digit" in w]
+    still = replace(
+        dataset, poses=replace(dataset.poses, q=np.repeat(dataset.poses.q[:1], len(xyz_mm), axis=0))
+    )
+    assert "last digit" in " ".join(warnings_of(tmp_path, with_points(still, xyz_mm)))
+
+
 def with_sigmas(dataset: Dataset, sigma_mm: Sequence[float], row: int) -> Dataset:
     """Each point's covariance is that of 0.03 mm, row's has the three sigmas along directions of its own."""
     assert dataset.points is not None

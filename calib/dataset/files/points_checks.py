@@ -15,6 +15,7 @@ _ALIKE = (
 )
 _FEWEST_POINTS = 3
 _LEAST_SPREAD_MM = 20.0  # of the nominal arm's points; below it noise decides the ratio
+_POSES_IN_A_SOCKET = 5  # at which one place is met; a row copied by mistake stands there twice
 
 
 def unit_doubt(robot: Robot, poses: Poses, points: Points) -> str:
@@ -47,12 +48,24 @@ def _square_spread(points_mm: Array) -> float:
 
 
 def copied_rows(poses: Poses, points: Points) -> list[tuple[int, int]]:
-    """Rows that have an earlier one's setup, target and coordinates to the last bit: (that one, this one)."""
-    first: dict[tuple[str, str, bytes], int] = {}
-    pairs = []
+    """Rows that have an earlier one's setup, target and coordinates to the last bit: (that one, this one).
+
+    None where most points lie at places that five or more different joint vectors share: the tool then sat in sockets
+    whose coordinates are known, and nothing was copied.
+    """
+    rows: dict[tuple[str, str, bytes], list[int]] = {}
     for row, (pose, target) in enumerate(zip(points.pose, points.target, strict=True)):
         place = (str(poses.setup[pose]), str(target), points.xyz_mm[row].tobytes())
-        earlier = first.setdefault(place, row)
-        if earlier != row:
-            pairs.append((earlier, row))
-    return pairs
+        rows.setdefault(place, []).append(row)
+    in_sockets = sum(len(same) for same in rows.values() if _is_socket(poses, points, same))
+    if 2 * in_sockets > len(points):
+        return []
+    return sorted(((same[0], row) for same in rows.values() for row in same[1:]), key=lambda pair: pair[1])
+
+
+def _is_socket(poses: Poses, points: Points, rows: list[int]) -> bool:
+    """Whether points at one place were met with five or more different joint vectors."""
+    return (
+        len(rows) >= _POSES_IN_A_SOCKET
+        and len(np.unique(poses.q[points.pose[rows]], axis=0)) >= _POSES_IN_A_SOCKET
+    )
