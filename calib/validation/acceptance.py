@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,8 @@ from calib.dataset.repeats import Repeats, find_repeats, pooled_sigma_mm
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.text import verdict_text
+from calib.effects.catalogue import effects_named
+from calib.effects.effect import Family
 from calib.errors import FitError
 from calib.identifiability.structural import fewest_poses
 from calib.measurement.measured_points import failed_searches, with_corners
@@ -86,6 +88,8 @@ def check(
     searches: Mapping[str, CornerSearch] | None = None,
     options: FitOptions = FitOptions(),
     *,
+    effects: Sequence[str] = (),
+    user_effects: Sequence[Family] = (),
     max_test_rmse_mm: float | None = None,
     on_step: Callable[[str], None] | None = None,
 ) -> Check:
@@ -93,7 +97,9 @@ def check(
 
     Args:
         searches: of the scans, by pose id, where the points come from them.
-        options: what is asked of the fit.
+        options: what is asked of the fit; the diagnosis looks at positions.
+        effects: families that are taken as present, all joints.
+        user_effects: families beyond the catalogue.
         max_test_rmse_mm: the largest 3D RMSE of the test poses that passes; where None, less than before.
         on_step: called with a line of text before each stage of the diagnosis.
     """
@@ -114,10 +120,16 @@ def check(
         )
         items.append(CheckItem("fit", None if repeats else False, words))
     else:
-        calibration = calibrate(dataset, options)
+        calibration = calibrate(dataset, options, effects=effects_named(dataset, effects, user_effects))
         items += _fit(calibration, max_test_rmse_mm)
         try:
-            diagnosis = diagnose(dataset, options.with_residual("position"), on_step=on_step)
+            diagnosis = diagnose(
+                dataset,
+                options.with_residual("position"),
+                effects=effects,
+                user_effects=user_effects,
+                on_step=on_step,
+            )
             items.append(CheckItem("diagnosis", None, verdict_text(diagnosis.explanation.verdict)))
         except FitError as error:  # no degree of freedom is left: a note, no failure
             items.append(CheckItem("diagnosis", None, f"not tried: {error}"))

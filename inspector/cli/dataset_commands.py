@@ -16,7 +16,7 @@ from calib.corners.batch import find_corners
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
-from calib.dataset.files.folder import find_datasets, load_dataset
+from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.points_csv import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from calib.dataset.files.robot_checks import refuse_beyond
 from calib.dataset.files.robot_toml import builtin_robot, load_robot
@@ -24,10 +24,8 @@ from calib.effects.catalogue import descriptions
 from calib.errors import DatasetError
 from calib.identifiability.structural import free_frame_rank, redundancy
 from calib.measurement.measured_points import failed_searches, label_faces, require_corners, with_corners
-from calib.options import BUILTIN_ROBOTS, FitOptions
-from calib.validation.acceptance import check
+from calib.options import BUILTIN_ROBOTS
 from inspector.cli.options import (
-    CheckOptions,
     CornersOptions,
     Output,
     RedundancyOptions,
@@ -35,7 +33,7 @@ from inspector.cli.options import (
     SimulateOptions,
 )
 from inspector.cli.output_paths import check_outputs
-from inspector.cli.progress import processes, progress, stages
+from inspector.cli.progress import processes, progress
 from inspector.export import json_documents as documents
 from inspector.export.csv_and_png import corners_csv, redundancy_csv
 from inspector.session.json_text import to_json
@@ -60,7 +58,7 @@ def run_corners(options: CornersOptions) -> int:
     """Find the corner in every scan."""
     dataset = load(options.path)
     check_outputs(dataset, [options.out])
-    searches = _search(dataset, options.processes)
+    searches = found_corners(dataset, options.processes)
     require_corners(dataset, searches)
     labels = label_faces(dataset, searches)
     if options.out is not None:
@@ -164,34 +162,6 @@ def _whole_or_nothing(folder: Path) -> Iterator[None]:
         raise
 
 
-def run_check(options: CheckOptions) -> int:
-    """Corners, fit and diagnosis of each dataset; exit code 1 where one does not pass."""
-    results = []
-    for folder in find_datasets(options.path):
-        dataset = load_dataset(folder)
-        searches = None
-        if dataset.points is None:
-            searches = _search(dataset)
-            require_corners(dataset, searches)
-        with stages() as on_step:
-            results.append(
-                check(
-                    dataset,
-                    searches,
-                    FitOptions(options.residual),
-                    max_test_rmse_mm=options.max_test_rmse_mm,
-                    on_step=on_step,
-                )
-            )
-        if not options.json:
-            print(results[-1].summary(), flush=True)
-    passed = all(result.passed for result in results)
-    if options.json:
-        each = [documents.check_document(result) for result in results]
-        show(options, each[0] if len(each) == 1 else {"passed": passed, "datasets": each}, "")
-    return 0 if passed else 1
-
-
 def load(path: Path) -> Dataset:
     """Load the dataset and print its warnings to stderr."""
     dataset = load_dataset(path)
@@ -209,14 +179,14 @@ def measured(dataset: Dataset, *, orientation: bool = False) -> Dataset:
 
 def searched(dataset: Dataset) -> dict[str, CornerSearch]:
     """The corners in a dataset's scans, by pose; which scans have none, and why, goes to stderr."""
-    searches = _search(dataset)
+    searches = found_corners(dataset)
     require_corners(dataset, searches)
     for pose_id, reason in failed_searches(searches).items():
         print(f"inspector: warning: {pose_id} has no corner and is left out: {reason}", file=sys.stderr)
     return searches
 
 
-def _search(dataset: Dataset, wanted: int | None = None) -> dict[str, CornerSearch]:
+def found_corners(dataset: Dataset, wanted: int | None = None) -> dict[str, CornerSearch]:
     """The corners by as many processes as wanted; None: one for each core."""
     scans = 0 if dataset.scan_folder is None else len(dataset.poses)
     with progress("corners") as on_progress, processes(scans, wanted) as executor:

@@ -1,4 +1,4 @@
-"""The subcommands that fit a model: calibrate, validate, correct, diagnose, report. A few lines over `calib` each."""
+"""The subcommands that fit a model, calibrate to check. A few lines over `calib` each."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from calib.compensation.target_correction import corrected_joints
 from calib.compensation.targets_csv import corrected_table, load_targets, require_conditions
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
+from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import FitStep, add_in_turn
@@ -23,11 +24,14 @@ from calib.effects.effect import Family
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import nominal_state
+from calib.measurement.measured_points import require_corners, with_corners
+from calib.validation.acceptance import check
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import learning_curve
-from inspector.cli.dataset_commands import load, measured, searched, show
+from inspector.cli.dataset_commands import found_corners, load, measured, searched, show
 from inspector.cli.options import (
     CalibrateOptions,
+    CheckOptions,
     CorrectOptions,
     DiagnoseOptions,
     ReportOptions,
@@ -197,12 +201,13 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     """Select the missing effects step by step."""
     if options.max_steps < 0:
         raise DatasetError(f"--max-steps {options.max_steps}: a number of steps is 0 or more")
-    dataset = measured(load(options.path))
+    dataset = measured(load(options.path), orientation=options.residual == "pose")
     user_effects = loaded_effects(options.effects_file, dataset)
     effects_named(dataset, options.effect, user_effects)  # refuses unknown names before the work starts
     with stages() as on_step:
         result = diagnose(
             dataset,
+            options.fit_options(),
             effects=options.effect,
             user_effects=user_effects,
             max_steps=options.max_steps,
@@ -217,3 +222,34 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     text = f"{ranking}\n\n{steps}\n\n{silent}\n\n{result.summary()}"
     show(options, documents.diagnosis_document(result), text)
     return 0
+
+
+def run_check(options: CheckOptions) -> int:
+    """Corners, fit and diagnosis of each dataset; exit code 1 where one does not pass."""
+    results = []
+    for folder in find_datasets(options.path):
+        dataset = load_dataset(folder)
+        searches = None
+        if dataset.points is None:
+            searches = found_corners(dataset)
+            require_corners(dataset, searches)
+        with_points = dataset if searches is None else with_corners(dataset, searches)
+        with stages() as on_step:
+            results.append(
+                check(
+                    dataset,
+                    searches,
+                    options.fit_options(),
+                    effects=options.effect,
+                    user_effects=loaded_effects(options.effects_file, with_points),
+                    max_test_rmse_mm=options.max_test_rmse_mm,
+                    on_step=on_step,
+                )
+            )
+        if not options.json:
+            print(results[-1].summary(), flush=True)
+    passed = all(result.passed for result in results)
+    if options.json:
+        each = [documents.check_document(result) for result in results]
+        show(options, each[0] if len(each) == 1 else {"passed": passed, "datasets": each}, "")
+    return 0 if passed else 1

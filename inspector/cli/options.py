@@ -103,13 +103,10 @@ class CorrectOptions(_FittingOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DiagnoseOptions(Output):
+class DiagnoseOptions(_FittingOptions):
     """Of `diagnose`."""
 
-    path: Path
     max_steps: int
-    effect: Sequence[str]
-    effects_file: Path | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,9 +134,7 @@ class SimulateOptions(Output):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckOptions(Output):
+class CheckOptions(_FittingOptions):
     """Of `check`."""
 
-    path: Path
     max_test_rmse_mm: float | None
-    residual: str

@@ -92,7 +92,7 @@ def _diagnose(sub: ArgumentParser) -> None:
     sub.add_argument(
         "--max-steps", type=int, default=3, metavar="N", help="effects to add at the most (default 3)"
     )
-    _add_effects(sub)
+    _add_fit(sub)
     _add_json(sub)
 
 
@@ -121,7 +121,7 @@ def _check(sub: ArgumentParser) -> None:
     sub.add_argument(
         "--max-test-rmse-mm", type=values.rmse_mm, metavar="X", help="what the test poses' error may be"
     )
-    _add_residual(sub)
+    _add_fit(sub)
     _add_json(sub)
 
 
@@ -244,7 +244,7 @@ SUBCOMMANDS = (
     ),
     Subcommand(
         "check",
-        "dataset_commands.run_check",
+        "fit_commands.run_check",
         options.CheckOptions,
         _check,
         "the whole chain: pass or fail, and why",

@@ -452,6 +452,27 @@ def test_check_tells_what_is_missing_and_still_passes(
     assert "note  diagnosis: transmission_error was missing" in capsys.readouterr().out
 
 
+@pytest.mark.slow
+def test_diagnose_and_check_take_the_options_of_a_fit(
+    capsys: pytest.CaptureFixture[str], hidden_folder: Path
+) -> None:
+    """Their first fit is the one that `calibrate` makes with the same options, to the last digit."""
+    fits = [["--hold", "d5"], ["--no-prior"], ["--tolerance", "a2=1e-9", "--robust"], ["--residual", "pairs"]]
+    for options in fits:
+        fitted = run_json(capsys, "calibrate", hidden_folder, *options)
+        first = run_json(capsys, "diagnose", hidden_folder, "--max-steps", "0", *options)["steps"][0]
+        assert first["test_rmse_mm"] == fitted["test"]["rmse_mm"]
+        assert run_json(capsys, "check", hidden_folder, *options)["calibration"] == {
+            key: value for key, value in fitted.items() if key != "steps"
+        }
+    given = ["--effect", "transmission_error"]
+    checked = run_json(capsys, "check", hidden_folder, *given)
+    assert checked["calibration"]["effects"] == ["transmission_error"]
+    assert checked["diagnosis"]["missing"] == []
+    assert "no parameter named 'b7'" in refused(capsys, "diagnose", hidden_folder, "--hold", "b7")
+    assert "rust" in refused(capsys, "check", hidden_folder, "--effect", "rust")
+
+
 def test_add_is_the_diagnosis_step_to_the_last_digit(
     capsys: pytest.CaptureFixture[str], hidden_folder: Path, tmp_path: Path
 ) -> None:
