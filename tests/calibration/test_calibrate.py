@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,6 +24,7 @@ from calib.kinematics.robot import Target
 from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import check
+from tests.support import SHARED_DATA
 from tests.support.arms import (
     REFERENCE,
     dataset_of,
@@ -34,8 +34,6 @@ from tests.support.arms import (
     perturbed,
     random_transform,
 )
-
-SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 def simulated(seed: int = 0, **more: object) -> Dataset:

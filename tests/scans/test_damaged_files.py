@@ -18,10 +18,11 @@ from calib.dataset.files.folder import load_dataset
 from calib.errors import CalibError, ScanError
 from calib.jig import Jig
 from calib.scans.scan import Scan, load_scan
+from tests.support import ROOT
 from tests.support.scan_mutations import CLOUDS, MUTATIONS, WRITERS
 from tests.support.scan_scene import make_scene
 
-DATASET = Path(__file__).parents[2] / "sample_data" / "hidden_effect_a"
+DATASET = ROOT / "sample_data" / "hidden_effect_a"
 QUICK = CornerOptions(sample_sets=600)
 SCENE = make_scene(np.random.default_rng(1), 900, field_mm=90)
 FILES = {name: write(SCENE.scan.points_mm) for name, write in WRITERS.items()}
