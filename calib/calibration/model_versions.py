@@ -55,21 +55,22 @@ def versions(calibration: Calibration, links: Calibration | None = None) -> tupl
     if not calibration.model.family_names:
         return (*out, _fitted(LINKS, calibration))
     if links is None or not fits_same_points(links, calibration):
-        links = calibrate(calibration.dataset, _options_for_links(calibration))
+        links = calibrate(calibration.dataset, options_for_links(calibration))
     return (*out, _fitted(LINKS, links), _fitted(EFFECTS, calibration))
 
 
 def fits_same_points(one: Calibration, other: Calibration) -> bool:
     """Whether two fits looked at the same measurements, and the same was asked of both for the link errors."""
     a, b = one.dataset.points, other.dataset.points
-    if _options_for_links(one) != _options_for_links(other):
+    if options_for_links(one) != options_for_links(other):
         return False
     if one.dataset.robot != other.dataset.robot or a is None or b is None:
         return False
     return np.array_equal(a.pose, b.pose) and np.array_equal(a.xyz_mm, b.xyz_mm)
 
 
-def _options_for_links(calibration: Calibration) -> FitOptions:
+def options_for_links(calibration: Calibration) -> FitOptions:
+    """What was asked of a fit, as far as it concerns the link errors."""
     return calibration.options.for_parameters(calibration.dataset.robot.parameter_names)
 
 

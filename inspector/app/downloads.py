@@ -10,8 +10,8 @@ from pathlib import Path
 import viser
 
 from calib.calibration.result import Calibration
-from calib.dataset.files.robot_toml import robot_to_toml
 from calib.errors import CalibError, DatasetError
+from calib.models.exported_table import exported_table
 from inspector.app.page_state import PageState
 from inspector.export import csv_and_png as exports
 from inspector.panels.downloads import ITEMS, SCREENSHOT, DownloadsPanel
@@ -104,7 +104,9 @@ def _report(asked: Asked) -> tuple[str, bytes]:
 
 def _robot(asked: Asked) -> tuple[str, bytes]:
     asked.calibration.require_improvement()
-    return "robot.toml", robot_to_toml(asked.calibration.robot).encode()
+    table = exported_table(asked.calibration, asked.session.links_alone)
+    table.require_improvement()
+    return "robot.toml", table.to_toml().encode()
 
 
 def _session(asked: Asked) -> tuple[str, bytes]:

@@ -14,7 +14,6 @@ from calib.compensation.targets_csv import corrected_table, load_targets, requir
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
 from calib.dataset.files.folder import find_datasets, load_dataset
-from calib.dataset.files.robot_toml import robot_to_toml
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import FitStep, add_in_turn
 from calib.diagnosis.phrases import untestable_line
@@ -25,6 +24,7 @@ from calib.effects.user_file import load_effects
 from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import nominal_state
 from calib.measurement.measured_points import require_corners, with_corners
+from calib.models.exported_table import ExportedTable, exported_table
 from calib.validation.acceptance import check
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import learning_curve
@@ -72,11 +72,13 @@ def run_calibrate(options: CalibrateOptions) -> int:
     dataset = measured(dataset, orientation=options.residual == "pose")
     steps = _fitted(options, dataset)
     result = steps[-1].calibration
+    table = exported_table(result, steps[0].calibration)
     if options.out is not None:
         _require_plausible(result, options.force)
+        table.require_improvement(force=options.force)
     session = _as_session(options, dataset, steps) if options.session is not None else None
     if options.out is not None:
-        write_text_atomically(options.out, robot_to_toml(result.robot))
+        write_text_atomically(options.out, table.to_toml())
     if options.residuals is not None:
         write_text_atomically(options.residuals, residuals_csv(result))
     if options.scene is not None:
@@ -85,13 +87,16 @@ def run_calibrate(options: CalibrateOptions) -> int:
         write_bytes_atomically(options.scene, scene_glb(result, dataset.poses.reference, SCENE_ARROWS))
     if session is not None and options.session is not None:
         save_session(options.session, session)
-    document = documents.calibration_document(result) | {"steps": documents.additions(steps)}
-    show(options, document, _calibration_text(steps))
+    document = documents.calibration_document(result) | {
+        "steps": documents.additions(steps),
+        "table_alone": documents.table_document(table),
+    }
+    show(options, document, _calibration_text(steps, table))
     return 0
 
 
-def _calibration_text(steps: Sequence[FitStep]) -> str:
-    """The parameters, the sums known better than their parts, the errors after each addition, the summary."""
+def _calibration_text(steps: Sequence[FitStep], table: ExportedTable) -> str:
+    """The parameters, sums known better than their parts, the errors after each addition, the summary, the table."""
     result = steps[-1].calibration
     lines = [result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.6g}")]
     lines += [
@@ -101,7 +106,7 @@ def _calibration_text(steps: Sequence[FitStep]) -> str:
     if len(steps) > 1:
         lines.append(f"link errors: {_errors(steps[0].calibration)}")
         lines += [f"{step.label}: {_errors(step.calibration)}" for step in steps[1:]]
-    return "\n".join([*lines, result.summary()])
+    return "\n".join(filter(None, [*lines, result.summary(), table.words]))
 
 
 def _require_plausible(result: Calibration, force: bool) -> None:

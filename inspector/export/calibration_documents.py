@@ -11,6 +11,7 @@ from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import correlated_pairs, identifiable_combinations
 from calib.compensation.target_correction import Correction
 from calib.diagnosis.effect_selection import FitStep
+from calib.models.exported_table import ExportedTable
 from calib.validation.cross_validation import CrossValidation
 from calib.validation.learning_curve import LearningCurve
 
@@ -68,6 +69,11 @@ def additions(steps: Sequence[FitStep]) -> list[dict[str, Any]]:
         }
         for step in steps
     ]
+
+
+def table_document(table: ExportedTable) -> dict[str, Any]:
+    """The errors of the exported table alone, and the families of the model that it cannot hold."""
+    return {**_roles(table.errors), "without_effects": table.left_out}
 
 
 def _roles(evaluation: Evaluation) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from inspector.export.calibration_documents import (
     additions,
     calibration_document,
     correction_document,
+    table_document,
     validation_document,
 )
 from inspector.export.corner_documents import corners_document, redundancy_document
@@ -24,6 +25,7 @@ __all__ = [
     "diagnosis_document",
     "effects_document",
     "redundancy_document",
+    "table_document",
     "validation_document",
 ]
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from calib.calibration.result import Calibration
+from calib.models.exported_table import exported_table
 from inspector.markup import elements, numbers
 from inspector.markup.numbers import parameter_label
 from inspector.markup.palette import ROLE_COLOURS
@@ -87,6 +88,14 @@ def figures_html(result: Calibration) -> str:
         if turns
         else ""
     )
+
+
+def table_alone_html(session: Session) -> str:
+    """What robot.toml is worth without the model's effects; "" where there are none."""
+    if session.calibration is None or session.links_alone is None:
+        return ""
+    words = exported_table(session.calibration, session.links_alone).words
+    return elements.note(f"What robot.toml will hold: {words}.") if words else ""
 
 
 def attitude_rows(result: Calibration) -> list[tuple[object, ...]]:

@@ -22,7 +22,8 @@ ITEMS: dict[str, tuple[str, str]] = {  # what the button is called: icon, what t
     ),
     "Calibrated robot (TOML)": (
         viser.Icon.ROBOT,
-        "The fitted table as robot.toml, unless the test poses got worse; effects have no place in it. "
+        "The table that is best without effects as robot.toml, unless the test poses got worse; its first line tells "
+        "its own error where the model has effects. "
         "Command: inspector calibrate --out",
     ),
     "Session (JSON)": (

@@ -16,6 +16,7 @@ from inspector.markup.fit import (
     figures_html,
     parameters_html,
     state_html,
+    table_alone_html,
     what_is_fitted,
 )
 from inspector.panels.base import Actions, hidden_plot, put
@@ -77,7 +78,7 @@ class FitPanel:
         train = [s.train_distance_rmse_mm if distances else s.train_rmse_mm for s in result.iteration_errors]
         test = [s.test_distance_rmse_mm if distances else s.test_rmse_mm for s in result.iteration_errors]
         self._convergence.figure = convergence(train, test, what=what_is_fitted(result), dark=view.dark)
-        self._figures.content = figures_html(result)
+        self._figures.content = figures_html(result) + table_alone_html(view.session)
         self._parameters.content = parameters_html(result)
         self.update_residuals(view)
 

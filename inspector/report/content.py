@@ -9,6 +9,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.result import Diagnosis
 from calib.identifiability.redundancy import Redundancy
+from calib.models.exported_table import ExportedTable, exported_table
 from calib.screening.candidates import Screening
 from calib.screening.residual_tests import ResidualTests, run_residual_tests
 from inspector.session.session import Session
@@ -35,6 +36,7 @@ class Report:
     # After the link errors alone, where an effect was found, then after the last fit.
     residuals: tuple[ModelResidual, ...]
     redundancy: Redundancy
+    table: ExportedTable
 
     @property
     def dataset(self) -> Dataset:
@@ -63,7 +65,8 @@ def report_of(session: Session) -> Report:
         if len(found.steps) > 1:
             before = run_residual_tests(first.calibration.dataset, ranking.projected)
             residuals.insert(0, ModelResidual(ranking_of, pose_errors_of(first.calibration), before))
-    return Report(session, calibration, ranking, ranking_of, tuple(residuals), analysis)
+    table = exported_table(calibration, session.links_alone)
+    return Report(session, calibration, ranking, ranking_of, tuple(residuals), analysis, table)
 
 
 def model_name(calibration: Calibration) -> str:

@@ -233,6 +233,8 @@ def parameters(report: Report) -> list[Block]:
             soft=True,
         ),
     ]
+    if report.table.words:
+        out.append(Paragraph(f"What robot.toml can hold: {report.table.words}."))
     sums = identifiable_combinations(report.calibration)
     if sums:
         out.append(Paragraph("Sums that the data know better than their parts:"))

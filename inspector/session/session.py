@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from calib.calibration.model_versions import Version
+from calib.calibration.model_versions import LINKS, Version
 from calib.calibration.pose_errors import PoseErrors
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
@@ -66,6 +66,13 @@ class Session:
     def history(self) -> tuple[StepErrors, ...]:
         """The errors of the nominal robot, then those after each step; () before the first fit."""
         return (_nominal(self.steps[0].calibration), *map(_errors_after, self.steps)) if self.steps else ()
+
+    @property
+    def links_alone(self) -> Calibration | None:
+        """The fit of the link errors alone, where the versions side by side or the first step have it."""
+        of_versions = next((v.calibration for v in self.versions if v.name == LINKS), None)
+        first = self.steps[0].calibration if self.steps else None
+        return of_versions or (None if first is None or first.model.added_effects else first)
 
     @property
     def measured(self) -> Dataset:

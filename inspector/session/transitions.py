@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from calib.calibration.model_versions import LINKS, versions
+from calib.calibration.model_versions import versions
 from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
 from calib.corners.batch import search_file
@@ -152,8 +152,7 @@ def with_versions(session: Session, before: Session) -> Session:
     """
     if session.calibration is None or session.versions:
         return session
-    links = next((version.calibration for version in before.versions if version.name == LINKS), None)
-    return replace(session, versions=versions(session.calibration, links))
+    return replace(session, versions=versions(session.calibration, before.links_alone))
 
 
 def with_user_effects(session: Session, effects: tuple[Family, ...]) -> Session:

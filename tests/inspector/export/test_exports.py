@@ -24,6 +24,7 @@ from calib.dataset.files.points_csv import load_points
 from calib.dataset.files.robot_toml import load_robot
 from calib.diagnosis.effect_selection import add_in_turn
 from calib.frames import apply
+from calib.models.exported_table import exported_table
 from inspector.app.app import App
 from inspector.cli.parser import main
 from inspector.export import csv_and_png as exports
@@ -200,7 +201,12 @@ def test_one_command_writes_them_all_and_another_opens_the_session(
     given = [str(part) for pair in zip(flags, files.values(), strict=True) for part in pair]
     assert main(["calibrate", str(folder), "--add", HIDDEN, "--json", *given]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert load_robot(files["robot.toml"]).table == pytest.approx(fitted.robot.table, rel=1e-12)
+    table = exported_table(fitted)  # best without the effect, which no table can hold
+    assert load_robot(files["robot.toml"]).table == pytest.approx(table.robot.table, rel=1e-12)
+    assert files["robot.toml"].read_text() == table.to_toml()
+    alone = document["table_alone"]
+    assert alone["without_effects"] == [HIDDEN]
+    assert f"test RMSE {alone['test']['rmse_mm']:.4g} mm" in files["robot.toml"].read_text().splitlines()[0]
     assert files["r.csv"].read_text() == exports.residuals_csv(fitted)
     assert files["s.glb"].read_bytes()[:4] == b"glTF"
     read = load_session(files["s.json"])
@@ -272,12 +278,17 @@ def test_the_page_gives_what_the_commands_give(
         assert taken(page, "Measured points (CSV)").decode() == exports.corners_csv(dataset)
         path = tmp_path / "robot.toml"
         path.write_bytes(taken(page, "Calibrated robot (TOML)"))
-        assert load_robot(path).table == pytest.approx(fitted.robot.table, rel=1e-12)
+        alone = exported_table(fitted)
+        assert load_robot(path).table == pytest.approx(alone.robot.table, rel=1e-12)
+        words = f"What robot.toml will hold: {alone.words}."
+        assert alone.words in path.read_text()
+        assert words in html.unescape(page.text())
         table = pd.read_csv(io.BytesIO(taken(page, "Redundancy (CSV)")), index_col="parameter")
         assert table.shape == (35, 35)
         assert taken(page, "3D scene (GLB)")[:4] == b"glTF"
         report = taken(page, "Report (HTML)").decode()
         assert f"link errors + {HIDDEN}" in report
+        assert words.replace("will hold", "can hold") in html.unescape(report)
         assert HOSTILE not in report[: report.index("<script>/**")]
 
 
