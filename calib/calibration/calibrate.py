@@ -13,7 +13,7 @@ from calib.calibration.evaluation import evaluate_all
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.effects.effect import Effect
-from calib.effects.link_errors import LinkErrors
+from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import FitError
 from calib.fitting.fit import Fit, Iteration
 from calib.fitting.model import Model
@@ -54,9 +54,9 @@ def calibrate(
         FitError: no points, an unknown name, a weight that the residual cannot have, or fewer equations than unknowns.
     """
     residual, prior = options.residual, options.prior
-    links = LinkErrors(dataset.robot, checked_tolerances(dataset.robot, options.tolerances))
-    model = Model(dataset.robot, (links, *effects), prior_sigmas=prior_sigmas or {}).hold(options.held)
     observed = Observations.of(dataset)
+    geometry = geometry_of(dataset.robot, observed, options)
+    model = Model(dataset.robot, (*geometry, *effects), prior_sigmas=prior_sigmas or {}).hold(options.held)
     if len(observed.points) < 3:
         raise FitError(
             f"dataset {dataset.name}: {len(observed.points)} training points; a fit needs many more"
@@ -70,7 +70,7 @@ def calibrate(
     if options.robust and residual == "distance":
         raise FitError("robust weights need a residual of each point; take position, pairs or pose")
     way: tuple[Iteration, ...] = ()  # of the fits before this one
-    links_alone = Model(dataset.robot, (links,), model.held)
+    links_alone = Model(dataset.robot, geometry, model.held)
     if start is not None:
         way = _in_order_of(model, start.fit)
     elif effects and links_alone.parameters:
@@ -130,13 +130,25 @@ def _require_equations(
     )
 
 
-def checked_tolerances(robot: Robot, tolerances: Mapping[str, float]) -> Mapping[str, float]:
-    """The tolerances, all of known parameters and above 0; FitError otherwise."""
+def geometry_of(robot: Robot, observed: Observations, options: FitOptions) -> tuple[Effect, ...]:
+    """What every fit corrects of robot.toml: the links, and the places of the further targets that were measured.
+
+    Distances are of the tool point alone and tell nothing of further targets. Raises FitError on a tolerance of no
+    parameter.
+    """
+    measured = () if options.residual == "distance" else observed.targets
+    targets = tuple(target for target in robot.targets if target.name in measured)
+    offsets = TargetOffsets(targets, options.tolerances)
+    names = (*robot.parameter_names, *(p.name for p in offsets.parameters))
+    links = LinkErrors(robot, checked_tolerances(names, options.tolerances))
+    return (links, offsets) if targets else (links,)
+
+
+def checked_tolerances(names: Sequence[str], tolerances: Mapping[str, float]) -> Mapping[str, float]:
+    """The tolerances, all of parameters with these names and above 0; FitError otherwise."""
     for name, value in tolerances.items():
-        if name not in robot.parameter_names:
-            raise FitError(
-                f"no parameter named {name!r}; there are {', '.join(robot.parameter_names[:6])} ..."
-            )
+        if name not in names:
+            raise FitError(f"no parameter named {name!r}; there are {', '.join(names[:6])} ...")
         if not 0.0 < value <= MAX_TOLERANCE:
             raise FitError(
                 f"tolerance of {name}: found {value!r}; a size above 0 and up to {MAX_TOLERANCE:g} is needed, "

@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.fitting.model import Model
-from calib.fitting.observations import Observations
+from calib.fitting.observations import Observations, linearise_points
 
 
 def directions_at(model: Model, x: Array, observed: Observations, base_to_residual: Array) -> list[Array]:
@@ -19,16 +19,15 @@ def directions_at(model: Model, x: Array, observed: Observations, base_to_residu
         observed: M points whose scanner is placed.
         base_to_residual: (M, 3, 3) from a motion in the base frame, mm, to the residual's whitened rows.
     """
-    poses, row = observed.used_poses
-    by_x = model.linearise(x, poses, seen=observed.seen())[1]
+    by_x = linearise_points(model, x, observed)[1]
     names = [p.name for p in model.parameters]
     out = []
     for j, joint in enumerate(model.robot.joints):
         kind = "theta" if joint.is_revolute else "d"
         name = f"{kind}{j + 1}"
         if name in names:
-            column = by_x[row][:, :, [names.index(name)]]
+            column = by_x[:, :, [names.index(name)]]
             out.append((base_to_residual @ column)[..., 0])
         else:
-            out.append(np.zeros((len(row), 3)))
+            out.append(np.zeros((len(by_x), 3)))
     return out

@@ -71,7 +71,7 @@ def fits_same_points(one: Calibration, other: Calibration) -> bool:
 
 def options_for_links(calibration: Calibration) -> FitOptions:
     """What was asked of a fit, as far as it concerns the link errors."""
-    return calibration.options.for_parameters(calibration.dataset.robot.parameter_names)
+    return calibration.options.for_parameters(calibration.model.geometry_names)
 
 
 def _fitted(name: str, calibration: Calibration) -> Version:

@@ -158,12 +158,20 @@ class Dataset:
     jig: Jig = field(default_factory=Jig)
     warnings: tuple[str, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
+    jig_is_declared: bool = True  # False: dataset.toml has no [jig], so points.csv may be of mirrors or balls
 
     def scan_path(self, pose: int) -> Path | None:
         """Where the scan of a pose lies; None where the dataset has no scans."""
         if self.folder is None or self.scan_folder is None:
             return None
         return self.folder / self.scan_folder / self.poses.scan_names[pose]
+
+    @property
+    def shows_faces(self) -> bool:
+        """Whether what is measured is a jig with faces, not mirrors or balls, as further targets are."""
+        if self.scan_folder is not None or self.points is None:
+            return True
+        return self.jig_is_declared and bool(np.all(self.points.target == "jig"))
 
     def with_points(self, points: Points) -> Dataset:
         return replace(self, points=points)

@@ -84,7 +84,8 @@ def _handed(state: RobotState) -> tuple[np.ndarray, ...]:
     """The arrays that `apply` is given and must not write to."""
     poses = state.poses
     optional = (poses.payload_kg, poses.temperature_c, poses.time_s, poses.approach)
-    arrays = (state.table, state.base_rotvec_rad, state.displacement_mm, poses.q)
+    offsets = state.target_offsets_mm.values()
+    arrays = (state.table, state.base_rotvec_rad, state.displacement_mm, *offsets, poses.q)
     return (*arrays, *(array for array in optional if array is not None))
 
 

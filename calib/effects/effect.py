@@ -26,7 +26,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.effects.checked_apply import checked_apply, checked_meaning, is_users
 from calib.effects.state import RobotState
+from calib.kinematics.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,14 @@ class Effect(Protocol):
     @property
     def apply(self) -> Callable[..., RobotState]:
         """`apply(state, **values)`: the state with the effect in it."""
+        ...
+
+
+class RobotCorrection(Effect, Protocol):
+    """An effect whose values are errors of what robot.toml holds."""
+
+    def corrected(self, robot: Robot, values: Array) -> Robot:
+        """The robot with these errors, in the order of the parameters, built in."""
         ...
 
 
@@ -126,9 +135,9 @@ def family_name(effect: Effect) -> str:
 def full_name(effect: Effect, parameter: Parameter) -> str:
     """A parameter's name in a model: `family.parameter`, or `family.J2.parameter` where the effect is of a joint.
 
-    Entries of the robot's table keep their own names, a1 ... betaTCP.
+    Corrections of robot.toml keep their own names, a1 ... betaTCP and smr2.x.
     """
-    if changes_table(effect):
+    if corrects_robot(effect):
         return parameter.name
     joint = getattr(effect, "joint", None)
     middle = "" if joint is None else f".J{int(joint) + 1}"
@@ -183,13 +192,13 @@ def apply_values(effect: Effect, state: RobotState, values: Array) -> RobotState
     return checked_apply(effect, state, named) if is_users(effect) else effect.apply(state, **named)
 
 
-def changes_table(effect: Effect) -> bool:
-    """Whether the effect says, by `changes_table = True`, that its values are the errors of the robot's table.
+def corrects_robot(effect: Effect) -> TypeGuard[RobotCorrection]:
+    """Whether the effect says, by `corrects_robot = True`, that its values are errors of what robot.toml holds.
 
-    There is one value for each entry, row by row, so that they can be built into robot.toml. For this package's own
-    effects only: whoever adds one value by `add_link_error` has another effect.
+    They can be built into it, and are part of every fit. For this package's own effects only: whoever adds one value by
+    `add_link_error` has another effect.
     """
-    return not is_users(effect) and getattr(effect, "changes_table", False) is True
+    return not is_users(effect) and getattr(effect, "corrects_robot", False) is True
 
 
 def is_linear(effect: Effect) -> bool:

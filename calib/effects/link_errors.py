@@ -1,4 +1,4 @@
-"""The link errors of the five-parameter model: the effect that every calibration starts with."""
+"""Corrections of what robot.toml holds, which every calibration starts with: link errors, and places of targets."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.array_types import Array
 from calib.effects.effect import Parameter
 from calib.effects.state import RobotState
-from calib.kinematics.robot import LENGTH_KINDS, PARAMETER_KINDS, Robot
+from calib.kinematics.robot import LENGTH_KINDS, PARAMETER_KINDS, Robot, Target
 
 TOLERANCE_MM = 1.0
 """Manufacturing tolerance of a length, the default prior's sigma."""
@@ -30,7 +31,7 @@ class LinkErrors:
     tolerances: Mapping[str, float] = field(default_factory=dict)
     name = "link_errors"
     linear = True
-    changes_table = True
+    corrects_robot = True
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -52,3 +53,62 @@ class LinkErrors:
         """The table with the errors added; mm and rad, by the names of the table's entries."""
         errors = np.array([values[p.name] for p in self.parameters])
         return replace(state, table=state.table + errors.reshape(state.table.shape[1:]))
+
+    def corrected(self, robot: Robot, values: Array) -> Robot:
+        """The robot with the errors in its table."""
+        return robot.with_table(robot.table + values.reshape(robot.table.shape))
+
+
+@dataclass(frozen=True)
+class TargetOffsets:
+    """Where further targets on the tool really sit: an offset along x, y and z of the last joint's frame, mm.
+
+    `tolerances` gives single offsets, by name, another tolerance than their target's.
+    """
+
+    targets: tuple[Target, ...]
+    tolerances: Mapping[str, float] = field(default_factory=dict)
+    name = "target_offsets"
+    linear = True
+    corrects_robot = True
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """smr2.x smr2.y smr2.z ... of each target."""
+        return tuple(
+            Parameter(
+                name,
+                unit="mm",
+                scale=self.tolerances.get(name, target.tolerance_mm),
+                doc=f"{name[-1]} of target {target.name}",
+                nominal=float(value),
+            )
+            for target in self.targets
+            for name, value in zip(target_parameter_names(target), target.xyz_mm, strict=True)
+        )
+
+    def apply(self, state: RobotState, **values: float) -> RobotState:
+        """The targets moved; mm, by the parameters' names."""
+        moved = {
+            target.name: state.target_offsets_mm[target.name]
+            + np.array([values[name] for name in target_parameter_names(target)])
+            for target in self.targets
+        }
+        return replace(state, target_offsets_mm={**state.target_offsets_mm, **moved})
+
+    def corrected(self, robot: Robot, values: Array) -> Robot:
+        """The robot with the offsets in its targets' places."""
+        offset_mm = dict(zip((target.name for target in self.targets), values.reshape(-1, 3), strict=True))
+
+        def moved(target: Target) -> Target:
+            if target.name not in offset_mm:
+                return target
+            x, y, z = (np.array(target.xyz_mm) + offset_mm[target.name]).tolist()
+            return replace(target, xyz_mm=(x, y, z))
+
+        return replace(robot, targets=tuple(map(moved, robot.targets)))
+
+
+def target_parameter_names(target: Target) -> tuple[str, ...]:
+    """smr2.x smr2.y smr2.z."""
+    return tuple(f"{target.name}.{axis}" for axis in "xyz")

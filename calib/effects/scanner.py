@@ -154,7 +154,14 @@ class IncidenceBias(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One member."""
+        """One member, for a jig alone."""
+        if not dataset.shows_faces:
+            return Family(
+                cls.name,
+                (),
+                "points.csv is of mirrors or balls, as a tracker measures them, and these have no faces that turn away",
+                "where the points are of a jig with faces, say so in dataset.toml: [jig]",
+            )
         return Family(cls.name, (cls(),))
 
 

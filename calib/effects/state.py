@@ -63,9 +63,13 @@ class RobotState:
 
     @cached_property
     def vector(self) -> Array:
-        """(1 or N, S) all in one row a pose: table, base turn, displacement, target's turn; S = 5 (n + 1) + 9."""
+        """(1 or N, S) all in one row a pose: table, base turn, displacement, target's turn, offsets of T targets.
+
+        S = 5 (n + 1) + 9 + 3 T.
+        """
         turns = [self.base_rotvec_rad, self.displacement_mm, self.target_rotvec_rad]
-        parts = [self.table.reshape(len(self.table), -1), *turns]
+        offsets = [np.atleast_2d(offset_mm) for offset_mm in self.target_offsets_mm.values()]
+        parts = [self.table.reshape(len(self.table), -1), *turns, *offsets]
         rows = max(map(len, parts))
         return np.concatenate([np.broadcast_to(p, (rows, p.shape[1])) for p in parts], axis=1)
 

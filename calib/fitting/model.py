@@ -20,7 +20,7 @@ from calib.effects.effect import (
     Effect,
     Parameter,
     apply_values,
-    changes_table,
+    corrects_robot,
     family_name,
     full_name,
     state_derivative,
@@ -65,8 +65,13 @@ class Model:
 
     @property
     def added_effects(self) -> tuple[Effect, ...]:
-        """The effects beyond the link errors, in the order they were added."""
-        return tuple(effect for effect in self.effects if not changes_table(effect))
+        """The effects beyond the corrections of robot.toml, in the order they were added."""
+        return tuple(effect for effect in self.effects if not corrects_robot(effect))
+
+    @property
+    def geometry_names(self) -> tuple[str, ...]:
+        """Names of the parameters that correct robot.toml: of the links, and of the targets that were measured."""
+        return tuple(p.name for effect in self.effects if corrects_robot(effect) for p in effect.parameters)
 
     @property
     def family_names(self) -> tuple[str, ...]:
@@ -164,12 +169,12 @@ class Model:
         return np.concatenate(columns, axis=-1)[..., self._is_free]
 
     def calibrated_robot(self, x: ArrayLike) -> Robot:
-        """The robot with its link errors built into the table; other effects have no place in robot.toml."""
-        table = self.robot.table
+        """The robot with its link errors and its targets' offsets; other effects have no place in robot.toml."""
+        robot = self.robot
         for effect, values in zip(self.effects, self._values_by_effect(x), strict=True):
-            if changes_table(effect):
-                table = table + values.reshape(table.shape)
-        return self.robot.with_table(table)
+            if corrects_robot(effect):
+                robot = effect.corrected(robot, values)
+        return robot
 
 
 def geometric_model(robot: Robot) -> Model:
@@ -192,7 +197,18 @@ def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array
         by_turn = by_turn @ (np.eye(3) + 0.5 * frames.skew(state.base_rotvec_rad))
     eye = np.broadcast_to(np.eye(3), (len(chain_mm), 3, 3))
     still = np.zeros_like(eye)  # a turn of the target about its own point moves no point
-    return turned_mm + state.displacement_mm, np.concatenate([by_table, by_turn, eye, still], axis=-1)
+    offsets = [_by_offset(state) if name == target else still for name in state.target_offsets_mm]
+    return turned_mm + state.displacement_mm, np.concatenate(
+        [by_table, by_turn, eye, still, *offsets], axis=-1
+    )
+
+
+def _by_offset(state: RobotState) -> Array:
+    """(N, 3, 3) derivative of a further target's position by its place in the last joint's frame."""
+    turn = state.chain.base_T_flange[:, :3, :3]
+    if np.any(state.base_rotvec_rad):
+        turn = frames.rotation_from_rotvec(state.base_rotvec_rad) @ turn
+    return turn
 
 
 def turn_by_state(state: RobotState) -> Array:
@@ -208,7 +224,8 @@ def turn_by_state(state: RobotState) -> Array:
         turned = frames.rotation_from_rotvec(state.target_rotvec_rad)
         by_table, by_base = turned @ by_table, turned @ by_base
         by_target = eye @ (np.eye(3) + 0.5 * frames.skew(state.target_rotvec_rad))
-    return np.concatenate([by_table, by_base, np.zeros_like(eye), by_target], axis=-1)
+    offsets = [np.zeros_like(eye) for _ in state.target_offsets_mm]
+    return np.concatenate([by_table, by_base, np.zeros_like(eye), by_target, *offsets], axis=-1)
 
 
 def _target_mm(state: RobotState, target: str) -> Array:
@@ -223,7 +240,7 @@ def effect_columns(by_state: Array, effect: Effect, state: RobotState, values: A
 
     by_state  # (N, 3, S), of `point_by_state`
     """
-    if changes_table(effect):  # the table comes first in the state's vector
+    if isinstance(effect, LinkErrors):  # the table comes first in the state's vector
         return by_state[..., : len(values)]
     out = np.empty((*by_state.shape[:2], len(values)))
     for k, derivative in enumerate(state_derivative(effect, state, values)):

@@ -20,11 +20,12 @@ from calib import frames
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.dataset.dataset import Dataset
+from calib.effects.link_errors import target_parameter_names
 from calib.errors import FitError
 from calib.fitting.scanner_frame import orthonormal
 from calib.identifiability.redundancy import Redundancy, analyse
 from calib.kinematics import chain as kinematics
-from calib.kinematics.robot import Robot
+from calib.kinematics.robot import Robot, Target
 from calib.options import RESIDUAL_KINDS
 
 MM_PER_RADIAN = 500.0
@@ -47,11 +48,11 @@ def redundancy(dataset: Dataset, *, residual: str = "position") -> Redundancy:
 
     "position" and "pose" with the scanner's frame known; "distance" and "pairs" need none.
     """
-    columns, moved = _at_training_poses(dataset, residual, frame_known=True)
+    columns, moved, names, units = _at_training_poses(dataset, residual, frame_known=True)
     return analyse(
         columns,
-        dataset.robot.parameter_names,
-        dataset.robot.parameter_units,
+        names,
+        units,
         moved=moved,
         measured_by=MEASURED_BY[residual],
         observed=_OBSERVED.get(residual, "the distances"),
@@ -84,8 +85,7 @@ class FreeFrameRank:
 
 def free_frame_rank(dataset: Dataset, *, residual: str = "position") -> FreeFrameRank:
     """How many parameters can be identified where the scanner's frame is unknown."""
-    columns, moved = _at_training_poses(dataset, residual, frame_known=False)
-    names, units = dataset.robot.parameter_names, dataset.robot.parameter_units
+    columns, moved, names, units = _at_training_poses(dataset, residual, frame_known=False)
     here = analyse(columns, names, units, moved=moved).rank
     best = {kind: structural_rank(dataset.robot, residual=kind) for kind in RESIDUAL_KINDS}
     return FreeFrameRank(residual, here, best)
@@ -114,44 +114,89 @@ def fewest_poses(robot: Robot, *, residual: str = "position", setups: int = 1, r
     return (max(structural_rank(robot, residual=residual), rank) + unknowns) // each + 1
 
 
-def _at_training_poses(dataset: Dataset, residual: str, *, frame_known: bool) -> tuple[Array, Array]:
-    poses = dataset.poses
+def _at_training_poses(
+    dataset: Dataset, residual: str, *, frame_known: bool
+) -> tuple[Array, Array, tuple[str, ...], tuple[str, ...]]:
+    """As `_columns`, with the names and units of the columns.
+
+    Further targets that were measured there have rows of their own, and columns for where they sit; distances are of
+    the tool point alone.
+    """
+    poses, robot = dataset.poses, dataset.robot
     rows = [poses.reference, *(int(i) for i in np.flatnonzero(poses.role == "train"))]
+    points = dataset.points
+    names, units = robot.parameter_names, robot.parameter_units
+    trained = None if points is None else np.isin(points.pose, rows)
+    measured = () if points is None or residual == "distance" else set(points.target[trained].tolist())
+    targets = tuple(target for target in robot.targets if target.name in measured)
+    of_target = None
+    if targets and points is not None:
+        names += tuple(name for target in targets for name in target_parameter_names(target))
+        units += ("mm",) * 3 * len(targets)
+        order = {"jig": -1} | {target.name: k for k, target in enumerate(targets)}
+        pairs = dict.fromkeys(
+            (int(pose), order[str(name)])
+            for pose, name in zip(points.pose[trained], points.target[trained], strict=True)
+        )
+        rows = [pose for pose, _ in pairs]
+        of_target = np.array([target for _, target in pairs])
     columns, moved = _columns(
-        dataset.robot, poses.q[rows], poses.setup[rows], residual, frame_known=frame_known
+        robot,
+        poses.q[rows],
+        poses.setup[rows],
+        residual,
+        frame_known=frame_known,
+        targets=targets,
+        of_target=of_target,
     )
     if len(columns) < 2:
         raise FitError(
             f"dataset {dataset.name}: its training poses give {len(columns)} distances between different places of one "
             "setup; two or more are needed"
         )
-    return columns, moved
+    return columns, moved, names, units
 
 
 def _columns(
-    robot: Robot, q: Array, setup: NDArray[np.str_], residual: str, *, frame_known: bool
+    robot: Robot,
+    q: Array,
+    setup: NDArray[np.str_],
+    residual: str,
+    *,
+    frame_known: bool,
+    targets: tuple[Target, ...] = (),
+    of_target: IndexArray | None = None,
 ) -> tuple[Array, Array]:
     """The Jacobian (R, P) of what a residual compares, and its columns' norms (P,) before unknowns are projected out.
 
     q  # (N, n); setup  # (N,), whose first pose is the one that distances start from
+    of_target  # (N,) which of `targets` is seen in each row, -1 for the tool point; None: nothing else
     """
     if residual not in RESIDUAL_KINDS:
         raise FitError(f"no residual named {residual!r}; there are {', '.join(RESIDUAL_KINDS)}")
     chain = kinematics.forward(robot.table, q, robot.is_revolute)
-    columns = kinematics.point_jacobian(chain, chain.target_mm).reshape(len(q), 3, -1)
+    points_mm = chain.target_mm
+    if of_target is None:
+        columns = kinematics.point_jacobian(chain, points_mm).reshape(len(q), 3, -1)
+    else:
+        points_mm, columns = _columns_of_targets(chain, targets, of_target)
     setups = [np.flatnonzero(setup == name) for name in np.unique(setup)]
     if residual == "distance":
         distances = [_distance_columns(chain.target_mm[rows], columns[rows]) for rows in setups]
         return np.concatenate(distances), np.linalg.norm(columns, axis=(0, 1))
     absorbed = []
     if not frame_known or residual == "pairs":
-        absorbed = [_motion(chain.target_mm, rows) for rows in setups]
+        absorbed = [_motion(points_mm, rows) for rows in setups]
     if residual == "pose":
         turn = MM_PER_RADIAN * kinematics.turn_jacobian(chain).reshape(len(q), 3, -1)
+        turn = np.concatenate([turn, np.zeros((len(q), 3, columns.shape[-1] - turn.shape[-1]))], axis=2)
         columns = np.concatenate([columns, turn], axis=1)
         seat = np.zeros((len(q), 6, 3))
         seat[:, 3:] = MM_PER_RADIAN * chain.base_T_frame[:, -1, :3, :3]
         absorbed.append(seat)
+        if of_target is not None:  # further targets have no orientation
+            for block in (columns, *absorbed):
+                block[of_target >= 0, 3:] = 0.0
     moved = np.linalg.norm(columns, axis=(0, 1))
     columns = np.asarray(columns.reshape(-1, columns.shape[-1]), dtype=np.float64)
     if absorbed:
@@ -161,6 +206,25 @@ def _columns(
         )
         columns = columns - basis @ (basis.T @ columns)
     return columns, moved
+
+
+def _columns_of_targets(
+    chain: kinematics.Chain, targets: tuple[Target, ...], of_target: IndexArray
+) -> tuple[Array, Array]:
+    """The points (N, 3), each of its target, and their derivative by table and targets' places (N, 3, P)."""
+    turn, origin_mm = chain.base_T_flange[:, :3, :3], chain.base_T_flange[:, :3, 3]
+    places_mm = np.array([target.xyz_mm for target in targets])[of_target]
+    further = of_target >= 0
+    points_mm = np.where(
+        further[:, None], np.einsum("nij,nj->ni", turn, places_mm) + origin_mm, chain.target_mm
+    )
+    by_table = kinematics.point_jacobian(chain, points_mm)
+    by_table[further, :, -1] = 0.0  # further targets are fixed to the flange, not to the tool row
+    by_place = np.zeros((len(of_target), 3, len(targets), 3))
+    by_place[further, :, of_target[further]] = turn[further]
+    return points_mm, np.concatenate(
+        [part.reshape(len(of_target), 3, -1) for part in (by_table, by_place)], axis=2
+    )
 
 
 def _motion(points_mm: Array, rows: IndexArray) -> Array:

@@ -71,12 +71,17 @@ class Tool(Link):
     extra: Mapping[str, Any] = field(default_factory=dict)
 
 
+TARGET_TOLERANCE_MM = 0.5
+"""How far a target's coordinate may be off where robot.toml does not say it: the default prior's sigma."""
+
+
 @dataclass(frozen=True)
 class Target:
-    """A further measured point on the tool, in the last joint's frame."""
+    """A further measured point on the tool, in the last joint's frame. A fit holds it within about its tolerance."""
 
     name: str
     xyz_mm: Vector
+    tolerance_mm: float = TARGET_TOLERANCE_MM
 
 
 @dataclass(frozen=True)

@@ -104,6 +104,7 @@ def load_dataset(folder: str | Path) -> Dataset:
         jig=jig,
         warnings=tuple(warnings),
         extra=dict(top.unread()) | ({"jig": jig_extra} if jig_extra else {}),
+        jig_is_declared="jig" in top.data,
     )
 
 
@@ -246,6 +247,8 @@ def _dataset_document(dataset: Dataset) -> dict[str, Any]:
     if dataset.scanner.orientation_sigma_rad is not None:
         sigmas["orientation_sigma_deg"] = math.degrees(dataset.scanner.orientation_sigma_rad)
     document["scanner"] = {k: v for k, v in sigmas.items() if v is not None} | dict(dataset.scanner.extra)
+    if not dataset.jig_is_declared:
+        return document
     jig = dataset.jig
     document["jig"] = {
         "shape": jig.shape,

@@ -34,6 +34,7 @@ def _sizes(robot: Robot) -> Iterator[tuple[str, str, float | tuple[float, float,
     yield from _of_link("[tool].", robot.tool)
     for number, target in enumerate(robot.targets, 1):
         yield f"[[targets]] {number}.", "xyz_mm", target.xyz_mm
+        yield f"[[targets]] {number}.", "tolerance_mm", target.tolerance_mm
 
 
 def _of_link(place: str, link: Joint | Tool) -> Iterator[tuple[str, str, float | tuple[float, float, float]]]:

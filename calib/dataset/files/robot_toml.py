@@ -12,7 +12,7 @@ import tomli_w
 
 from calib.dataset.files.toml_table import TomlTable
 from calib.errors import DatasetError
-from calib.kinematics.robot import Joint, Robot, Target, Tool
+from calib.kinematics.robot import TARGET_TOLERANCE_MM, Joint, Robot, Target, Tool
 from calib.options import BUILTIN_ROBOTS
 
 
@@ -46,7 +46,8 @@ def load_robot(path: Path) -> Robot:
             raise table.error(
                 "name", f"found {name!r} a second time", 'each target needs its own ("jig" is the tool)'
             )
-        targets.append(Target(name, xyz_mm))
+        tolerance_mm = table.number("tolerance_mm", TARGET_TOLERANCE_MM, positive=True) or TARGET_TOLERANCE_MM
+        targets.append(Target(name, xyz_mm, tolerance_mm))
     robot = Robot(
         name=top.text("name") or path.stem,
         joints=joints,
@@ -136,8 +137,14 @@ def robot_to_toml(robot: Robot) -> str:
         }
     ) | dict(tool.extra)
     if robot.targets:
-        document["targets"] = [{"name": t.name, "xyz_mm": list(t.xyz_mm)} for t in robot.targets]
+        document["targets"] = [_target_document(target) for target in robot.targets]
     return tomli_w.dumps(document)
+
+
+def _target_document(target: Target) -> dict[str, Any]:
+    usual = target.tolerance_mm == TARGET_TOLERANCE_MM
+    tolerance = {} if usual else {"tolerance_mm": target.tolerance_mm}
+    return {"name": target.name, "xyz_mm": list(target.xyz_mm), **tolerance}
 
 
 def _link_document(link: Joint | Tool) -> dict[str, Any]:

@@ -1,0 +1,191 @@
+"""Further targets on the tool: their own unknown places are part of a fit, and their mirrors have no faces."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.calibration.calibrate import calibrate
+from calib.dataset.dataset import Dataset, Points
+from calib.dataset.files.folder import load_dataset, write_dataset
+from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_toml
+from calib.diagnosis.diagnose import diagnose
+from calib.effects.catalogue import effects_for
+from calib.errors import DatasetError, FitError
+from calib.fitting.observations import Observations
+from calib.fitting.residual_kinds import make_residuals
+from calib.identifiability.structural import free_frame_rank, redundancy
+from calib.kinematics.robot import Robot, Target, Tool
+from calib.options import FitOptions
+from tests.support.arms import dataset_of, elementary_points, perturbed, random_transform
+from tests.support.fit_cases import check_gradient
+
+SIGMA_MM = 0.05
+LAST_ROW = tuple(f"{kind}6" for kind in ("a", "alpha", "d", "theta", "beta"))
+MIRRORS = (
+    Target("smr1", (80.0, 0.0, 40.0)),
+    Target("smr2", (-30.0, 70.0, 60.0)),
+    Target("smr3", (-40.0, -60.0, 90.0)),
+)
+
+
+def with_tip(robot: Robot, xyz_mm: np.ndarray) -> Robot:
+    """The robot whose tool row ends at a point of the last joint's frame: Rz(theta) Trans(a, 0, d)."""
+    x, y, z = xyz_mm.tolist()
+    return replace(robot, tool=Tool(a_mm=math.hypot(x, y), theta_rad=math.atan2(y, x), d_mm=z))
+
+
+def mirror_dataset(
+    seed: int, *, jig: bool, poses: int = 60, offset_mm: float = 1.0
+) -> tuple[Dataset, Robot, np.ndarray]:
+    """Poses at which three mirrors (and the jig) were measured, each mirror 1 mm off; the true arm, the offsets (3, 3).
+
+    The last joint's row is true: its errors and a common motion of all targets are the same.
+    """
+    rng = np.random.default_rng(seed)
+    nominal = replace(builtin_robot("rb5"), targets=MIRRORS)
+    true = perturbed(nominal, rng, mm=0.5, rad=0.002)
+    table = true.table
+    table[5] = nominal.table[5]
+    true = true.with_table(table)
+    offsets = rng.normal(size=(3, 3))
+    offsets *= offset_mm / np.linalg.norm(offsets, axis=1)[:, None]
+    base = dataset_of(nominal, true, rng, poses=poses, test=20, sigma_mm=SIGMA_MM)
+    placed = random_transform(rng)
+    pose, xyz, names = [], [], []
+    for k, target in enumerate(MIRRORS):
+        tip = with_tip(true, np.array(target.xyz_mm) + offsets[k])
+        xyz.append(elementary_points(tip, base.poses.q))
+        pose.append(np.arange(poses))
+        names += [target.name] * poses
+    if jig:
+        xyz.append(elementary_points(true, base.poses.q))
+        pose.append(np.arange(poses))
+        names += ["jig"] * poses
+    points = np.concatenate(xyz) @ placed[:3, :3].T + placed[:3, 3]
+    points += SIGMA_MM * rng.normal(size=points.shape)
+    measured = Points(np.concatenate(pose), points, np.array(names))
+    return replace(base.with_points(measured), jig_is_declared=False), true, offsets
+
+
+@pytest.mark.parametrize("jig", [True, False])
+def test_places_of_targets_are_recovered(jig: bool) -> None:
+    dataset, _, offsets = mirror_dataset(3, jig=jig)
+    fitted = calibrate(dataset, FitOptions(held=LAST_ROW))
+    values = dict(zip((p.name for p in fitted.fit.parameters), fitted.fit.x, strict=True))
+    found = np.array([[values[f"{t.name}.{axis}"] for axis in "xyz"] for t in MIRRORS])
+    np.testing.assert_allclose(found, offsets, atol=0.15)
+    sigma = dict(zip((p.name for p in fitted.fit.parameters), fitted.fit.sigma, strict=True))
+    named = [sigma[f"{t.name}.{axis}"] for t in MIRRORS for axis in "xyz"]
+    assert np.max(np.abs(found - offsets).ravel() / named) < 4.0
+    assert fitted.after.test is not None
+    assert fitted.after.test.rmse_mm < 1.25 * math.sqrt(3.0) * SIGMA_MM
+    assert fitted.sigma_mm == pytest.approx(SIGMA_MM, rel=0.1)
+    moved = {target.name: target.xyz_mm for target in fitted.robot.targets}
+    for target, row in zip(MIRRORS, found, strict=True):
+        np.testing.assert_allclose(moved[target.name], np.array(target.xyz_mm) + row)
+
+
+def test_shape_of_the_targets_is_recovered_with_the_whole_arm_free() -> None:
+    dataset, _, offsets = mirror_dataset(4, jig=True)
+    fitted = calibrate(dataset)
+    places = np.array([t.xyz_mm for t in fitted.robot.targets])
+    true = np.array([t.xyz_mm for t in MIRRORS]) + offsets
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        assert np.linalg.norm(places[i] - places[j]) == pytest.approx(
+            np.linalg.norm(true[i] - true[j]), abs=0.06
+        )
+
+
+def test_targets_that_are_off_make_no_effect() -> None:
+    dataset, _, _ = mirror_dataset(5, jig=True)
+    found = diagnose(dataset)
+    assert found.verdict == "adequate"
+    assert found.missing == ()
+    (bias,) = [u for u in found.screenings[0].untestable if u.name == "incidence_bias"]
+    assert "no faces" in bias.why
+
+
+def test_incidence_bias_is_offered_for_a_jig_alone(tmp_path: Path) -> None:
+    def why_not(dataset: Dataset) -> str:
+        return next(family.why_not for family in effects_for(dataset) if family.name == "incidence_bias")
+
+    robot = builtin_robot("rb5")
+    jig = dataset_of(robot, robot, np.random.default_rng(0))
+    write_dataset(jig, tmp_path / "jig")
+    assert why_not(load_dataset(tmp_path / "jig")) == ""
+    write_dataset(replace(jig, jig_is_declared=False), tmp_path / "tracker")
+    assert "[jig]" not in (tmp_path / "tracker" / "dataset.toml").read_text()
+    assert "no faces" in why_not(load_dataset(tmp_path / "tracker"))
+    assert why_not(replace(load_dataset(tmp_path / "tracker"), scan_folder="scans")) == ""
+
+
+@pytest.mark.parametrize("kind", ["position", "pairs"])
+def test_gradient_with_targets(kind: str) -> None:
+    dataset, _, _ = mirror_dataset(6, jig=True, poses=30)
+    fitted = calibrate(dataset)
+    check_gradient(make_residuals(kind, fitted.model, Observations.of(dataset)), np.random.default_rng(1))
+
+
+def test_distances_are_of_the_tool_point_alone() -> None:
+    dataset, _, _ = mirror_dataset(7, jig=True)
+    names = {p.name for p in calibrate(dataset, FitOptions(residual="distance")).fit.parameters}
+    assert not any(name.startswith("smr") for name in names)
+    assert not any(name.startswith("smr") for name in redundancy(dataset, residual="distance").parameters)
+
+
+def test_a_target_without_points_is_no_parameter() -> None:
+    dataset, _, _ = mirror_dataset(8, jig=True)
+    assert dataset.points is not None
+    some = dataset.with_points(dataset.points.select(dataset.points.target != "smr3"))
+    names = {p.name for p in calibrate(some).fit.parameters}
+    assert "smr2.z" in names
+    assert "smr3.z" not in names
+    assert calibrate(some).robot.targets[2] == MIRRORS[2]
+
+
+def test_redundancy_of_mirrors_alone() -> None:
+    """A tool point that nobody measured has no influence, and the last row moves all mirrors together."""
+    dataset, _, _ = mirror_dataset(9, jig=False)
+    found = redundancy(dataset)
+    assert set(found.parameters) == {
+        *dataset.robot.parameter_names,
+        *(f"{t.name}.{a}" for t in MIRRORS for a in "xyz"),
+    }
+    assert {"aTCP", "dTCP", "alphaTCP"} <= set(found.no_influence)
+    residuals = make_residuals("position", calibrate(dataset).model, Observations.of(dataset))
+    scales = np.array([p.scale for p in residuals.parameters])
+    jacobian = residuals.linearise(np.zeros(len(scales))).jacobian * scales
+    s = np.linalg.svd(jacobian, compute_uv=False)
+    assert free_frame_rank(dataset).here == int(np.sum(s > 1e-9 * s[0]))
+    assert found.rank == free_frame_rank(dataset).here + 2  # d1 and theta1 show where the frame is known
+
+
+def test_tolerance_of_a_target(tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    robot = replace(builtin_robot("rb5"), targets=(replace(MIRRORS[0], tolerance_mm=2.0), MIRRORS[1]))
+    path.write_text(robot_to_toml(robot))
+    assert path.read_text().count("tolerance_mm") == 1
+    assert load_robot(path).targets == robot.targets
+    path.write_text(path.read_text().replace("tolerance_mm = 2.0", "tolerance_mm = -2.0"))
+    with pytest.raises(DatasetError, match="tolerance_mm"):
+        load_robot(path)
+
+
+def test_a_wide_tolerance_lets_a_target_be_far_off() -> None:
+    dataset, _, _ = mirror_dataset(10, jig=True, offset_mm=20.0)
+    wide = replace(
+        dataset, robot=replace(dataset.robot, targets=tuple(replace(t, tolerance_mm=20.0) for t in MIRRORS))
+    )
+    for fitted in (
+        calibrate(wide),
+        calibrate(dataset, FitOptions(tolerances={f"{t.name}.{a}": 20.0 for t in MIRRORS for a in "xyz"})),
+    ):
+        assert fitted.after.test is not None
+        assert fitted.after.test.rmse_mm < 1.25 * math.sqrt(3.0) * SIGMA_MM
+    with pytest.raises(FitError, match=r"smr4\.x"):
+        calibrate(dataset, FitOptions(tolerances={"smr4.x": 1.0}))
