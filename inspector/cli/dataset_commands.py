@@ -25,6 +25,7 @@ from calib.errors import DatasetError
 from calib.identifiability.structural import free_frame_rank, redundancy
 from calib.measurement.measured_points import failed_searches, label_faces, require_corners, with_corners
 from calib.options import BUILTIN_ROBOTS
+from calib.strict_json import to_json
 from inspector.cli.options import (
     CornersOptions,
     Output,
@@ -36,7 +37,6 @@ from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import processes, progress
 from inspector.export import json_documents as documents
 from inspector.export.csv_and_png import corners_csv, redundancy_csv
-from inspector.session.json_text import to_json
 
 
 def run_serve(options: ServeOptions) -> int:

@@ -17,9 +17,8 @@ from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
 from calib.options import FitOptions
 from inspector.session import transitions as sessions
-from inspector.session.json_reader import SessionFileError
 from inspector.session.session import Session, StepErrors
-from inspector.session.session_file import Saved
+from inspector.session.session_file import Saved, SessionFileError
 
 SAME = 1e-6  # share by which a figure may differ and still be the same
 

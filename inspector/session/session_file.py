@@ -21,24 +21,26 @@ from msgspec import Meta
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.fingerprint import fingerprint
 from calib.diagnosis.effect_selection import SelectedEffect
+from calib.errors import CalibError
 from calib.options import RESIDUAL_KINDS
-from inspector.session.json_reader import (
+from calib.strict_json import (
     LIST_LIMIT,
     AboveZero,
     Finite,
+    JsonFile,
     Place,
     Text,
     Texts,
-    checked,
-    checked_values,
-    fail,
-    read_object,
+    to_json,
 )
-from inspector.session.json_text import to_json
 from inspector.session.session import Session, StepErrors
 
 KIND, VERSION = "robot-calibration-inspector session", 1
 POSITION = "position"
+
+
+class SessionFileError(CalibError):
+    """A session file cannot be used."""
 
 
 class Shown(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -172,28 +174,24 @@ def _entry(
 
 def load_session(path: Path) -> Saved:
     """Read a session file. Raises SessionFileError in one line that names the file and the place."""
-    data = read_object(path)
-    if data.get("format") != KIND:
-        fail(path, ["format"], f"{data.get('format')!r:.80}", f"a session file says {KIND!r}")
-    if type(data.get("version")) is not int or data["version"] != VERSION:
-        fail(path, ["version"], f"{data.get('version')!r:.80}", f"this program reads version {VERSION}")
-    document = checked(path, [], data, _Document)
+    file = JsonFile(path, "session file", "save the session again", SessionFileError)
+    document = file.checked([], file.read(KIND, VERSION), _Document)
     for i, step in enumerate(document.history):
         if step.residual not in RESIDUAL_KINDS:
             expected = f"expected {' or '.join(RESIDUAL_KINDS)}"
-            fail(path, ["history", i, "residual"], repr(step.residual), expected)
+            file.fail(["history", i, "residual"], repr(step.residual), expected)
         for k, effect in enumerate(step.effects):
             place: Place = ["history", i, "effects", k, "sizes"]
             for name, size in effect.sizes.items():
                 if size is None:
-                    fail(path, [*place, name], "null", "a number above 0 is needed")
-            checked_values(path, place, effect.sizes, AboveZero)
+                    file.fail([*place, name], "null", "a number above 0 is needed")
+            file.checked_values(place, effect.sizes, AboveZero)
     dataset = document.dataset
     return Saved(
         path=path,
         folder=dataset.folder,
         name=dataset.name,
-        files=checked_values(path, ["dataset", "files"], dataset.files, Text),
+        files=file.checked_values(["dataset", "files"], dataset.files, Text),
         diagnosed=document.diagnosed or False,
         history=document.history,
         shown=document.shown,

@@ -1,0 +1,162 @@
+"""Strict JSON: files that someone else may have written are read with every value checked, documents are written.
+
+An error is one line that names the place in the file. Structs say what a file holds and msgspec checks it. What it says
+of an error is told in our words, since it names the type that is needed but not what was found, and among the values of
+a mapping not the one that it means. The text itself is read by json, which tells line and column of a mistake.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, NoReturn, TypeVar
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from calib.errors import CalibError
+
+TEXT_LIMIT = 2_000
+LIST_LIMIT = 1_000
+
+Text = Annotated[str, Meta(min_length=1, max_length=TEXT_LIMIT, pattern=r"\A[^\0]*\Z")]
+Texts = Annotated[tuple[Text, ...], Meta(max_length=LIST_LIMIT)]
+Finite = Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
+AboveZero = Annotated[float, Meta(gt=0.0, le=sys.float_info.max)]
+
+T = TypeVar("T")
+Place = list[str | int]  # keys and indices from the outermost value inwards
+
+OUT_OF_RANGE = "a finite number is needed"
+_REMEDIES = (  # by what msgspec says that it expects
+    ("`float` > 0", "a number above 0 is needed"),
+    ("`float", OUT_OF_RANGE),
+    ("`bool", "true or false is needed"),
+    ("`str", "a text is needed"),
+    ("`array", "a list [ ] is needed"),
+    ("`object", "an object { } is needed"),
+)
+
+
+@dataclass(frozen=True)
+class JsonFile:
+    """A JSON file to be read: what messages call it, and the error that they are told with."""
+
+    path: Path
+    kind: str  # "session file"
+    remedy: str  # what to do about one that is no JSON
+    error: type[CalibError]
+    size_limit: int = 10_000_000  # bytes
+
+    def read(self, kind: str, version: int) -> dict[str, Any]:
+        """The outermost object, whose `format` and `version` have to be these, else unchecked. Raises `error`."""
+        data = self._json()
+        if not isinstance(data, dict):
+            self.fail(["the file"], in_short(data), "an object { } is needed")
+        if data.get("format") != kind:
+            self.fail(["format"], f"{data.get('format')!r:.80}", f"a {self.kind} says {kind!r}")
+        if type(data.get("version")) is not int or data["version"] != version:
+            self.fail(["version"], f"{data.get('version')!r:.80}", f"this program reads version {version}")
+        return data
+
+    def _json(self) -> Any:
+        def constant(name: str) -> NoReturn:
+            raise self.error(f"{self.path}: found {name}; a {self.kind} holds finite numbers only")
+
+        try:
+            if self.path.stat().st_size > self.size_limit:
+                limit = f"{self.size_limit // 1_000_000} MB"
+                raise self.error(f"{self.path}: larger than {limit}, this is no {self.kind}")
+            return json.loads(self.path.read_text(encoding="utf-8"), parse_constant=constant)
+        except FileNotFoundError:
+            raise self.error(f"{self.path}: no such {self.kind}") from None
+        except (OSError, UnicodeDecodeError) as error:
+            raise self.error(f"{self.path}: cannot be read as text ({error})") from None
+        except json.JSONDecodeError as error:
+            where = f"line {error.lineno}, column {error.colno}"
+            raise self.error(f"{self.path}: {where}: not valid JSON ({error.msg}); {self.remedy}") from None
+        except (RecursionError, ValueError) as error:  # nested a thousand deep, a number of a thousand digits
+            raise self.error(f"{self.path}: not a {self.kind} ({type(error).__name__})") from None
+
+    def fail(self, place: Place, found: str, remedy: str) -> NoReturn:
+        """Raise `error`, naming file and place."""
+        keys = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in place)
+        raise self.error(f"{self.path}: {keys.removeprefix('.')}: found {found}; {remedy}")
+
+    def checked(
+        self, place: Place, value: Any, kind: type[T], dec_hook: Callable[[type, Any], Any] | None = None
+    ) -> T:
+        """The value at this place of the file as one of this kind. Raises `error` where it is none."""
+        try:
+            return msgspec.convert(value, kind, dec_hook=dec_hook)
+        except msgspec.ValidationError as error:
+            said = str(error)
+        inside = _place_in(said)
+        found = _value_at(value, inside)
+        if missing := re.match(r"Object missing required field `(\w+)`", said):
+            # What is said of a null there is what is needed there.
+            return self.checked(place, _with(value, inside, {**found, missing[1]: None}), kind, dec_hook)
+        if "of length" in said and isinstance(found, list):
+            self.fail([*place, *inside], f"{len(found)} entries", f"{LIST_LIMIT} are the most")
+        told = f"{found:g}" if "> 0" in said else in_short(found)
+        needs = (needed for expected, needed in _REMEDIES if said.startswith(f"Expected {expected}"))
+        self.fail([*place, *inside], told, next(needs, OUT_OF_RANGE))
+
+    def checked_values(self, place: Place, values: Mapping[str, Any], kind: type[T]) -> dict[str, T]:
+        """As `checked`, each value of a mapping: msgspec's errors do not tell which of them is meant."""
+        return {key: self.checked([*place, key], value, kind) for key, value in values.items()}
+
+
+def in_short(value: Any) -> str:
+    """What stands there, short enough for a line."""
+    if value is None:
+        return "nothing"
+    return f"{value!r:.60}".replace("\n", " ") + (" ..." if len(repr(value)) > 60 else "")
+
+
+def _place_in(said: str) -> Place:
+    """The keys and indices in "... - at `$.history[2].label`"."""
+    told = re.search(r" - at `\$(.*)`\Z", said)
+    steps = re.findall(r"\.(\w+)|\[(\d+)\]", told[1] if told else "")
+    return [key or int(index) for key, index in steps]
+
+
+def _value_at(value: Any, place: Place) -> Any:
+    for key in place:
+        value = value[key]
+    return value
+
+
+def _with(value: Any, place: Place, new: Any) -> Any:
+    """The value with something else at this place; nothing is changed in place."""
+    if not place:
+        return new
+    first, *rest = place
+    copy = dict(value) if isinstance(value, dict) else list(value)
+    copy[first] = _with(value[first], rest, new)  # type: ignore[index]
+    return copy
+
+
+def to_json(document: Mapping[str, Any]) -> str:
+    """Strict JSON: numbers that are not finite become null."""
+    return json.dumps(_plain(document), allow_nan=False, ensure_ascii=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
