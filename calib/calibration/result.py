@@ -82,7 +82,7 @@ class Calibration:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        out = [*self.dataset.warnings, *self.after.notes]
+        out = [*self.dataset.warnings, *self.dataset.notes, *self.after.notes]
         if not self.fit.converged:
             out.append(f"the fit did not converge: {self.fit.reason}")
         if self.weights is not None:

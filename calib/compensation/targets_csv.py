@@ -16,9 +16,12 @@ from calib.calibration.result import Calibration
 from calib.compensation.target_correction import Correction, needed_columns
 from calib.dataset.dataset import Poses
 from calib.dataset.files.csv_table import TableFile
+from calib.dataset.files.declared_units import internal
 from calib.dataset.files.poses_csv import (
     CONDITIONS,
     approach_columns,
+    found_joint_columns,
+    in_unit_of,
     joint_columns,
     load_conditions,
     load_joints,
@@ -46,16 +49,16 @@ def load_targets(path: Path, robot: Robot) -> Targets:
             f"{path}: no such file; a table with the columns {', '.join(joint_columns(robot))}"
         )
     file = TableFile.load(path)
-    columns = joint_columns(robot)
+    columns = found_joint_columns(file, robot)
     file.require(columns)
     if len(file) == 0:
         raise DatasetError(f"{path}: no row below the header; one row a target is needed")
-    q = load_joints(file, robot)
+    q = load_joints(file, columns)
     ids = names(file, "pose") if "pose" in file else [str(i + 1) for i in range(len(file))]
     poses = Poses(
         ids=tuple(ids),
         role=np.full(len(file), "train"),
-        q=np.where(robot.is_revolute, np.radians(q), q),
+        q=internal(q, columns),
         setup=np.full(len(file), ""),
         scan_names=("",) * len(file),
         extra=file.rest(["pose", *columns, *CONDITIONS, *approach_columns(robot)]),
@@ -80,8 +83,10 @@ def corrected_table(targets: Targets, correction: Correction) -> str:
     """The table with corrected joints as CSV text; `reached` says which targets the arm can reach."""
     robot = correction.robot
     cells = targets.file.cells.copy()
-    for k, (column, joint) in enumerate(zip(joint_columns(robot), robot.joints, strict=True)):
+    for k, column in enumerate(found_joint_columns(targets.file, robot)):
         q = correction.q[:, k]
-        cells[column] = [repr(degrees(v) if joint.is_revolute else float(v)) for v in q]
+        cells[column] = [
+            repr(degrees(v) if column.endswith("_deg") else in_unit_of(column, float(v))) for v in q
+        ]
     cells["reached"] = ["true" if reached else "false" for reached in correction.reached]
     return cells.to_csv(index=False, lineterminator="\n")

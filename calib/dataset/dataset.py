@@ -159,6 +159,7 @@ class Dataset:
     warnings: tuple[str, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
     jig_is_declared: bool = True  # False: dataset.toml has no [jig], so points.csv may be of mirrors or balls
+    notes: tuple[str, ...] = ()  # what is no mistake, and worth knowing
 
     def scan_path(self, pose: int) -> Path | None:
         """Where the scan of a pose lies; None where the dataset has no scans."""

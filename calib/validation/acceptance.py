@@ -104,6 +104,7 @@ def check(
         on_step: called with a line of text before each stage of the diagnosis.
     """
     items = [CheckItem("dataset", None, warning, warning=True) for warning in dataset.warnings]
+    items += [CheckItem("dataset", None, note) for note in dataset.notes]
     if searches:
         items += thin_scans({pose: s.count for pose, s in searches.items() if s.count is not None})
         items.append(_corners(searches))

@@ -163,10 +163,12 @@ def _whole_or_nothing(folder: Path) -> Iterator[None]:
 
 
 def load(path: Path) -> Dataset:
-    """Load the dataset and print its warnings to stderr."""
+    """Load the dataset and print its warnings and notes to stderr."""
     dataset = load_dataset(path)
     for warning in dataset.warnings:
         print(f"inspector: warning: {warning}", file=sys.stderr)
+    for note in dataset.notes:
+        print(f"inspector: note: {note}", file=sys.stderr)
     return dataset
 
 

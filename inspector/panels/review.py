@@ -135,7 +135,12 @@ class ReviewPanel:
                 ("poses", " · ".join(f"{roles.count(r)} {w}" for r, w in ROLE_WORDS.items() if r in roles)),
                 *([("scanner placements", len(set(poses.setup)))] if len(set(poses.setup)) > 1 else []),
             ]
-        ) + "".join(elements.alert(w, colour="#E69F00") for w in dataset.warnings)  # fmt: skip
+        ) + "".join(
+            [
+                *(elements.alert(w, colour="#E69F00") for w in dataset.warnings),
+                *(elements.note(n) for n in dataset.notes),
+            ]
+        )
         self._changed.put(self.pose, self.pose.options[view.pose])
         self._status.content = self._pose_status(view)
 

@@ -138,7 +138,6 @@ def drop_column(name: str, column: str) -> Callable[[Path], None]:
         (edit("dataset.toml", "point_sigma_mm = 0.05", "point_sigma_mm = 0"), ["point_sigma_mm", "above 0"]),
         (drop_column("poses.csv", "q3_deg"), ["poses.csv", "missing column q3_deg"]),
         (drop_column("points.csv", "z_mm"), ["points.csv", "missing column z_mm"]),
-        (drop_row("points.csv", 2), ["points.csv", "no point for pose p0002"]),
         (drop_row("poses.csv", 3), ["points.csv", "line 5", "'p0003' is not in poses.csv"]),
         (cell("poses.csv", 2, "pose", "p0001"), ["line 4, column pose", "stands in line 3 too"]),
         (cell("poses.csv", 0, "role", "train"), ["found 0 reference poses (none)"]),

@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 
 from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_toml
 from calib.errors import DatasetError
+from calib.frames import apply
+from calib.kinematics.chain import forward, target_points
 from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
 from tests.support.arms import jang_arm, perturbed
@@ -114,6 +116,45 @@ def test_mistakes_are_named(tmp_path: Path, old: str, new: str, says: str) -> No
     assert says in str(caught.value)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+ROW = "[tool]\na_mm = 0.0\nalpha_deg = 0.0\nd_mm = 50.0\ntheta_deg = 0.0\n"
+
+
+@pytest.mark.parametrize(
+    "xyz_mm",
+    [
+        (12.0, -40.0, 80.0),
+        (-12.0, -40.0, 80.0),
+        (-12.0, 40.0, -8.0),
+        (0.0, -40.0, 80.0),
+        (-30.0, 0.0, 80.0),
+        (0.0, 0.0, 0.0),
+    ],
+)
+def test_a_tool_given_as_a_point_is_there_at_every_pose(
+    tmp_path: Path, xyz_mm: tuple[float, float, float]
+) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text(GOOD)
+    plain = load_robot(path)
+    path.write_text(GOOD.replace(ROW, f"[tool]\nxyz_mm = {list(xyz_mm)}\n"))
+    robot = load_robot(path)
+    q = np.random.default_rng(1).uniform(-2.0, 2.0, (20, 2))
+    flange = forward(plain.table, q, plain.is_revolute).base_T_flange
+    np.testing.assert_allclose(target_points(robot, q), apply(flange, np.array(xyz_mm)), atol=1e-12)
+    assert abs(robot.tool.theta_rad) <= np.pi / 2
+    if xyz_mm[1] == 0.0:
+        assert (robot.tool.a_mm, robot.tool.theta_rad, robot.tool.d_mm) == (xyz_mm[0], 0.0, xyz_mm[2])
+    assert dict(robot.tool.extra) == {"maker": "us"}
+    assert written(robot, path).tool.row == pytest.approx(robot.tool.row, abs=1e-12)
+
+
+def test_a_tool_is_a_point_or_a_row(tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text(GOOD.replace("[tool]\n", "[tool]\nxyz_mm = [1.0, 2.0, 3.0]\n"))
+    with pytest.raises(DatasetError, match=r"\[tool\]\.a_mm: found beside xyz_mm; give the point or the row"):
+        load_robot(path)
 
 
 def test_metres_are_refused(tmp_path: Path) -> None:

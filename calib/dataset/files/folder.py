@@ -12,6 +12,8 @@ import tomli_w
 from calib.dataset.dataset import Dataset, Poses, Scanner
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.csv_table import TableFile
+from calib.dataset.files.declared_units import load_units
+from calib.dataset.files.points_checks import unmeasured_note
 from calib.dataset.files.points_csv import (
     LEAST_SIGMA_DEG,
     LEAST_SIGMA_MM,
@@ -63,16 +65,20 @@ def load_dataset(folder: str | Path) -> Dataset:
     robot = load_robot(robot_path)
     refuse_beyond(robot, robot_path)
     poses_path = _inside(folder, top.text("poses", "poses.csv") or "", top, "poses")
-    poses, warnings = load_poses(poses_path, robot)
+    units = load_units(top.table("units"))
+    poses, warnings = load_poses(poses_path, robot, units)
     points_name, scan_folder = top.text("points"), top.text("scans")
     if points_name is None and scan_folder is None:
         raise top.error(
             "points", "neither points nor scans is given", 'add points = "points.csv" or scans = "scans"'
         )
     points = None
+    notes: tuple[str, ...] = ()
     if points_name is not None:
-        points, point_warnings = load_points(_inside(folder, points_name, top, "points"), robot, poses)
+        points_path = _inside(folder, points_name, top, "points")
+        points, point_warnings = load_points(points_path, robot, poses, units)
         warnings += point_warnings
+        notes = unmeasured_note(points_path, poses, points)
     if scan_folder is not None:
         scans = _inside(folder, scan_folder, top, "scans")
         if not scans.is_dir():
@@ -103,6 +109,7 @@ def load_dataset(folder: str | Path) -> Dataset:
         scanner=scanner,
         jig=jig,
         warnings=tuple(warnings),
+        notes=notes,
         extra=dict(top.unread()) | ({"jig": jig_extra} if jig_extra else {}),
         jig_is_declared="jig" in top.data,
     )

@@ -1,9 +1,13 @@
-"""Warnings about measured points: a unit other than the millimetre, rows that were copied."""
+"""Warnings about measured points: another unit, another order of the quaternions, rows that were copied."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+
 import numpy as np
 
+from calib import frames
 from calib.array_types import Array
 from calib.dataset.dataset import Points, Poses
 from calib.kinematics import chain as kinematics
@@ -15,11 +19,17 @@ _ALIKE = (
 )
 _FEWEST_POINTS = 3
 _LEAST_SPREAD_MM = 20.0  # of the nominal arm's points; below it noise decides the ratio
+_FEWEST_ORIENTATIONS = 8
+_ENOUGH_ORIENTATIONS = 500
+_FITS_DEG = 5.0  # a nominal arm is closer to its measured orientations than that
+_FAR_BETTER = 5.0  # times the other order's misfit, or degrees
+_ROUNDS = 20
+_MOST_NAMED = 12  # poses in a note
 _POSES_IN_A_SOCKET = 5  # at which one place is met; a row copied by mistake stands there twice
 
 
-def unit_doubt(robot: Robot, poses: Poses, points: Points) -> str:
-    """Which other unit the points seem to have, as a sentence; "" where they are millimetres or it cannot be decided.
+def unit_doubt(robot: Robot, poses: Poses, points: Points, unit: str = "mm") -> str:
+    """Which unit the points seem to have instead of `unit`, as a sentence; "" where that one fits or none can be told.
 
     Neither turn nor shift of the scanner changes how far points spread about their mean. Each setup's spread is held
     against that of the nominal arm at the same poses; a ratio of 1 / 25.4 is that of inches.
@@ -34,17 +44,72 @@ def unit_doubt(robot: Robot, poses: Poses, points: Points) -> str:
     if nominal < np.count_nonzero(points.target == "jig") * _LEAST_SPREAD_MM**2 or measured <= 0.0:
         return ""
     ratio = float(np.sqrt(measured / nominal))
-    for unit, in_mm in UNITS_MM.items():
+    if unit == "m" and abs(np.log(ratio / 1000.0)) < _ALIKE:
+        return (
+            f"the points spread {ratio:.3g} times as far as the arm of robot.toml moves; columns are m, these look "
+            "like millimetres, name them x_mm, y_mm, z_mm"
+        )
+    for other, in_mm in UNITS_MM.items() if unit == "mm" else ():
         if abs(np.log(ratio * in_mm)) < _ALIKE:
             return (
                 f"the points spread {ratio:.3g} times as far as the arm of robot.toml moves; columns are mm, these "
-                f"look like {unit}, multiply them by {in_mm:g}"
+                f"look like {other}, multiply them by {in_mm:g}"
             )
     return ""
 
 
 def _square_spread(points_mm: Array) -> float:
     return float(np.sum((points_mm - points_mm.mean(axis=0)) ** 2))
+
+
+def order_doubt(robot: Robot, poses: Poses, points: Points, by_order: Mapping[str, Array]) -> str:
+    """Whether the quaternions fit the nominal arm far better in another order, as a sentence; "" where they do not.
+
+    Measured orientations are Y B X: B (M, 3, 3) those of the nominal arm's tool, Y the scanner's turn to the base and
+    X how the jig sits on the tool, both unknown constants.
+
+    Args:
+        by_order: the orientations by order of their columns from left to right, "wxyz" and "xyzw"; NaN: not known.
+    """
+    assert points.orientations is not None
+    setups = poses.setup[points.pose]
+    known = points.orientations.known
+    if not known.any():
+        return ""
+    names, counts = np.unique(setups[known], return_counts=True)
+    rows = np.flatnonzero(known & (setups == names[np.argmax(counts)]))  # one placement of the scanner, one Y
+    if len(rows) < _FEWEST_ORIENTATIONS:
+        return ""
+    rows = rows[:: -(-len(rows) // _ENOUGH_ORIENTATIONS)]
+    chain = kinematics.forward(robot.table, poses.q[points.pose[rows]], robot.is_revolute)
+    tool = chain.base_T_frame[:, -1, :3, :3]
+    as_read_deg = _misfit_deg(tool, points.orientations.scanner_R_jig[rows])
+    fits = {order: _misfit_deg(tool, turns[rows]) for order, turns in by_order.items()}
+    order = min(fits, key=lambda name: fits[name])
+    if fits[order] > _FITS_DEG or as_read_deg < _FAR_BETTER * max(fits[order], 1.0):
+        return ""
+    return (
+        f"the orientations miss those of the nominal arm by {as_read_deg:.3g} deg (rms) as they are read, and by "
+        f"{fits[order]:.3g} deg where the four columns hold {' '.join(order)} from left to right; if they do, write "
+        f'quaternion = "{order}" under [units] in dataset.toml'
+    )
+
+
+def _misfit_deg(tool: Array, measured: Array) -> float:
+    """RMS angle, deg, between measured (M, 3, 3) and Y tool X, of the best two constant turns Y and X.
+
+    sum of tr(measured^T Y tool X) is bilinear in the entries of Y and X: its leading singular vectors, made rotations,
+    are where alternating least squares starts.
+    """
+    form = np.einsum("nad,nbc->abcd", measured, tool).reshape(9, 9)
+    _, _, vt = np.linalg.svd(form)
+    x = frames.mean_rotation((vt[0] * np.sign(np.linalg.det(vt[0].reshape(3, 3)))).reshape(1, 3, 3))
+    y = np.eye(3)
+    for _ in range(_ROUNDS):
+        y = frames.mean_rotation(measured @ np.swapaxes(tool @ x, 1, 2))
+        x = frames.mean_rotation(np.swapaxes(y @ tool, 1, 2) @ measured)
+    angle = frames.rotvec_from_rotation(np.swapaxes(y @ tool @ x, 1, 2) @ measured)
+    return float(np.degrees(np.sqrt(np.mean(np.sum(angle**2, axis=1)))))
 
 
 def copied_rows(poses: Poses, points: Points) -> list[tuple[int, int]]:
@@ -68,4 +133,18 @@ def _is_socket(poses: Poses, points: Points, rows: list[int]) -> bool:
     return (
         len(rows) >= _POSES_IN_A_SOCKET
         and len(np.unique(poses.q[points.pose[rows]], axis=0)) >= _POSES_IN_A_SOCKET
+    )
+
+
+def unmeasured_note(path: Path, poses: Poses, points: Points) -> tuple[str, ...]:
+    """How many poses have no point and which, as a note; none where all have one."""
+    without = np.setdiff1d(np.arange(len(poses)), points.pose)
+    if not len(without):
+        return ()
+    names = ", ".join(poses.ids[i] for i in without[:_MOST_NAMED])
+    more = f" and {len(without) - _MOST_NAMED} more" if len(without) > _MOST_NAMED else ""
+    tests = int(np.count_nonzero(poses.is_test[without]))
+    return (
+        f"{path}: no point for {len(without)} of {len(poses)} poses, {len(without) - tests} to train on and {tests} to "
+        f"test; they are left out: {names}{more}",
     )

@@ -2,12 +2,15 @@
 
 Optional columns of a full pose: `qw, qx, qy, qz`, the unit quaternion of scanner_R_jig (all four empty where it is not
 known); the covariance of its error as a small turn about the scanner's axes, `rxx_rad2, rxy_rad2, rxz_rad2, ryy_rad2,
-ryz_rad2, rzz_rad2`; and that of the point's error with the turn's, `x_rx_mm_rad, x_ry_mm_rad ... z_rz_mm_rad`.
+ryz_rad2, rzz_rad2`; and that of the point's error with the turn's, `x_rx_mm_rad, x_ry_mm_rad ... z_rz_mm_rad`. Columns
+in metres have `m` in place of `mm` in their names, all of them. A row whose three coordinates are empty says that the
+point was not seen.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +22,24 @@ from scipy.spatial.transform import Rotation
 from calib.array_types import Array
 from calib.dataset.dataset import Orientations, Points, Poses
 from calib.dataset.files.csv_table import TableFile
-from calib.dataset.files.points_checks import copied_rows, unit_doubt
+from calib.dataset.files.declared_units import (
+    NOT_DECLARED,
+    QUATERNION_COLUMNS,
+    QUATERNION_ORDERS,
+    DeclaredUnits,
+    quaternion_order,
+    unit_of,
+)
+from calib.dataset.files.points_checks import copied_rows, order_doubt, unit_doubt
 from calib.dataset.files.poses_csv import short
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 
 COVARIANCE_COLUMNS = ("sxx_mm2", "sxy_mm2", "sxz_mm2", "syy_mm2", "syz_mm2", "szz_mm2")
-QUATERNION_COLUMNS = ("qw", "qx", "qy", "qz")
 TURN_COLUMNS = ("rxx_rad2", "rxy_rad2", "rxz_rad2", "ryy_rad2", "ryz_rad2", "rzz_rad2")
 CROSS_COLUMNS = tuple(f"{point}_r{turn}_mm_rad" for point in "xyz" for turn in "xyz")
+_XYZ_COLUMNS = ("x_mm", "y_mm", "z_mm")
+_IN_MM = {"mm": 1.0, "m": 1000.0}
 _UPPER = np.triu_indices(3)
 FARTHEST_MM = 1e9
 LEAST_SIGMA_MM, MOST_SIGMA_MM = 1e-6, 1e3  # as declared for an instrument; none is better or worse than that
@@ -38,10 +50,18 @@ _LEAST_OF_A_POINT = (
 _LEAST_EIGENVALUE = 1e-12  # of a covariance scaled to a unit diagonal: below it lies rounding
 
 
-def load_points(path: Path, robot: Robot, poses: Poses) -> tuple[Points, list[str]]:
-    """The points and warnings about them. Raises DatasetError."""
+def load_points(
+    path: Path, robot: Robot, poses: Poses, units: DeclaredUnits = NOT_DECLARED
+) -> tuple[Points, list[str]]:
+    """The points and warnings about them; poses without a point are none. Raises DatasetError."""
     file = TableFile.load(path)
-    file.require(["pose", "x_mm", "y_mm", "z_mm"])
+    unit = unit_of(file, {u: _in_length(_XYZ_COLUMNS, u) for u in ("mm", "m")}, units.length)
+    _refuse_mixed(file, unit)
+    xyz_columns = _in_length(_XYZ_COLUMNS, unit)
+    file.require(["pose", *xyz_columns])
+    file = _seen(file, xyz_columns)
+    if len(file) == 0:
+        raise DatasetError(f"{path}: no row with a point; one row a measured point is needed")
     ids = file.text("pose")
     index = {pose_id: i for i, pose_id in enumerate(poses.ids)}
     for row, pose_id in enumerate(ids):
@@ -49,14 +69,7 @@ def load_points(path: Path, robot: Robot, poses: Poses) -> tuple[Points, list[st
             raise file.error(
                 row, "pose", f"{short(pose_id)} is not in poses.csv", "remove the row or add the pose"
             )
-    measured = set(ids)
-    missing = [pose_id for pose_id in poses.ids if pose_id not in measured]
-    if missing:
-        raise DatasetError(
-            f"{path}: no point for pose {', '.join(missing[:5])}{' ...' if len(missing) > 5 else ''} "
-            f"({len(missing)} of {len(poses)}); add the rows or remove the poses"
-        )
-    xyz_mm = file.numbers(["x_mm", "y_mm", "z_mm"])
+    xyz_mm = file.numbers(list(xyz_columns)) * _IN_MM[unit]
     target = np.array(file.text("target") if "target" in file else ["jig"] * len(file))
     known_targets = ("jig", *(t.name for t in robot.targets))
     for row, name in enumerate(target):
@@ -64,37 +77,77 @@ def load_points(path: Path, robot: Robot, poses: Poses) -> tuple[Points, list[st
             raise file.error(
                 row, "target", f"found {short(name)}", f"robot.toml knows {', '.join(known_targets)}"
             )
-    _check_size(file, xyz_mm)
+    _check_size(file, xyz_mm, xyz_columns)
     covariance = None
-    if _any(file, COVARIANCE_COLUMNS):
+    covariance_columns = _in_length(COVARIANCE_COLUMNS, unit)
+    if _any(file, covariance_columns):
         limits = (_LEAST_OF_A_POINT * LEAST_SIGMA_MM, MOST_SIGMA_MM)
-        covariance = _load_covariance(file, COVARIANCE_COLUMNS, "mm", limits)
+        covariance = _load_covariance(file, covariance_columns, unit, limits, _IN_MM[unit])
     orientations = None
-    if _any(file, (*QUATERNION_COLUMNS, *TURN_COLUMNS, *CROSS_COLUMNS)):
-        orientations = _load_orientations(file, target, covariance)
+    if _any(file, (*QUATERNION_COLUMNS, *TURN_COLUMNS, *_in_length(CROSS_COLUMNS, unit))):
+        orientations = _load_orientations(file, target, covariance, unit, units.quaternion)
     pose = np.array([index[pose_id] for pose_id in ids], dtype=np.int64)
     points = Points(pose, xyz_mm, target, covariance, orientations)
-    return points, _warnings(file, robot, poses, points)
+    return points, _warnings(file, robot, poses, points, unit)
 
 
-def _check_size(file: TableFile, xyz_mm: Array) -> None:
+def _in_length(columns: Sequence[str], unit: str) -> tuple[str, ...]:
+    """The columns' names with another unit of length in the place of mm."""
+    return tuple(name.replace("_mm", f"_{unit}") for name in columns)
+
+
+def _refuse_mixed(file: TableFile, unit: str) -> None:
+    """Raise DatasetError where the points have one unit of length and their covariance another."""
+    other = "m" if unit == "mm" else "mm"
+    for columns in (COVARIANCE_COLUMNS, CROSS_COLUMNS):
+        if _any(file, _in_length(columns, other)) and not _any(file, _in_length(columns, unit)):
+            wrong = next(name for name in _in_length(columns, other) if name in file)
+            raise DatasetError(
+                f"{file.path}: line 1: found x_{unit} and {wrong}; give all of them in one unit, mm or m"
+            )
+
+
+def _seen(file: TableFile, xyz_columns: Sequence[str]) -> TableFile:
+    """The table without the rows whose three coordinates are empty or nan."""
+    cells = [file.text(name, allow_empty=True) for name in xyz_columns]
+    kept = [
+        row
+        for row, values in enumerate(zip(*cells, strict=True))
+        if any(value.lower() not in ("", "nan") for value in values)
+    ]
+    if len(kept) == len(file):
+        return file
+    lines = tuple(file.line(row) for row in kept)
+    return replace(file, cells=file.cells.iloc[kept].reset_index(drop=True), lines=lines)
+
+
+def _check_size(file: TableFile, xyz_mm: Array, columns: Sequence[str]) -> None:
     """Raise DatasetError where a coordinate is farther away than `FARTHEST_MM`."""
     beyond = np.argwhere(np.abs(xyz_mm) > FARTHEST_MM)
     if len(beyond):
         row, axis = map(int, beyond[0])
         found = f"found {xyz_mm[row, axis]:g} mm, beyond {FARTHEST_MM / 1e6:g} km"
-        raise file.error(row, f"{'xyz'[axis]}_mm", found, "correct it or remove the row")
+        raise file.error(row, columns[axis], found, "correct it or remove the row")
 
 
-def _warnings(file: TableFile, robot: Robot, poses: Poses, points: Points) -> list[str]:
+def _warnings(file: TableFile, robot: Robot, poses: Poses, points: Points, unit: str) -> list[str]:
     """Warnings about values that are possible but probably mistakes."""
     warnings = []
-    doubt = unit_doubt(robot, poses, points)
+    doubt = unit_doubt(robot, poses, points, unit)
     extent_mm = float(np.ptp(points.xyz_mm, axis=0).max())
-    if not doubt and len(poses) > 1 and 0.0 < extent_mm < 5.0 and np.ptp(poses.q, axis=0).max() > 0.2:
+    if (
+        unit == "mm"
+        and not doubt
+        and len(poses) > 1
+        and 0.0 < extent_mm < 5.0
+        and np.ptp(poses.q, axis=0).max() > 0.2
+    ):
         doubt = f"all points lie within {extent_mm:.3g} mm; columns are mm, these look like metres"
     if doubt:
         warnings.append(f"{file.path}: {doubt}")
+    turned = order_doubt(robot, poses, points, _by_order(file)) if points.orientations is not None else ""
+    if turned:
+        warnings.append(f"{file.path}: {turned}")
     copies = copied_rows(poses, points)
     if copies:
         earlier, row = copies[0]
@@ -111,11 +164,14 @@ def _any(file: TableFile, columns: Sequence[str]) -> bool:
 
 
 def _load_covariance(
-    file: TableFile, columns: tuple[str, ...], unit: str, limits: tuple[float, float]
+    file: TableFile, columns: tuple[str, ...], unit: str, limits: tuple[float, float], scale: float = 1.0
 ) -> Array:
-    """(M, 3, 3) of the six columns of its upper triangle; its sigmas lie within the limits, in every direction."""
+    """(M, 3, 3), mm^2 or rad^2, of the six columns of its upper triangle; `scale` makes mm of the columns' unit.
+
+    Its sigmas lie within the limits, mm or rad, in every direction.
+    """
     file.require(columns)
-    values = file.numbers(list(columns))
+    values = file.numbers(list(columns)) * scale**2
     covariance = np.zeros((len(values), 3, 3))
     covariance[:, _UPPER[0], _UPPER[1]] = values
     covariance[:, _UPPER[1], _UPPER[0]] = values
@@ -128,8 +184,9 @@ def _load_covariance(
         raise file.error(
             row,
             place,
-            f"found a sigma of {sigma[row, end]:.3g} {unit} in one direction",
-            f"a sigma lies between {limits[0]:.4g} and {limits[1]:.4g} {unit}; give a covariance in {unit}^2",
+            f"found a sigma of {sigma[row, end] / scale:.3g} {unit} in one direction",
+            f"a sigma lies between {limits[0] / scale:.4g} and {limits[1] / scale:.4g} {unit}; give a covariance in "
+            f"{unit}^2",
         )
     return covariance
 
@@ -144,10 +201,12 @@ def _check_positive(file: TableFile, covariance: Array, columns: str, remedy: st
 
 
 def _load_orientations(
-    file: TableFile, target: NDArray[np.str_], covariance_mm2: Array | None
+    file: TableFile, target: NDArray[np.str_], covariance_mm2: Array | None, unit: str, declared_order: str
 ) -> Orientations:
     file.require(QUATERNION_COLUMNS)
-    more = [c for c in (*TURN_COLUMNS, *CROSS_COLUMNS) if c in file]
+    order = quaternion_order(file, declared_order)
+    cross_columns = _in_length(CROSS_COLUMNS, unit)
+    more = [c for c in (*TURN_COLUMNS, *cross_columns) if c in file]
     cells = {c: file.text(c, allow_empty=True) for c in (*QUATERNION_COLUMNS, *more)}
     known = np.array([any(cells[c][row] for c in QUATERNION_COLUMNS) for row in range(len(file))], dtype=bool)
     for row in np.flatnonzero(known & (target != "jig")):
@@ -156,9 +215,9 @@ def _load_orientations(
         )
     filled = file.cells.copy()  # the unknown ones: anything that passes the checks, NaN in the end
     for column in cells:
-        filled.loc[~known, column] = "1" if column in ("qw", "rxx_rad2", "ryy_rad2", "rzz_rad2") else "0"
+        filled.loc[~known, column] = "1" if column in (order[0], "rxx_rad2", "ryy_rad2", "rzz_rad2") else "0"
     file = TableFile(file.path, filled)
-    quaternion = file.numbers(list(QUATERNION_COLUMNS))
+    quaternion = file.numbers(list(order))
     length = np.linalg.norm(quaternion, axis=1)
     for row in np.flatnonzero(np.abs(length - 1.0) > 1e-3):
         raise file.error(
@@ -174,16 +233,32 @@ def _load_orientations(
         limits = (_LEAST_OF_A_POINT * np.radians(LEAST_SIGMA_DEG), np.radians(MOST_SIGMA_DEG))
         turn = _load_covariance(file, TURN_COLUMNS, "rad", limits)
     cross = None
-    if _any(file, CROSS_COLUMNS):
-        file.require((*CROSS_COLUMNS, *COVARIANCE_COLUMNS, *TURN_COLUMNS))
+    if _any(file, cross_columns):
+        file.require((*cross_columns, *_in_length(COVARIANCE_COLUMNS, unit), *TURN_COLUMNS))
         assert covariance_mm2 is not None
         assert turn is not None
-        cross = file.numbers(list(CROSS_COLUMNS)).reshape(-1, 3, 3)
+        cross = file.numbers(list(cross_columns)).reshape(-1, 3, 3) * _IN_MM[unit]
         whole = np.block([[covariance_mm2, cross], [np.swapaxes(cross, 1, 2), turn]])
         _check_positive(
-            file, whole, "sxx_mm2 ... z_rz_mm_rad", "all 21 columns together are one covariance in mm and rad"
+            file,
+            whole,
+            f"sxx_{unit}2 ... z_rz_{unit}_rad",
+            f"all 21 columns together are one covariance in {unit} and rad",
         )
     return Orientations(scanner_R_jig, turn, cross)
+
+
+def _by_order(file: TableFile) -> dict[str, Array]:
+    """(M, 3, 3) the orientations in either order of the four columns from left to right; NaN where not known."""
+    columns = [name for name in file.cells.columns if name in QUATERNION_COLUMNS]
+    values = np.column_stack([pd.to_numeric(file.cells[name], errors="coerce") for name in columns])
+    known = np.isfinite(values).all(axis=1)
+    filled = np.where(known[:, None], values, 1.0)
+    out = {}
+    for order in QUATERNION_ORDERS:
+        turn = Rotation.from_quat(filled[:, [order.index(part) for part in "xyzw"]]).as_matrix()
+        out[order] = np.where(known[:, None, None], turn, np.nan)
+    return out
 
 
 def points_frame(poses: Poses, points: Points) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""poses.csv, read, checked and written: one row a pose, angles in degrees."""
+"""poses.csv, read, checked and written: one row a pose, angles in degrees, or in rad where they are named so."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import pandas as pd
 from calib.array_types import Array
 from calib.dataset.dataset import ROLES, Poses
 from calib.dataset.files.csv_table import TableFile
+from calib.dataset.files.declared_units import NOT_DECLARED, DeclaredUnits, internal, unit_of
 from calib.dataset.files.robot_toml import degrees
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
@@ -24,17 +25,35 @@ _LIMITS = {  # values beyond are in another unit: milliseconds since 1970, grams
     "time_s": (-1e11, 1e11),
     "deg": (-1e5, 1e5),
     "mm": (-1e6, 1e6),
+    "rad": (-1e4, 1e4),
+    "m": (-1e3, 1e3),
 }
+_LOOKS_LIKE_DEGREES = 20.0  # rad: no joint turns farther
 
 
-def joint_columns(robot: Robot) -> list[str]:
+def joint_columns(robot: Robot, angle: str = "deg", length: str = "mm") -> list[str]:
     """The columns of a joint vector: q1_deg ..., q3_mm for a prismatic joint."""
-    return [f"q{i + 1}_{'deg' if joint.is_revolute else 'mm'}" for i, joint in enumerate(robot.joints)]
+    return [f"q{i + 1}_{angle if joint.is_revolute else length}" for i, joint in enumerate(robot.joints)]
 
 
-def load_joints(file: TableFile, robot: Robot) -> Array:
-    """(N, n) the joints' columns as they stand in the file, degrees or mm. Raises DatasetError."""
-    columns = joint_columns(robot)
+def found_joint_columns(file: TableFile, robot: Robot, units: DeclaredUnits = NOT_DECLARED) -> list[str]:
+    """The joints' columns in the units that the table has. Raises DatasetError where they are mixed."""
+    turns = list(robot.is_revolute)
+
+    def of(names: list[str], revolute: bool) -> list[str]:
+        return [name for name, turning in zip(names, turns, strict=True) if turning == revolute]
+
+    angles = {unit: of(joint_columns(robot, angle=unit), True) for unit in ("deg", "rad")}
+    lengths = {unit: of(joint_columns(robot, length=unit), False) for unit in ("mm", "m")}
+    return joint_columns(
+        robot,
+        unit_of(file, angles, units.angle if any(turns) else ""),
+        unit_of(file, lengths, units.length if not all(turns) else ""),
+    )
+
+
+def load_joints(file: TableFile, columns: list[str]) -> Array:
+    """(N, n) the joints' columns as they stand in the file, in the units of their names. Raises DatasetError."""
     file.require(columns)
     return np.column_stack([_within(file, column, _LIMITS[column.rpartition("_")[2]]) for column in columns])
 
@@ -50,10 +69,10 @@ def _within(file: TableFile, column: str, limits: tuple[float, float]) -> Array:
     return values
 
 
-def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
+def load_poses(path: Path, robot: Robot, units: DeclaredUnits = NOT_DECLARED) -> tuple[Poses, list[str]]:
     """The poses and warnings about them. Raises DatasetError."""
     file = TableFile.load(path)
-    q_columns = joint_columns(robot)
+    q_columns = found_joint_columns(file, robot, units)
     file.require(["pose", "role", *q_columns])
     if len(file) == 0:
         raise DatasetError(f"{path}: no row below the header; one row a pose is needed")
@@ -72,14 +91,14 @@ def load_poses(path: Path, robot: Robot) -> tuple[Poses, list[str]]:
         raise DatasetError(
             f"{path}: column role: found {len(references)} reference poses ({where}); set exactly one"
         )
-    q_file = load_joints(file, robot)
-    warnings = [*_angle_warnings(file, q_file, robot)]
+    q_file = load_joints(file, q_columns)
+    warnings = [*_angle_warnings(file, q_file, q_columns, robot)]
     conditions = load_conditions(file, robot)
     known = ["pose", "role", *q_columns, *CONDITIONS, "setup", "scan", *approach_columns(robot)]
     poses = Poses(
         ids=tuple(ids),
         role=np.array(role),
-        q=np.where(robot.is_revolute, np.radians(q_file), q_file),
+        q=internal(q_file, q_columns),
         setup=np.array(names(file, "setup", allow_empty=True) if "setup" in file else [""] * len(ids)),
         scan_names=tuple(names(file, "scan") if "scan" in file else [f"{pose_id}.ply" for pose_id in ids]),
         extra=file.rest(known),
@@ -128,8 +147,15 @@ def load_conditions(file: TableFile, robot: Robot) -> dict[str, Array]:
     return found
 
 
-def _angle_warnings(file: TableFile, q_file: Array, robot: Robot) -> list[str]:
-    """Warnings: angles that look like radians, angles beyond the joints' limits."""
+def in_unit_of(column: str, value: float) -> float:
+    """A joint's value, rad or mm, in the unit that its column's name ends with."""
+    if column.endswith("_deg"):
+        return math.degrees(value)
+    return value / 1000.0 if column.endswith("_m") else value
+
+
+def _angle_warnings(file: TableFile, q_file: Array, columns: list[str], robot: Robot) -> list[str]:
+    """Warnings: angles that look like radians or like degrees, angles beyond the joints' limits."""
     turning = robot.is_revolute
     warnings = []
     if turning.any():
@@ -138,16 +164,18 @@ def _angle_warnings(file: TableFile, q_file: Array, robot: Robot) -> list[str]:
             j.max - j.min for j in robot.joints if j.is_revolute and j.min is not None and j.max is not None
         ]
         wide = not spans or max(spans) > math.radians(30.0)
-        if wide and 0.0 < largest < 6.4:
+        in_rad = any(name.endswith("_rad") for name in columns)
+        if in_rad and largest > _LOOKS_LIKE_DEGREES:
+            warnings.append(
+                f"{file.path}: the largest joint angle is {largest:.4g} rad; these look like degrees, not radians"
+            )
+        if not in_rad and wide and 0.0 < largest < 6.4:
             warnings.append(
                 f"{file.path}: every joint angle is below 6.4 (largest {largest:.3g}); "
                 "these look like radians, not degrees"
             )
     for i, joint in enumerate(robot.joints):
-        low, high = (
-            (math.degrees(v) if joint.is_revolute else v) if v is not None else None
-            for v in (joint.min, joint.max)
-        )
+        low, high = (None if v is None else in_unit_of(columns[i], v) for v in (joint.min, joint.max))
         beyond = np.zeros(len(q_file), dtype=bool)
         if low is not None:
             beyond |= q_file[:, i] < low - 1e-9

@@ -15,6 +15,8 @@ from calib.errors import DatasetError
 from calib.kinematics.robot import TARGET_TOLERANCE_MM, Joint, Robot, Target, Tool
 from calib.options import BUILTIN_ROBOTS
 
+_ROW_KEYS = ("a_mm", "alpha_deg", "d_mm", "theta_deg", "beta_deg")
+
 
 def builtin_robot(name: str) -> Robot:
     """One of the arms that come with the package: "rb5" (RB5-850, Jang's Table 2) or "panda" (Franka Panda)."""
@@ -107,15 +109,35 @@ def _joint(table: TomlTable, number: int) -> Joint:
 def _tool(table: TomlTable) -> Tool:
     if not table.data:
         raise DatasetError(
-            f"{table.file}: found no [tool]; the measured point needs its own row (a_mm, alpha_deg, d_mm, theta_deg)"
+            f"{table.file}: found no [tool]; the measured point needs its own row (a_mm, alpha_deg, d_mm, theta_deg), "
+            "or xyz_mm = [x, y, z] in the last joint's frame"
         )
+    xyz_mm = table.vector("xyz_mm")
     return Tool(
-        **_link(table),
+        **(_link(table) if xyz_mm is None else _link_to(table, xyz_mm)),
         mass_kg=table.number("mass_kg"),
         com_mm=table.vector("com_mm"),
         payload_com_mm=table.vector("payload_com_mm"),
         extra=table.unread(),
     )
+
+
+def _link_to(table: TomlTable, xyz_mm: tuple[float, float, float]) -> dict[str, Any]:
+    """The row whose end is at xyz_mm, in the last joint's frame: x = a cos theta, y = a sin theta, z = d.
+
+    Without y its axes stay parallel to the last joint's; with it they turn by theta, at most a quarter turn, about z.
+    """
+    for key in _ROW_KEYS:
+        if key in table.data:
+            raise table.error(key, "found beside xyz_mm", "give the point or the row, not both")
+    x, y, z = xyz_mm
+    return {
+        "a_mm": math.copysign(math.hypot(x, y), x) if x != 0.0 else y,
+        "alpha_rad": 0.0,
+        "d_mm": z,
+        "theta_rad": math.atan(y / x) if x != 0.0 else math.pi / 2 if y != 0.0 else 0.0,
+        "beta_rad": 0.0,
+    }
 
 
 def degrees(angle_rad: float) -> float:

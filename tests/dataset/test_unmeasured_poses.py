@@ -1,0 +1,92 @@
+"""Poses whose point was not seen: counted and named, and left out of everything else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calib.calibration.calibrate import calibrate
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import load_dataset, write_dataset
+from calib.diagnosis.diagnose import diagnose
+from calib.errors import DatasetError
+from calib.options import FitOptions
+from calib.validation.acceptance import check
+from inspector.cli.parser import main
+from tests.support.arms import dataset_of, jang_arm, perturbed
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """40 poses of which 3 have no point: the reference, one to train on, one to test."""
+    rng = np.random.default_rng(3)
+    nominal = jang_arm()
+    dataset = dataset_of(nominal, perturbed(nominal, rng), rng, poses=40, test=8)
+    write_dataset(dataset, tmp_path)
+    return tmp_path
+
+
+def hide(folder: Path, rows: list[int], *, empty: bool = False) -> Dataset:
+    points = pd.read_csv(folder / "points.csv")
+    if empty:
+        points.loc[rows, ["x_mm", "y_mm", "z_mm"]] = np.nan
+    else:
+        points = points.drop(index=rows)
+    points.to_csv(folder / "points.csv", index=False)
+    return load_dataset(folder)
+
+
+@pytest.mark.parametrize("empty", [True, False])
+def test_they_are_a_note_with_their_number_and_names(folder: Path, empty: bool) -> None:
+    """A row that is missing and one without coordinates say the same."""
+    dataset = hide(folder, [0, 5, 39], empty=empty)
+    assert dataset.warnings == ()
+    (note,) = dataset.notes
+    assert "no point for 3 of 40 poses, 2 to train on and 1 to test; they are left out: " in note
+    assert note.endswith(", ".join(dataset.poses.ids[i] for i in (0, 5, 39)))
+    assert dataset.points is not None
+    assert len(dataset.points) == 37
+
+
+@pytest.mark.parametrize("residual", ["position", "distance", "pairs"])
+def test_every_fit_goes_on_without_them(folder: Path, residual: str) -> None:
+    whole = calibrate(load_dataset(folder), FitOptions(residual)).after.test  # type: ignore[arg-type]
+    result = calibrate(hide(folder, [0, 5, 39]), FitOptions(residual))  # type: ignore[arg-type]
+    assert any("no point for 3 of 40" in words for words in result.warnings)
+    assert whole is not None
+    assert result.after.test is not None
+    assert result.after.test.points == whole.points - 1
+    assert result.after.test.rmse_mm < 2.0 * whole.rmse_mm
+
+
+def test_check_and_diagnosis_take_them_as_a_note(folder: Path) -> None:
+    dataset = hide(folder, [5, 39])
+    checked = check(dataset)
+    (item,) = [item for item in checked.items if item.name == "dataset"]
+    assert (item.passed, item.warning) == (None, False)
+    assert "no point for 2 of 40 poses" in item.description
+    assert checked.passed
+    assert diagnose(dataset).explanation.verdict is not None
+
+
+@pytest.mark.parametrize("command", ["calibrate", "diagnose"])
+def test_the_commands_print_it(folder: Path, command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    hide(folder, [5, 39])
+    assert main([command, str(folder)]) == 0
+    assert "inspector: note: " in capsys.readouterr().err
+
+
+def test_no_point_at_all_is_an_error(folder: Path) -> None:
+    with pytest.raises(DatasetError, match="no row with a point; one row a measured point is needed"):
+        hide(folder, list(range(40)), empty=True)
+
+
+def test_a_coordinate_alone_is_not_left_out(folder: Path) -> None:
+    points = pd.read_csv(folder / "points.csv")
+    points.loc[4, "y_mm"] = np.nan
+    points.to_csv(folder / "points.csv", index=False)
+    with pytest.raises(DatasetError, match="line 6, column y_mm: the cell is empty"):
+        load_dataset(folder)
