@@ -12,7 +12,7 @@ from calib.blas_threads import one_blas_thread
 from calib.calibration.evaluation import evaluate_all
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.effects.effect import Effect
+from calib.effects.effect import Effect, is_held_by_prior
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import FitError
 from calib.fitting.fit import Fit, Iteration
@@ -86,7 +86,8 @@ def calibrate(
     else:
         fit = solve(make_residuals(residual, model, observed), start=first_x, prior=prior)
     fit = replace(fit, iterations=(*way[:-1], *fit.iterations))
-    _require_equations(dataset, observed, residual, fit.rows - residuals.degrees_spent, fit.rank)
+    held = sum(len(effect.parameters) for effect in model.effects if is_held_by_prior(effect))
+    _require_equations(dataset, observed, residual, fit.rows - residuals.degrees_spent, fit.rank - held)
     if fit.rank == 0:
         raise FitError(
             f"dataset {dataset.name}: the training poses tell nothing of the arm's parameters; they are all alike, or "

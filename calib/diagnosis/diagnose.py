@@ -13,13 +13,18 @@ from dataclasses import replace
 import numpy as np
 
 from calib.blas_threads import one_blas_thread
+from calib.calibration.plausibility import implausibility_reason
 from calib.dataset.dataset import Dataset, without_poses
-from calib.diagnosis.decision_rules import verdict_of
+from calib.diagnosis.decision_rules import is_convincing, predicts_worse, verdict_of
+from calib.diagnosis.effect_selection import FitStep, calibrate_with, learned_curves, selected_curves
+from calib.diagnosis.findings import Learned
 from calib.diagnosis.pose_recommendation import DiscriminatingPose, discriminating_poses
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.stepwise import SearchSpace, Tell, search_stepwise
 from calib.effects.catalogue import Family, effects_for, family_of
 from calib.errors import FitError
+from calib.learning.effect_file import formula_text
+from calib.learning.smooth_joint_error import LEARNED
 from calib.options import FitOptions
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import run_residual_tests
@@ -58,6 +63,7 @@ def diagnose(
         tell("once more without the poses that stand out")
         others = _search_space(without_poses(dataset, outliers), options, effects, user_effects)
         found = _of_all_poses(found, _diagnosis(others, max_steps, tell), outliers)
+    found = _with_learned_curves(found, tell)
     return replace(found, discriminating_poses=_discriminating_poses(found))
 
 
@@ -100,6 +106,50 @@ def _of_all_poses(found: Diagnosis, rest: Diagnosis, outliers: tuple[str, ...]) 
         verdict="outliers",
         residual_tests=replace(rest.residual_tests, outlier_poses=all_outliers),
         steps=tuple(replace(step, left_out=outliers) for step in rest.steps),
+    )
+
+
+def _with_learned_curves(found: Diagnosis, tell: Tell) -> Diagnosis:
+    """Where something is left that no effect explains: curves of the joints, if they predict poses left out better.
+
+    They never take a name's place: not where effects are tied or one was refused, and not where a fault of one joint
+    has more evidence.
+    """
+    before, fault = found.calibration, found.residual_tests.fault or found.leading_fault
+    if found.verdict != "unexplained" or found.refused or implausibility_reason(before):
+        return found
+    if found.leading_fault is None and any(map(is_convincing, found.screenings[-1].candidates)):
+        return found  # as many effects as were asked for, and one more has a name
+    tell("learning what the joints' curves explain")
+    try:
+        curves = learned_curves(before)
+    except FitError:  # no degree of freedom is left to learn from
+        return found
+    if curves is None or (fault is not None and fault.log_evidence >= curves.log_evidence):
+        return found
+    last, learned = found.steps[-1], selected_curves(curves)
+    given = before.model.added_effects[
+        : len(before.model.added_effects) - sum(len(e.members) for e in last.selected)
+    ]
+    selected = (*last.selected, learned)
+    after = calibrate_with(before.dataset, selected, before.options, effects=given, start=before)
+    if predicts_worse(before, after) or before.after.train is None or after.after.train is None:
+        return found
+    values = dict(zip((p.name for p in after.fit.parameters), after.fit.x.tolist(), strict=True))
+    step = FitStep(f"+ {LEARNED}", selected, after, LEARNED, None, curves.log_evidence, last.left_out)
+    return replace(
+        found,
+        steps=(*found.steps, step),
+        screenings=(*found.screenings, found.screenings[-1]),
+        residual_tests=replace(found.residual_tests, fault=None),  # all joints say more than a fault of one
+        leading_fault=None,
+        learned=Learned(
+            members=curves.members,
+            formula=formula_text(curves.members, values),
+            share=1.0 - (after.after.train.rmse_mm / before.after.train.rmse_mm) ** 2,
+            before=before,
+            after=after,
+        ),
     )
 
 

@@ -17,6 +17,8 @@ from calib.dataset.dataset import Dataset
 from calib.effects.catalogue import available_family, effects_for
 from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError
+from calib.learning.joint_curves import LearnedCurves, learn_joint_curves
+from calib.learning.smooth_joint_error import LEARNED
 from calib.options import FitOptions
 from calib.screening.candidates import Candidate, Screening, screen
 
@@ -73,6 +75,35 @@ def _candidate(screening: Screening | None, name: str) -> Candidate:
     return ranked[name]
 
 
+def learned_curves(calibration: Calibration) -> LearnedCurves | None:
+    """Curves of the joints, learned from what a fit leaves over; None where they are worth no more than noise.
+
+    Raises FitError where no degree of freedom is left.
+    """
+    return learn_joint_curves(calibration) if calibration.options.prior else None
+
+
+def selected_curves(curves: LearnedCurves) -> SelectedEffect:
+    """Learned curves as an effect in the model."""
+    sigmas = {full_name(member, p): p.scale for member in curves.members for p in member.parameters}
+    return SelectedEffect(LEARNED, curves.members, sigmas)
+
+
+def curves_to_add(calibration: Calibration) -> SelectedEffect:
+    """Curves of the joints, learned from what a fit leaves over. Raises CalibError where there are none to learn."""
+    if not calibration.options.prior:
+        raise CalibError(
+            f"effect {LEARNED}: its curves are nothing without their prior; leave out --no-prior"
+        )
+    curves = learned_curves(calibration)
+    if curves is None:
+        raise CalibError(
+            f"effect {LEARNED}: curves of the joints explain no more of what is left over than noise would, so "
+            "there is nothing to add"
+        )
+    return selected_curves(curves)
+
+
 def calibrate_with(
     dataset: Dataset,
     selected: Sequence[SelectedEffect],
@@ -110,12 +141,17 @@ def add_in_turn(
     """
     families = (*effects_for(dataset), *user_effects)
     for name in names:
-        available_family(dataset, name, user_effects)
+        if name != LEARNED:
+            available_family(dataset, name, user_effects)
     steps = [first_step(calibrate_with(dataset, (), options, effects=effects))]
     for name in dict.fromkeys(names):
         last = steps[-1]
-        candidate = _candidate(screen(last.calibration, families), name)
-        selected = (*last.selected, SelectedEffect.of(candidate))
+        if name == LEARNED:
+            candidate, added = None, curves_to_add(last.calibration)
+        else:
+            candidate = _candidate(screen(last.calibration, families), name)
+            added = SelectedEffect.of(candidate)
+        selected = (*last.selected, added)
         fit = calibrate_with(dataset, selected, options, effects=effects, start=last.calibration)
         steps.append(FitStep(f"+ {name}", selected, fit, name, candidate))
     return tuple(steps)
@@ -126,8 +162,12 @@ def recalled(
 ) -> SelectedEffect:
     """An effect as it was selected before, by its name and the prior sigmas of its members' parameters.
 
+    Learned curves have no members yet: they are learned again from the fit before them (`relearned`).
+
     Raises CalibError where the dataset has no such effect, no such parameter, or a member is named in part.
     """
+    if name == LEARNED:
+        return SelectedEffect(name, (), dict(prior_sigmas))
     family = available_family(dataset, name, user_effects)
     named = [(member, {full_name(member, p) for p in member.parameters}) for member in family.members]
     unknown = sorted(set(prior_sigmas).difference(*(names for _, names in named)))
@@ -143,3 +183,15 @@ def recalled(
     if missing or not inside:
         raise CalibError(f"effect {name}: no size for {missing[0] if missing else 'any of its parameters'}")
     return SelectedEffect(name, tuple(member for member, _ in inside), dict(prior_sigmas))
+
+
+def relearned(selected: Sequence[SelectedEffect], steps: Sequence[FitStep]) -> tuple[SelectedEffect, ...]:
+    """The effects with their learned curves, taken from an earlier step that has them or learned from the last one.
+
+    Raises CalibError where they are worth no more than noise now.
+    """
+    before = {effect.name: effect for step in steps for effect in step.selected}
+    return tuple(
+        before.get(LEARNED) or curves_to_add(steps[-1].calibration) if effect.name == LEARNED else effect
+        for effect in selected
+    )

@@ -9,12 +9,13 @@ from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import MIN_LEAD, untestable_names
 from calib.diagnosis.effect_selection import FitStep
-from calib.diagnosis.findings import Findings
+from calib.diagnosis.findings import Findings, Learned
 from calib.diagnosis.phrases import meaning
 from calib.diagnosis.sentences import (
     SMALL_CHANGE,
     Adequate,
     Ambiguous,
+    CurvesLearned,
     EffectFound,
     EffectRefused,
     EffectsTied,
@@ -37,6 +38,7 @@ from calib.diagnosis.sentences import (
     VerdictSentence,
 )
 from calib.effects.effect import parameters_by_name
+from calib.learning.smooth_joint_error import LEARNED
 from calib.screening.candidates import Candidate, Screening
 from calib.screening.residual_tests import ResidualTests
 
@@ -47,15 +49,21 @@ def explain(findings: Findings) -> Explanation:
     """What led to a diagnosis, a paragraph each, and its verdict."""
     steps = zip(findings.steps, findings.steps[1:], findings.screenings, strict=False)
     single: list[Reason] = [_model_fitted(findings.steps[0].calibration)]
-    single += [_effect_found(before, after, screening) for before, after, screening in steps]
+    single += [
+        _effect_found(before, after, screening)
+        for before, after, screening in steps
+        if after.effect != LEARNED
+    ]
     if findings.ambiguous_set:
         single.append(_effects_tied(findings))
     if findings.refused:
         single.append(EffectRefused(findings.refused))
     if findings.leading_fault is not None:
         single.append(FaultLeads(findings.leading_fault, MIN_LEAD))
-    paragraphs = (*((reason,) for reason in single), residual_sentences(findings.residual_tests))
-    return Explanation(paragraphs, _verdict(findings))
+    paragraphs = [*((reason,) for reason in single), residual_sentences(findings.residual_tests)]
+    if findings.learned is not None:
+        paragraphs.append((_curves_learned(findings.steps[-1], findings.learned),))
+    return Explanation(tuple(paragraphs), _verdict(findings))
 
 
 def _model_fitted(calibration: Calibration) -> ModelFitted:
@@ -84,6 +92,18 @@ def _effect_found(before: FitStep, after: FitStep, screening: Screening) -> Effe
         change=_error_change(before.calibration, after.calibration),
         values=_fitted_values(candidate, after.calibration),
         note=candidate.family.note,
+    )
+
+
+def _curves_learned(step: FitStep, learned: Learned) -> CurvesLearned:
+    assert step.log_evidence_margin is not None  # of curves it is the evidence over noise
+    return CurvesLearned(
+        effect=LEARNED,
+        joints=learned.joints,
+        inputs=learned.inputs,
+        formula=learned.formula,
+        log_evidence=step.log_evidence_margin,
+        change=_error_change(learned.before, learned.after),
     )
 
 
@@ -161,6 +181,8 @@ def _what_is_unexplained(findings: Findings, doubt: str) -> str:
     tests = findings.residual_tests
     if doubt:
         return "implausible"
+    if findings.learned is not None:
+        return "curves"
     if findings.leading_fault or tests.fault:
         return "fault"
     if tests.structured:

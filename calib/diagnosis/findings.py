@@ -7,9 +7,31 @@ from dataclasses import dataclass
 from calib.calibration.result import Calibration
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.pose_recommendation import DiscriminatingPose
+from calib.learning.smooth_joint_error import SmoothJointError
 from calib.screening.candidates import Candidate, Screening, Untestable
 from calib.screening.fault_models import JointFault
 from calib.screening.residual_tests import ResidualTests
+
+
+@dataclass(frozen=True)
+class Learned:
+    """Curves of the joints that were learned where no named effect explains what is left."""
+
+    members: tuple[SmoothJointError, ...]
+    formula: str | None  # the curves with their values, where short formulas say as much
+    share: float  # of the training poses' squared error before, that they take away
+    before: Calibration
+    after: Calibration
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """That carry a curve, counted from 1."""
+        return tuple(sorted({member.joint + 1 for member in self.members}))
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """That the curves run over."""
+        return tuple(dict.fromkeys(member.modes.input for member in self.members))
 
 
 @dataclass(frozen=True)
@@ -24,6 +46,7 @@ class Findings:
     residual_tests: ResidualTests  # what the last fit left over
     refused: str = ""  # an effect that would have been named, but made the test poses worse
     leading_fault: JointFault | None = None  # outside the catalogue, with more evidence than the next effect
+    learned: Learned | None = None  # then its fit is the last step
     discriminating_poses: tuple[DiscriminatingPose, ...] = ()  # at which the ambiguous set differs most
 
     @property

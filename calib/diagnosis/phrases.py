@@ -28,6 +28,16 @@ def listed(names: Sequence[str]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else "".join(names)
 
 
+def curves_text(joints: Sequence[int], inputs: Sequence[str], log_evidence: float) -> str:
+    """What curves of joints (counted from 1) over inputs are worth, a sentence."""
+    several = len(joints) > 1
+    return (
+        f"It follows {'curves' if several else 'a curve'} of joint{'s' if several else ''} "
+        f"{listed([str(joint) for joint in joints])} over {listed(inputs)} that no effect of the catalogue makes (log "
+        f"evidence {log_evidence:.0f} over noise)."
+    )
+
+
 def fault_text(fault: JointFault) -> str:
     """What a fault of one joint looks like, without a full stop."""
     joint = f"joint {fault.joint + 1}"

@@ -64,6 +64,18 @@ class EffectFound:
 
 
 @dataclass(frozen=True)
+class CurvesLearned:
+    """What no named effect explains follows curves of the joints, which were learned."""
+
+    effect: str
+    joints: tuple[int, ...]  # counted from 1
+    inputs: tuple[str, ...]
+    formula: str | None
+    log_evidence: float  # over noise alone
+    change: ErrorChange | None
+
+
+@dataclass(frozen=True)
 class EffectsTied:
     """Effects that these data cannot tell apart, and what would."""
 
@@ -180,7 +192,7 @@ class Unexplained:
     """Something is left that no effect of the catalogue explains."""
 
     effects: tuple[str, ...]  # that help
-    reason: str  # "implausible", "fault", "order", "size" or "refused"
+    reason: str  # "implausible", "curves", "fault", "order", "size" or "refused"
     doubt: str  # why points and poses do not belong together, for "implausible"
 
 
@@ -243,7 +255,9 @@ AdviceSentence = (
 ResidualSentence = (
     ResidualSize | ResidualOrder | ResidualWithoutOrder | ResidualTooLarge | FaultSuspected | PosesStandOut
 )
-Reason = ModelFitted | EffectFound | EffectsTied | EffectRefused | FaultLeads | ResidualSentence
+Reason = (
+    ModelFitted | EffectFound | CurvesLearned | EffectsTied | EffectRefused | FaultLeads | ResidualSentence
+)
 
 
 @dataclass(frozen=True)

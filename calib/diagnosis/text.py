@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from calib.diagnosis import sentences as facts
-from calib.diagnosis.phrases import fault_text, input_text, listed, poses_text
+from calib.diagnosis.phrases import curves_text, fault_text, input_text, listed, poses_text
 
-_SHOWN_VALUES = 4  # fitted parameters of an effect that are told; the others are counted
 _SHOWN_INPUTS = 3
+_SHOWN_VALUES = 4  # fitted parameters of an effect that are told; the others are counted
 _NOISE_SOURCES = {
     "repeats": "by repeated measurements",
     "dataset": "as dataset.toml declares it, believed to 25 %",
@@ -41,6 +41,11 @@ def reason_text(reason: facts.Reason) -> str:
             return _model_fitted(reason)
         case facts.EffectFound():
             return _effect_found(reason)
+        case facts.CurvesLearned():
+            named = f"Learned as {reason.effect}, " + (
+                f"in short {reason.formula}, " if reason.formula else ""
+            )
+            return f"{curves_text(reason.joints, reason.inputs, reason.log_evidence)} {named}{_learned(reason.change)}."
         case facts.EffectsTied():
             return _effects_tied(reason)
         case facts.EffectRefused(effect):
@@ -131,6 +136,13 @@ def _fitted_values(values: Sequence[facts.FittedValue]) -> str:
     return f"Fitted: {'; '.join(told)}{f', and {more} more' if more > 0 else ''}."
 
 
+def _learned(change: facts.ErrorChange | None) -> str:
+    if change is None:
+        return "it names no cause"
+    poses = "test poses, which it never saw," if change.of_test_poses else "training poses"
+    return f"it brings the {poses} from {change.before_mm:.4g} to {change.after_mm:.4g} mm; it names no cause"
+
+
 def _effects_tied(tied: facts.EffectsTied) -> str:
     words = (
         f"Something is missing, and these data cannot tell which of {', '.join(tied.effects)}: their log evidences lie "
@@ -214,6 +226,7 @@ def _unexplained(reason: str, reasons: str) -> str:
         "order": (
             f"something with a pattern is left. Look at the inputs named {reasons}; a loose part or a hose would show so."
         ),
+        "curves": f"what is left follows the learned curves that are told {reasons}; no effect of the catalogue makes them.",
         "size": "more than noise is left, without a pattern against any input.",
         "refused": "what was found makes the test poses worse.",
     }[reason]

@@ -201,6 +201,13 @@ def corrects_robot(effect: Effect) -> TypeGuard[RobotCorrection]:
     return not is_users(effect) and getattr(effect, "corrects_robot", False) is True
 
 
+def is_held_by_prior(effect: Effect) -> bool:
+    """Whether the effect says, by `held_by_prior = True`, that its prior sigmas are part of it: it may have more
+    parameters than there are equations.
+    """
+    return getattr(effect, "held_by_prior", False) is True
+
+
 def is_linear(effect: Effect) -> bool:
     """Whether the effect says, by `linear = True`, that it adds to the state a multiple of each parameter's value."""
     return getattr(effect, "linear", False) is True

@@ -136,7 +136,7 @@ def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
         for family, groups, e, p in zip(tested, columns, evidence, corrected, strict=True)
     ]
     candidates.sort(key=lambda c: (-c.log_evidence, c.p_value))
-    plain = _cross_validated(projected, np.zeros((len(projected.residual), 0)), np.zeros(0))
+    plain = cross_validated_rmse_mm(projected, np.zeros((len(projected.residual), 0)), np.zeros(0))
     return Screening(projected, tuple(candidates), tuple(untestable), plain)
 
 
@@ -194,7 +194,7 @@ def _candidate(
         p_holm=p_holm,
         log_evidence=evidence.log_evidence,
         explained_share=1.0 - float(left @ left) / total if total > 0.0 else 0.0,
-        cv_rmse_mm=_cross_validated(projected, columns, spread),
+        cv_rmse_mm=cross_validated_rmse_mm(projected, columns, spread),
         members=tuple(family.members[i] for i in active),
         values=tuple(values),
         prior_sigmas=prior_sigmas,
@@ -219,7 +219,7 @@ def _overlap(explained: Array, span: Array) -> float:
     return float(np.sum((span.T @ explained) ** 2)) / size if size > 0.0 else 0.0
 
 
-def _cross_validated(projected: ProjectedResidual, columns: Array, spread: Array) -> float:
+def cross_validated_rmse_mm(projected: ProjectedResidual, columns: Array, spread: Array) -> float:
     """RMS of a coordinate, mm, when each pose is predicted from all others (leave one pose out, linearised).
 
     e_i = (1 - H_ii)^-1 r_i for each pose's block of the hat matrix H of fitted directions and candidate; exact for a

@@ -10,6 +10,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.calibration.joint_directions import directions_at
 from calib.calibration.result import Calibration
+from calib.effects.effect import is_held_by_prior
 from calib.effects.state import RobotState
 from calib.errors import FitError
 from calib.fitting.model import point_by_state
@@ -19,6 +20,7 @@ from calib.fitting.position_residuals import PositionResiduals
 _KNOWN = (
     0.1  # a direction counts as fitted where the data determine it a tenth as well as the prior, or better
 )
+_KNOWN_OF_CURVES = 1.0  # with learned curves, which may have more parameters than there are equations
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,8 @@ def project_residual(calibration: Calibration) -> ProjectedResidual:
     q, triangle = np.linalg.qr(scaled)
     turn, s, _ = np.linalg.svd(triangle)  # of a few rows, however many poses there are
     noise = calibration.fit.noise if np.isfinite(calibration.fit.noise) else 1.0
-    known = s > max(_KNOWN * noise, 1e-9 * float(s[0]))
+    least = _KNOWN_OF_CURVES if any(map(is_held_by_prior, model.effects)) else _KNOWN
+    known = s > max(least * noise, 1e-9 * float(s[0]))
     basis = np.linalg.qr(np.concatenate([frames, q @ turn[:, known]], axis=1))[0]
     freedom = len(at.residual) - basis.shape[1]
     if freedom < 3:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -23,6 +24,7 @@ from calib.effects.effect import Family
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import nominal_state
+from calib.learning.effect_file import effect_file_text
 from calib.measurement.measured_points import require_corners, with_corners
 from calib.models.exported_table import ExportedTable, exported_table
 from calib.validation.acceptance import check
@@ -67,7 +69,7 @@ def _fitted(options: CalibrateOptions | CorrectOptions, dataset: Dataset) -> tup
 def run_calibrate(options: CalibrateOptions) -> int:
     """Fit, and write the calibrated table."""
     dataset = load(options.path)
-    outputs = [options.out, options.residuals, options.scene, options.session]
+    outputs = [options.out, options.residuals, options.scene, options.session, options.learned_out]
     check_outputs(dataset, outputs, [options.effects_file])
     dataset = measured(dataset, orientation=options.residual == "pose")
     steps = _fitted(options, dataset)
@@ -77,6 +79,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
         _require_plausible(result, options.force)
         table.require_improvement(force=options.force)
     session = _as_session(options, dataset, steps) if options.session is not None else None
+    learned = effect_file_text(result, options.learned_out.name) if options.learned_out is not None else ""
     if options.out is not None:
         write_text_atomically(options.out, table.to_toml())
     if options.residuals is not None:
@@ -85,6 +88,8 @@ def run_calibrate(options: CalibrateOptions) -> int:
         from inspector.export.glb_scene import scene_glb  # with trimesh, which takes a while to load
 
         write_bytes_atomically(options.scene, scene_glb(result, dataset.poses.reference, SCENE_ARROWS))
+    if options.learned_out is not None:
+        write_text_atomically(options.learned_out, learned)
     if session is not None and options.session is not None:
         save_session(options.session, session)
     document = documents.calibration_document(result) | {
@@ -206,7 +211,9 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     """Select the missing effects step by step."""
     if options.max_steps < 0:
         raise DatasetError(f"--max-steps {options.max_steps}: a number of steps is 0 or more")
-    dataset = measured(load(options.path), orientation=options.residual == "pose")
+    dataset = load(options.path)
+    check_outputs(dataset, [options.learned_out], [options.effects_file])
+    dataset = measured(dataset, orientation=options.residual == "pose")
     user_effects = loaded_effects(options.effects_file, dataset)
     effects_named(dataset, options.effect, user_effects)  # refuses unknown names before the work starts
     with stages() as on_step:
@@ -225,6 +232,13 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     steps = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.4g}", na_rep="-")
     silent = "\n".join(map(untestable_line, result.untestable))
     text = f"{ranking}\n\n{steps}\n\n{silent}\n\n{result.summary()}"
+    if options.learned_out is not None and result.learned is not None:
+        write_text_atomically(
+            options.learned_out, effect_file_text(result.calibration, options.learned_out.name)
+        )
+    elif options.learned_out is not None:
+        note = "no curves were learned, so there is nothing to write"
+        print(f"inspector: warning: {options.learned_out}: {note}", file=sys.stderr)
     show(options, documents.diagnosis_document(result), text)
     return 0
 

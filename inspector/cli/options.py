@@ -82,6 +82,7 @@ class CalibrateOptions(_FittingOptions):
     residuals: Path | None
     scene: Path | None
     session: Path | None
+    learned_out: Path | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,6 +108,7 @@ class DiagnoseOptions(_FittingOptions):
     """Of `diagnose`."""
 
     max_steps: int
+    learned_out: Path | None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -63,6 +63,7 @@ def _calibrate(sub: ArgumentParser) -> None:
     sub.add_argument(
         "--session", type=Path, metavar="FILE.json", help="write a session that serve --session opens"
     )
+    _add_learned_out(sub)
     _add_adding(sub)
     _add_fit(sub)
     _add_json(sub)
@@ -92,6 +93,7 @@ def _diagnose(sub: ArgumentParser) -> None:
     sub.add_argument(
         "--max-steps", type=int, default=3, metavar="N", help="effects to add at the most (default 3)"
     )
+    _add_learned_out(sub)
     _add_fit(sub)
     _add_json(sub)
 
@@ -155,6 +157,15 @@ def _add_adding(sub: ArgumentParser) -> None:
         default=[],
         metavar="NAME",
         help="add an effect as the ranking proposes it: only the joints that show it, as the page's button does",
+    )
+
+
+def _add_learned_out(sub: ArgumentParser) -> None:
+    sub.add_argument(
+        "--learned-out",
+        type=Path,
+        metavar="FILE.py",
+        help="write the curves of smooth_joint_error as an effects file of your own",
     )
 
 

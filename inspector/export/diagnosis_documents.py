@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from calib.diagnosis.effect_selection import FitStep
+from calib.diagnosis.findings import Learned
 from calib.diagnosis.phrases import fault_text
 from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import descriptions
@@ -42,6 +43,21 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
             {"q": pose.q, "separation_mm": pose.separation_mm} for pose in diagnosis.discriminating_poses
         ],
         "explanation": diagnosis.summary(),
+        "learned": _learned(diagnosis.learned),
+    }
+
+
+def _learned(learned: Learned | None) -> dict[str, Any] | None:
+    if learned is None:
+        return None
+    train, test = learned.after.after.train, learned.after.after.test
+    return {
+        "joints": learned.joints,
+        "inputs": learned.inputs,
+        "formula": learned.formula,
+        "train_rmse_mm": train.rmse_mm if train else None,
+        "test_rmse_mm": test.rmse_mm if test else None,
+        "share": learned.share,
     }
 
 

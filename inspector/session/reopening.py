@@ -10,7 +10,7 @@ from pathlib import Path
 from calib.dataset.dataset import Dataset, without_poses
 from calib.dataset.files.fingerprint import changed, content_hash, fingerprint
 from calib.dataset.files.folder import find_datasets, load_dataset
-from calib.diagnosis.effect_selection import FitStep, SelectedEffect, calibrate_with, recalled
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect, calibrate_with, recalled, relearned
 from calib.effects.effect import Family
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError
@@ -104,6 +104,7 @@ def replayed(session: Session, saved: Saved) -> Session:
     ]:  # the first is the nominal robot
         measured = session.measured_for(step.residual)
         dataset = without_poses(measured, step.left_out) if step.left_out else measured
+        selected = relearned(selected, steps) if steps else selected
         start = sessions.start_of(steps[-1], selected) if steps else None
         fit = calibrate_with(dataset, selected, FitOptions(step.residual), start=start)
         steps.append(FitStep(step.label, selected, fit, left_out=step.left_out))

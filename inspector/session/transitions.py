@@ -18,6 +18,7 @@ from calib.diagnosis.effect_selection import (
     FitStep,
     SelectedEffect,
     calibrate_with,
+    curves_to_add,
     proposed,
     recalled,
 )
@@ -29,6 +30,7 @@ from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import Observations
 from calib.fitting.pose_residuals import require_orientations
 from calib.identifiability.structural import redundancy
+from calib.learning.smooth_joint_error import LEARNED
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import label_faces
 from calib.options import FitOptions
@@ -177,7 +179,9 @@ def with_effect(session: Session, name: str) -> Session:
     """Add an effect as the screening proposes it, and fit everything together again."""
     if any(added.name == name for added in session.effects):
         raise CalibError(f"effect {name} is in the model already")
-    return _changed(session, (*session.effects, proposed(session.screening, name)), f"+ {name}")
+    learned = name == LEARNED
+    added = curves_to_add(_calibrated(session)) if learned else proposed(session.screening, name)
+    return _changed(session, (*session.effects, added), f"+ {name}")
 
 
 def without_effect(session: Session, name: str) -> Session:

@@ -1,0 +1,204 @@
+"""How much of a residual smooth curves of the joints explain: a Gaussian process in its harmonics, by evidence.
+
+A member's curve is f(u) = sum over n of a_n sin(n phase) + b_n cos(n phase). Its coefficients are N(0, s_n^2) with a
+size A of its own and a spectrum that all curves over joint angles share,
+
+    s_n = A / sqrt(1 + (n / n0)^(2 p)),
+
+flat up to the bandwidth n0 and falling as n^-p beyond it; curves over other inputs have n0 = 2, p = 2. With whitened
+columns X, noise N(0, sigma^2) and sigma unknown,
+
+    log E = -1/2 log det(1 + X S^2 X^T) - nu/2 log(r^T (1 + X S^2 X^T)^-1 r / r^T r),
+
+the gain over "no curve" (Rasmussen and Williams 2006, eq 5.8, sigma maximised out). Its gradient by log s_k is
+nu m_k^2 / quadratic - s_k^2 x_k^T (1 + X S^2 X^T)^-1 x_k, m the posterior mean over s: no more work than the value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg.lapack import dpotri
+from scipy.optimize import minimize
+
+from calib.array_types import Array, BoolArray, IndexArray
+
+_STARTS = ((3.0, 2.0), (20.0, 2.5))  # bandwidth n0 and slope p
+_FIRST_STEPS, _LAST_STEPS = 7, 20
+_BANDWIDTHS = (0.7, 200.0)
+_SLOPES = (0.6, 4.0)
+_OTHER_BANDWIDTH, _OTHER_SLOPE = 2.0, 2.0
+_LEAST_LOG_SIZE = -20.0  # of the usual size: it moves nothing
+_MOST_LOG_SIZE = 4.6
+_BLOCK_SIZES = np.geomspace(1e-3, 1e2, 26)
+
+
+@dataclass(frozen=True)
+class CurveColumns:
+    """The harmonics of M members' curves, as the residual sees them."""
+
+    columns: Array  # (R, K) whitened, projected; of a coefficient of 1 rad (1 mm for a prismatic joint)
+    member: IndexArray  # (K,) from 0
+    order: IndexArray  # (K,) n
+    shares: BoolArray  # (K,) whether the spectrum is the one that all curves over angles share
+
+    def beside(self, other: CurveColumns) -> CurveColumns:
+        """These members, then the other's."""
+        after = int(self.member.max()) + 1 if len(self.member) else 0
+        return CurveColumns(
+            np.concatenate([self.columns, other.columns], axis=1),
+            np.concatenate([self.member, other.member + after]),
+            np.concatenate([self.order, other.order]),
+            np.concatenate([self.shares, other.shares]),
+        )
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """What the evidence chooses: sizes of the members, bandwidth and slope, by their logarithms."""
+
+    logs: Array  # (M + 2,)
+
+    @property
+    def bandwidth(self) -> float:
+        """n0"""
+        return float(np.exp(self.logs[-2]))
+
+
+class CurveEvidence:
+    """log E of curves against a residual, at any sizes and spectrum."""
+
+    def __init__(self, curve: CurveColumns, residual: Array, freedom: int) -> None:
+        """residual  # (R,) measured minus predicted, whitened, projected, with `freedom` degrees of freedom left"""
+        self.curve, self.residual, self.freedom = curve, residual, freedom
+        self.total = float(residual @ residual)
+        self.members = int(curve.member.max()) + 1 if len(curve.member) else 0
+        x = curve.columns
+        self.square = np.sum(x**2, axis=0)
+        rows, count = map(float, x.shape)
+        self.few_rows = (
+            2.0 * rows**2 * count + rows**3 / 3.0 < count**3
+        )  # which of two equal ways is less work
+        self.gram = None if self.few_rows else x.T @ x
+        self.towards = x.T @ residual
+
+    @property
+    def usual_size(self) -> float:
+        """A size at which all curves together would be as large as the residual."""
+        return float(np.sqrt(self.total / max(float(np.sum(self.square)), 1e-300)))
+
+    def prior_sigma(self, spectrum: Spectrum) -> tuple[Array, Array]:
+        """s (K,), and (n / n0)^(2 p) (K,)."""
+        n0 = np.where(self.curve.shares, np.exp(spectrum.logs[-2]), _OTHER_BANDWIDTH)
+        p = np.where(self.curve.shares, np.exp(spectrum.logs[-1]), _OTHER_SLOPE)
+        relative = (self.curve.order / n0) ** (2.0 * p)
+        return np.exp(spectrum.logs[:-2])[self.curve.member] / np.sqrt(1.0 + relative), relative
+
+    def at(self, spectrum: Spectrum) -> CurvePosterior:
+        """The posterior at a spectrum."""
+        sigma, _ = self.prior_sigma(spectrum)
+        shaped = self.curve.columns * sigma
+        if self.few_rows:
+            outer = shaped @ shaped.T
+            outer[np.diag_indices_from(outer)] += 1.0
+            factor = cholesky(outer, lower=True, overwrite_a=True, check_finite=False)
+            mean = shaped.T @ cho_solve((factor, True), self.residual, check_finite=False)
+            visible = np.sum(solve_triangular(factor, shaped, lower=True, check_finite=False) ** 2, axis=0)
+        else:
+            assert self.gram is not None
+            inner = sigma[:, None] * self.gram * sigma
+            inner[np.diag_indices_from(inner)] += 1.0
+            factor = cholesky(inner, lower=True, overwrite_a=True, check_finite=False)
+            mean = cho_solve((factor, True), sigma * self.towards, check_finite=False)
+            visible = 1.0 - np.diag(dpotri(factor, lower=1)[0])
+        quadratic = self.total - float(mean @ (sigma * self.towards))
+        log_det = float(np.sum(np.log(np.diag(factor))))
+        value = -0.5 * self.freedom * float(np.log(quadratic / self.total)) - log_det
+        return CurvePosterior(value, sigma, mean, visible, quadratic)
+
+    def best(self, starts: tuple[Spectrum, ...] = ()) -> tuple[float, Spectrum]:
+        """The largest log E that is found, and where."""
+        usual = np.log(self.usual_size)
+        bounds = [(usual + _LEAST_LOG_SIZE, usual + _MOST_LOG_SIZE)] * self.members
+        bounds += [(np.log(low), np.log(high)) for low, high in (_BANDWIDTHS, _SLOPES)]
+
+        def climb(start: Array, steps: int) -> tuple[float, Array]:
+            found = minimize(
+                self._falling, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps}
+            )
+            return -float(found.fun), np.asarray(found.x)
+
+        widest = max(int(self.curve.order.max()), 1)
+        tried = [climb(start.logs, _FIRST_STEPS) for start in starts]
+        for bandwidth, slope in () if starts else _STARTS:
+            size = usual + 0.5 * np.log(widest / min(bandwidth, widest))
+            start = np.concatenate([np.full(self.members, size), np.log([bandwidth, slope])])
+            tried.append(climb(start, _FIRST_STEPS))
+        value, logs = climb(max(tried, key=lambda one: one[0])[1], _LAST_STEPS)
+        return value, Spectrum(logs)
+
+    def _falling(self, logs: Array) -> tuple[float, Array]:
+        """-log E and its gradient by the logarithms."""
+        spectrum = Spectrum(logs)
+        now = self.at(spectrum)
+        by_sigma = self.freedom * now.mean**2 / now.quadratic - now.visible
+        _, relative = self.prior_sigma(spectrum)
+        share = np.where(self.curve.shares, by_sigma * relative / (1.0 + relative), 0.0)
+        gradient = np.concatenate(
+            [
+                np.bincount(self.curve.member, by_sigma, minlength=self.members),
+                [np.sum(share) * np.exp(logs[-1])],
+                [-0.5 * np.sum(share * np.log(np.maximum(relative, 1e-300)))],
+            ]
+        )
+        return -now.log_evidence, -gradient
+
+    def gains(self, spectrum: Spectrum | None, blocks: Sequence[CurveColumns]) -> list[tuple[float, float]]:
+        """What each of some further members, alone at its best size, adds to log E at a spectrum; and log of that size.
+
+        spectrum: None where there is no curve yet.
+        """
+        if not blocks:
+            return []
+        shaped = [
+            b.columns / np.sqrt(1.0 + (b.order / _OTHER_BANDWIDTH) ** (2.0 * _OTHER_SLOPE)) for b in blocks
+        ]
+        stacked = np.concatenate([*shaped, self.residual[:, None]], axis=1)
+        solved = stacked if spectrum is None else self._solve(self.at(spectrum).prior_sigma, stacked)
+        quadratic = float(self.residual @ solved[:, -1])
+        out, start = [], 0
+        for columns in shaped:
+            end = start + columns.shape[1]
+            square, turn = np.linalg.eigh(columns.T @ solved[:, start:end])
+            along = (turn.T @ (columns.T @ solved[:, -1])) ** 2
+            unit = float(np.sqrt(quadratic / max(float(np.sum(square)), 1e-300)))
+            s2 = (unit * _BLOCK_SIZES[:, None]) ** 2
+            grow = 1.0 + s2 * np.maximum(square, 0.0)
+            left = quadratic - np.sum(along * s2 / grow, axis=1)
+            values = -0.5 * self.freedom * np.log(left / quadratic) - 0.5 * np.sum(np.log(grow), axis=1)
+            best = int(np.argmax(values))
+            out.append((float(values[best]), float(np.log(unit * _BLOCK_SIZES[best]))))
+            start = end
+        return out
+
+    def _solve(self, sigma: Array, rhs: Array) -> Array:
+        """(1 + X S^2 X^T)^-1 rhs (R, L)."""
+        shaped = self.curve.columns * sigma
+        inner = shaped.T @ shaped
+        inner[np.diag_indices_from(inner)] += 1.0
+        factor = cholesky(inner, lower=True, overwrite_a=True, check_finite=False)
+        return np.asarray(rhs - shaped @ cho_solve((factor, True), shaped.T @ rhs, check_finite=False))
+
+
+@dataclass(frozen=True)
+class CurvePosterior:
+    """Curves given a residual and a spectrum; everything in units of the noise that is left."""
+
+    log_evidence: float
+    prior_sigma: Array  # (K,) s, over the noise
+    mean: Array  # (K,) posterior mean of each coefficient over its s
+    visible: Array  # (K,) share of a coefficient's prior variance that the data take away
+    quadratic: float  # r^T (1 + X S^2 X^T)^-1 r

@@ -1,0 +1,237 @@
+"""From a fit to the joints' learned curves: columns of harmonics, evidence, and the modes that are worth fitting."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.array_types import Array, IndexArray
+from calib.blas_threads import one_blas_thread
+from calib.calibration.calibrate import Calibration
+from calib.effects.gravity import has_masses
+from calib.learning.curve_evidence import CurveColumns, CurveEvidence, CurvePosterior, Spectrum
+from calib.learning.curve_formulas import FoundFormula, find_formula
+from calib.learning.smooth_joint_error import CurveModes, SmoothJointError, input_values
+from calib.screening.candidates import cross_validated_rmse_mm
+from calib.screening.projected_residual import ProjectedResidual, joint_directions, project_residual
+
+MIN_LOG_EVIDENCE = 8.0  # over no curve at all: noise alone reaches 2.5 in 40 clean arms
+_ANGLE_ORDERS: IndexArray = np.arange(1, 49)
+_OTHER_ORDERS: IndexArray = np.arange(1, 9)
+_MOST_OTHERS = 3  # curves over other inputs than a joint's own angle
+_MIN_GAIN = 5.0  # in log evidence, of one of them, beyond what choosing it costs
+_MIN_MEMBER_GAIN = 2.0  # a joint whose curve is worth less is left out
+_MOST_FORMULAS = 3  # joints: where more carry a curve no short formula is the cause
+_MIN_VISIBLE = 0.3  # sigmas: a mode whose usual size moves the whole residual by less is left out
+
+
+@dataclass(frozen=True)
+class LearnedCurves:
+    """The curves that the data ask for, as effects, and what they are worth together."""
+
+    members: tuple[SmoothJointError, ...]
+    log_evidence: float  # over no curve, less what choosing their inputs costs
+    bandwidth: float  # errors a turn up to which the curves over angles are rough
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """One joint's curve over one input."""
+
+    joint: int
+    modes: CurveModes  # one for each harmonic yet
+    columns: CurveColumns
+
+
+@one_blas_thread()
+def learn_joint_curves(calibration: Calibration) -> LearnedCurves | None:
+    """A curve for each joint over its angle and, where the data ask for it, over further inputs; None for noise alone.
+
+    Raises FitError where no degree of freedom is left.
+    """
+    left = project_residual(calibration)
+    chosen = list(_over_angles(left))
+    others = list(_over_other_inputs(left))
+    evidence = _evidence_of(chosen, left)
+    value, spectrum, paid = 0.0, None, 0.0
+    if chosen:
+        value, spectrum = evidence.best()
+    for _ in range(_MOST_OTHERS):
+        gains = evidence.gains(spectrum, [c.columns for c in others])
+        best = max(range(len(gains)), key=lambda k: gains[k][0], default=-1)
+        if best < 0 or gains[best][0] < _MIN_GAIN + np.log(len(gains)):
+            break
+        paid += float(np.log(len(gains)))
+        start = np.log([20.0, 2.0]) if spectrum is None else spectrum.logs[-2:]
+        sizes = np.zeros(0) if spectrum is None else spectrum.logs[:-2]
+        chosen.append(others.pop(best))
+        evidence = _evidence_of(chosen, left)
+        value, spectrum = evidence.best((Spectrum(np.concatenate([sizes, [gains[best][1]], start])),))
+    if spectrum is None or value - paid < MIN_LOG_EVIDENCE:
+        return None
+    members = _told_joint_by_joint(left, chosen, evidence, spectrum)
+    noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.freedom))
+    if not members or not _predict_left_out_poses(left, members, noise):
+        return None
+    return LearnedCurves(tuple(members), value - paid, spectrum.bandwidth)
+
+
+def _predict_left_out_poses(left: ProjectedResidual, members: list[SmoothJointError], noise: float) -> bool:
+    """Whether each pose is predicted better from the others with the curves than without (leave one pose out)."""
+    directions = joint_directions(left)
+    columns = [
+        left.motion_columns(directions[m.joint], m.modes.at(input_values(left.state, m.modes.input)))
+        for m in members
+    ]
+    spread = np.concatenate([np.array(m.prior_sigma_rad) for m in members]) / noise
+    with_curves = cross_validated_rmse_mm(left, np.concatenate(columns, axis=1), spread)
+    return with_curves < cross_validated_rmse_mm(left, np.zeros((len(left.residual), 0)), np.zeros(0))
+
+
+def _told_joint_by_joint(
+    left: ProjectedResidual, chosen: list[_Candidate], evidence: CurveEvidence, spectrum: Spectrum
+) -> list[SmoothJointError]:
+    """The members that carry a curve beside the others, the strongest first; a short formula where it says as much."""
+    worth = [evidence.at(spectrum).log_evidence - _without(evidence, spectrum, k) for k in range(len(chosen))]
+    order = [k for k in np.argsort(worth)[::-1].tolist() if worth[k] > _MIN_MEMBER_GAIN]
+    curves: list[int] = []
+    out: list[SmoothJointError] = []
+    for k in order:
+        now = evidence.at(spectrum).log_evidence - _without(evidence, spectrum, k)
+        if now <= _MIN_MEMBER_GAIN:  # a formula that came in says what this curve said
+            spectrum = _flat(spectrum, k)
+            continue
+        found = (
+            _formula(left, chosen[k], evidence, spectrum, k, now) if len(order) <= _MOST_FORMULAS else None
+        )
+        if found is None:
+            curves.append(k)
+            continue
+        for columns, log_size in found.blocks:
+            evidence = CurveEvidence(evidence.curve.beside(columns), evidence.residual, evidence.freedom)
+            logs = _flat(spectrum, k).logs
+            spectrum = Spectrum(np.concatenate([logs[:-2], [log_size], logs[-2:]]))
+        noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.freedom))
+        sigma = np.repeat(np.exp(found.log_sizes) * noise, [len(term.names) for term in found.modes.terms])
+        out.append(SmoothJointError(chosen[k].joint, found.modes, tuple(sigma.tolist())))
+    posterior = evidence.at(spectrum)
+    found_curves = [_member(left, chosen[k], evidence, posterior, k) for k in curves]
+    return sorted(
+        [*out, *(member for member in found_curves if member is not None)],
+        key=lambda member: (member.joint, member.modes.input),
+    )
+
+
+def _evidence_of(chosen: list[_Candidate], left: ProjectedResidual) -> CurveEvidence:
+    empty = np.zeros(0, dtype=np.int64)
+    curve = CurveColumns(np.zeros((len(left.residual), 0)), empty, empty, empty.astype(bool))
+    for candidate in chosen:
+        curve = curve.beside(candidate.columns)
+    return CurveEvidence(curve, -left.residual, left.freedom)
+
+
+def _over_angles(left: ProjectedResidual) -> Iterator[_Candidate]:
+    """Of every revolute joint that the data see, over its own angle."""
+    directions = joint_directions(left)
+    for j, joint in enumerate(left.residuals.model.robot.joints):
+        if joint.is_revolute:
+            yield from _candidate(
+                left,
+                directions[j],
+                j,
+                CurveModes(f"q{j + 1}", _ANGLE_ORDERS, np.eye(2 * len(_ANGLE_ORDERS))),
+                True,
+            )
+
+
+def _over_other_inputs(left: ProjectedResidual) -> Iterator[_Candidate]:
+    """Of every joint, over what else varies: its torque, a sum of two angles, temperature, time, a further column."""
+    robot, poses, directions = left.residuals.model.robot, left.state.poses, joint_directions(left)
+    shared = [name for name in ("temperature_c", "time_s", "payload_kg") if getattr(poses, name) is not None]
+    shared += [str(name) for name, column in poses.extra.items() if _is_number(column)]
+    for j, joint in enumerate(robot.joints):
+        names = [] if joint.is_revolute else [f"q{j + 1}"]
+        names += [f"torque{j + 1}"] if has_masses(robot) else []
+        for k in (j - 1, j + 1):
+            if 0 <= k < robot.n_joints and joint.is_revolute and robot.joints[k].is_revolute:
+                low, high = min(j, k) + 1, max(j, k) + 1
+                names += [f"q{low}+q{high}", f"q{low}-q{high}"]
+        for name in [*names, *shared]:
+            u = input_values(left.state, name)
+            low_u, high_u = (float(limit) for limit in (np.min(u), np.max(u)))
+            if not np.all(np.isfinite(u)) or high_u - low_u <= 1e-9 * max(1.0, abs(low_u), abs(high_u)):
+                continue
+            # Half a period over the range: the two ends need not meet.
+            rate = np.pi / (high_u - low_u)
+            weights = np.eye(2 * len(_OTHER_ORDERS))
+            modes = CurveModes(name, _OTHER_ORDERS, weights, low_u, rate, low_u, high_u)
+            yield from _candidate(left, directions[j], j, modes, False)
+
+
+def _candidate(
+    left: ProjectedResidual, direction: Array, joint: int, modes: CurveModes, shares: bool
+) -> Iterator[_Candidate]:
+    """The candidate, unless geometry does all that it could do."""
+    columns = left.motion_columns(direction, modes.at(input_values(left.state, modes.input)))
+    if float(np.linalg.norm(columns)) <= 1e-6 * float(np.linalg.norm(direction)):
+        return
+    order: IndexArray = np.repeat(modes.orders, 2)
+    member = np.zeros(len(order), dtype=np.int64)
+    yield _Candidate(joint, modes, CurveColumns(columns, member, order, np.full(len(order), shares)))
+
+
+def _without(evidence: CurveEvidence, spectrum: Spectrum, member: int) -> float:
+    """log E when one member's curve is flat."""
+    return evidence.at(_flat(spectrum, member)).log_evidence
+
+
+def _flat(spectrum: Spectrum, member: int) -> Spectrum:
+    logs = spectrum.logs.copy()
+    logs[member] -= 30.0
+    return Spectrum(logs)
+
+
+def _formula(
+    left: ProjectedResidual,
+    candidate: _Candidate,
+    evidence: CurveEvidence,
+    spectrum: Spectrum,
+    k: int,
+    worth: float,
+) -> FoundFormula | None:
+    """A short formula in place of a curve, where it says as much."""
+    name = candidate.modes.input
+    direction = joint_directions(left)[candidate.joint]
+    return find_formula(
+        evidence,
+        _flat(spectrum, k),
+        worth,
+        name,
+        input_values(left.state, name),
+        lambda motions: left.motion_columns(direction, motions),
+    )
+
+
+def _member(
+    left: ProjectedResidual, candidate: _Candidate, evidence: CurveEvidence, found: CurvePosterior, k: int
+) -> SmoothJointError | None:
+    """A curve in the modes of its prior over the measured inputs (Karhunen-Loeve), those that show."""
+    of_member = evidence.curve.member == k
+    noise = float(np.sqrt(found.quadratic / evidence.freedom))
+    spread = found.prior_sigma[of_member] * noise
+    at_poses = candidate.modes.at(input_values(left.state, candidate.modes.input)) * spread
+    _, size, turn = np.linalg.svd(at_poses, full_matrices=False)
+    rms = size / np.sqrt(len(at_poses))
+    weights = spread[:, None] * turn.T / np.maximum(rms, 1e-300)
+    shows = np.linalg.norm(candidate.columns.columns @ weights, axis=0) * rms > _MIN_VISIBLE * noise
+    if not np.any(shows):
+        return None
+    m = candidate.modes
+    modes = CurveModes(m.input, m.orders, weights[:, shows], m.start, m.rate, m.low, m.high)
+    return SmoothJointError(candidate.joint, modes, tuple(rms[shows].tolist()))
+
+
+def _is_number(column: object) -> bool:
+    return bool(np.issubdtype(np.asarray(column).dtype, np.number))

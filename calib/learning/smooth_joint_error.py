@@ -1,0 +1,161 @@
+"""An unknown smooth error of one joint: a curve over an input, learned from what a fit leaves over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calib.array_types import Array, IndexArray
+from calib.effects.effect import Parameter
+from calib.effects.state import RobotState
+
+LEARNED = "smooth_joint_error"
+
+
+@dataclass(frozen=True, eq=False)
+class CurveModes:
+    """K curves over an input u, each a sum of harmonics, of unit size over the poses that they were learned from.
+
+    f_k(u) = sum over n of W[2 i, k] sin(n phase) + W[2 i + 1, k] cos(n phase), phase = rate (u - start), u kept within
+    [low, high]: a curve is bounded where nothing was measured.
+    """
+
+    input: str  # as `input_values` names it: q5, q2+q3, torque2, temperature_c, time_s, a further column
+    orders: IndexArray  # (H,) n
+    weights: Array  # (2 H, K)
+    start: float = 0.0
+    rate: float = 1.0
+    low: float = -np.inf
+    high: float = np.inf
+
+    def phase(self, u: Array) -> Array:
+        """(N,) rad, of inputs (N,)."""
+        return self.rate * (np.clip(u, self.low, self.high) - self.start)
+
+    def at(self, u: Array) -> Array:
+        """(N, K) the curves at inputs (N,)."""
+        return harmonics(self.phase(u), self.orders) @ self.weights
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the K curves."""
+        return tuple(f"mode{k + 1}" for k in range(self.weights.shape[1]))
+
+
+@dataclass(frozen=True)
+class FormulaTerm:
+    """A term of a short formula over an input u.
+
+    harmonic: a sin(n u) + b cos(n u); bump: h exp(-(u - u0)^2 / 2 w^2); kink: k abs(u - u0); step: s from u0 on;
+    square: c u abs(u), which a spring that stiffens makes of a torque.
+    """
+
+    kind: str
+    order: int = 0  # n
+    place: float = 0.0  # u0
+    width: float = 0.0  # w
+
+    def at(self, u: Array) -> Array:
+        """(N, 1), of a harmonic (N, 2)."""
+        off = u - self.place
+        if self.kind == "harmonic":
+            return np.stack([np.sin(self.order * u), np.cos(self.order * u)], axis=1)
+        columns = {
+            "bump": lambda: np.exp(-0.5 * (off / max(self.width, 1e-300)) ** 2),
+            "kink": lambda: np.abs(off),
+            "step": lambda: 1.0 * (off > 0.0),
+            "square": lambda: u * np.abs(u),
+        }
+        return np.asarray(columns[self.kind]())[:, None]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of its columns."""
+        return (f"sin{self.order}", f"cos{self.order}") if self.kind == "harmonic" else (self.kind,)
+
+
+@dataclass(frozen=True)
+class FormulaModes:
+    """A short formula over an input: its terms' columns, one after the other."""
+
+    input: str
+    terms: tuple[FormulaTerm, ...]
+
+    def at(self, u: Array) -> Array:
+        """(N, K) the terms at inputs (N,)."""
+        return np.concatenate([term.at(u) for term in self.terms], axis=1)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the K columns; a number where two are alike."""
+        plain = [name for term in self.terms for name in term.names]
+        return tuple(
+            name if plain.count(name) == 1 else f"{name}_{plain[: k + 1].count(name)}"
+            for k, name in enumerate(plain)
+        )
+
+
+def harmonics(phase: Array, orders: IndexArray) -> Array:
+    """(N, 2 H) sine and cosine of each order, side by side, at phases (N,)."""
+    angle = phase[:, None] * orders
+    return np.stack([np.sin(angle), np.cos(angle)], axis=-1).reshape(len(phase), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothJointError:
+    """theta_j += f(u), f an unknown smooth curve: the sum of modes that the data can tell from nothing.
+
+    What the curve's modes are, and the prior sigma of each, evidence chose (`calib.learning`). It is added where no
+    named effect explains as much, and it names no cause.
+    """
+
+    joint: int
+    modes: CurveModes | FormulaModes
+    prior_sigma_rad: tuple[float, ...]  # (K,)
+    name = LEARNED
+    equation = "theta_j += f_j(q_j), f_j a smooth curve learned from the data"
+    symbols = (("mode_k", "rad"),)
+    needs = "no named effect that explains as much; joint angles over a good range"
+    confirm = "one joint alone over its whole range in small steps: its curve comes back"
+    linear = True
+    held_by_prior = True  # more unknowns than the data would settle: their prior is part of the model
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """One a mode: its rms over the training poses, rad (mm for a prismatic joint)."""
+        own = self.modes.input == f"q{self.joint + 1}"
+        prefix = "" if own else f"{_identifier(self.modes.input)}_"
+        return tuple(
+            Parameter(f"{prefix}{name}_rad", "rad", sigma, f"{name} over {self.modes.input}")
+            for name, sigma in zip(self.modes.names, self.prior_sigma_rad, strict=True)
+        )
+
+    def apply(self, state: RobotState, **values: float) -> RobotState:
+        """The joint's error added."""
+        curves = self.modes.at(input_values(state, self.modes.input))
+        return state.add_joint_error(self.joint, curves @ np.array(list(values.values())))
+
+
+def input_values(state: RobotState, name: str) -> Array:
+    """(N,) of an input of a curve: q5 (rad or mm), q2+q3, q2-q3, torque2 (Nm), temperature_c, time_s, payload_kg, or a
+    further column of poses.csv.
+    """
+    poses = state.poses
+    if name.startswith("torque"):
+        return np.asarray(state.loaded.gravity_torques_nm[:, int(name.removeprefix("torque")) - 1])
+    if name in ("temperature_c", "time_s", "payload_kg"):
+        return np.asarray(getattr(poses, name), dtype=float)
+    if name in poses.extra:
+        return np.asarray(poses.extra[name], dtype=float)
+    first, sign, second = name.partition("-") if "-" in name else name.partition("+")
+    u = poses.q[:, int(first.removeprefix("q")) - 1]
+    if not sign:
+        return np.asarray(u)
+    other = poses.q[:, int(second.removeprefix("q")) - 1]
+    return np.asarray(u - other if sign == "-" else u + other)
+
+
+def _identifier(name: str) -> str:
+    return "".join(c if c.isalnum() else "_" for c in name.replace("+", "_plus_").replace("-", "_minus_"))
