@@ -216,6 +216,31 @@ def test_an_order_that_fits_the_nominal_arm_far_better_is_told_with_its_number(
     assert load_dataset(folder).warnings == ()
 
 
+def test_the_other_order_is_told_where_attitudes_hardly_vary_or_points_miss_the_nominal_arm(
+    folder: Path,
+) -> None:
+    """Of a prism that always looks at the tracker the other order fits too, with another place of the scanner."""
+    dataset = load_dataset(folder)
+    arm = dataset.robot
+    rng = np.random.default_rng(2)
+    q = dataset.poses.q.copy()
+    q[:, :3] = rng.uniform(-1.0, 1.0, (len(q), 3))
+    held = kinematics.forward(arm.table, q, arm.is_revolute)
+    assert dataset.points is not None
+    facing = replace(
+        dataset.points,
+        xyz_mm=held.target_mm,
+        orientations=Orientations(held.base_T_frame[:, -1, :3, :3]),
+    )
+    write_dataset(replace(dataset, poses=replace(dataset.poses, q=q), points=facing), folder)
+    reorder(folder, "wxyz", "xyzw")
+    assert any('quaternion = "xyzw"' in warning for warning in load_dataset(folder).warnings)
+    points = pd.read_csv(folder / "points.csv")
+    points["x_mm"] += 500.0 * rng.normal(size=len(points))
+    points.to_csv(folder / "points.csv", index=False)
+    assert any('quaternion = "xyzw"' in warning for warning in load_dataset(folder).warnings)
+
+
 def test_orientations_that_fit_in_no_order_or_are_few_are_not_doubted(folder: Path) -> None:
     reorder(folder, "wxyz", "xyzw")
     points = pd.read_csv(folder / "points.csv")

@@ -24,6 +24,7 @@ _ENOUGH_ORIENTATIONS = 500
 _FITS_DEG = 5.0  # a nominal arm is closer to its measured orientations than that
 _FAR_BETTER = 5.0  # times the other order's misfit, or degrees
 _ROUNDS = 20
+_MISSED = 0.1  # of the points' spread across their longest extent, by which they may miss the nominal arm's
 _MOST_NAMED = 12  # poses in a note
 _POSES_IN_A_SOCKET = 5  # at which one place is met; a row copied by mistake stands there twice
 
@@ -66,7 +67,7 @@ def order_doubt(robot: Robot, poses: Poses, points: Points, by_order: Mapping[st
     """Whether the quaternions fit the nominal arm far better in another order, as a sentence; "" where they do not.
 
     Measured orientations are Y B X: B (M, 3, 3) those of the nominal arm's tool, Y the scanner's turn to the base and
-    X how the jig sits on the tool, both unknown constants.
+    X how the jig sits on the tool, both unknown constants. Y is that of the points where one of the orders fits so.
 
     Args:
         by_order: the orientations by order of their columns from left to right, "wxyz" and "xyzw"; NaN: not known.
@@ -83,9 +84,13 @@ def order_doubt(robot: Robot, poses: Poses, points: Points, by_order: Mapping[st
     rows = rows[:: -(-len(rows) // _ENOUGH_ORIENTATIONS)]
     chain = kinematics.forward(robot.table, poses.q[points.pose[rows]], robot.is_revolute)
     tool = chain.base_T_frame[:, -1, :3, :3]
-    as_read_deg = _misfit_deg(tool, points.orientations.scanner_R_jig[rows])
-    fits = {order: _misfit_deg(tool, turns[rows]) for order, turns in by_order.items()}
-    order = min(fits, key=lambda name: fits[name])
+    by_points = _turn_by_points(chain.target_mm, points.xyz_mm[rows])
+    for placed in (None,) if by_points is None else (by_points, None):
+        as_read_deg = _misfit_deg(tool, points.orientations.scanner_R_jig[rows], placed)
+        fits = {order: _misfit_deg(tool, turns[rows], placed) for order, turns in by_order.items()}
+        order = min(fits, key=fits.__getitem__)
+        if fits[order] <= _FITS_DEG:
+            break
     if fits[order] > _FITS_DEG or as_read_deg < _FAR_BETTER * max(fits[order], 1.0):
         return ""
     return (
@@ -95,17 +100,29 @@ def order_doubt(robot: Robot, poses: Poses, points: Points, by_order: Mapping[st
     )
 
 
-def _misfit_deg(tool: Array, measured: Array) -> float:
-    """RMS angle, deg, between measured (M, 3, 3) and Y tool X, of the best two constant turns Y and X.
+def _turn_by_points(nominal_mm: Array, measured_mm: Array) -> Array | None:
+    """The scanner's turn to the base (3, 3) that the points (M, 3) tell; None where they miss the nominal arm's."""
+    frame = frames.best_fit_transform(nominal_mm, measured_mm)
+    missed = float(np.sum((frames.apply(frame, nominal_mm) - measured_mm) ** 2))
+    _, second, _ = np.linalg.svd(nominal_mm - nominal_mm.mean(axis=0), compute_uv=False)
+    far_from_a_line = second > _LEAST_SPREAD_MM * np.sqrt(len(nominal_mm))
+    return frame[:3, :3] if far_from_a_line and missed < (_MISSED * second) ** 2 else None
+
+
+def _misfit_deg(tool: Array, measured: Array, placed: Array | None) -> float:
+    """RMS angle, deg, between measured (M, 3, 3) and Y tool X, of the best constant turns X and, unless `placed`, Y.
 
     sum of tr(measured^T Y tool X) is bilinear in the entries of Y and X: its leading singular vectors, made rotations,
     are where alternating least squares starts.
     """
-    form = np.einsum("nad,nbc->abcd", measured, tool).reshape(9, 9)
-    _, _, vt = np.linalg.svd(form)
-    x = frames.mean_rotation((vt[0] * np.sign(np.linalg.det(vt[0].reshape(3, 3)))).reshape(1, 3, 3))
-    y = np.eye(3)
-    for _ in range(_ROUNDS):
+    if placed is None:
+        form = np.einsum("nad,nbc->abcd", measured, tool).reshape(9, 9)
+        leading = np.linalg.svd(form)[2][0].reshape(3, 3)
+        x = frames.mean_rotation(leading[None] * np.sign(np.linalg.det(leading)))
+    else:
+        x = frames.mean_rotation(np.swapaxes(placed @ tool, 1, 2) @ measured)
+    y = np.eye(3) if placed is None else placed
+    for _ in range(_ROUNDS if placed is None else 0):
         y = frames.mean_rotation(measured @ np.swapaxes(tool @ x, 1, 2))
         x = frames.mean_rotation(np.swapaxes(y @ tool, 1, 2) @ measured)
     angle = frames.rotvec_from_rotation(np.swapaxes(y @ tool @ x, 1, 2) @ measured)
