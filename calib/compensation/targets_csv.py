@@ -53,7 +53,7 @@ def load_targets(path: Path, robot: Robot) -> Targets:
     file.require(columns)
     if len(file) == 0:
         raise DatasetError(f"{path}: no row below the header; one row a target is needed")
-    q = load_joints(file, columns)
+    q = robot.joints_of(load_joints(file, columns))
     ids = names(file, "pose") if "pose" in file else [str(i + 1) for i in range(len(file))]
     poses = Poses(
         ids=tuple(ids),
@@ -83,8 +83,9 @@ def corrected_table(targets: Targets, correction: Correction) -> str:
     """The table with corrected joints as CSV text; `reached` says which targets the arm can reach."""
     robot = correction.robot
     cells = targets.file.cells.copy()
+    commanded = robot.commands_of(correction.q)
     for k, column in enumerate(found_joint_columns(targets.file, robot)):
-        q = correction.q[:, k]
+        q = commanded[:, k]
         cells[column] = [
             repr(degrees(v) if column.endswith("_deg") else in_unit_of(column, float(v))) for v in q
         ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -21,7 +21,7 @@ from calib.screening.candidates import Candidate, Screening
 class DiscriminatingPose:
     """A joint vector, and how far apart the causes put the tool there: the least difference of any two."""
 
-    q: Array  # (n,) rad or mm
+    q: Array  # (n,) rad or mm, as it is commanded
     separation_mm: float
 
 
@@ -44,7 +44,8 @@ def discriminating_poses(
     q = rng.uniform(measured.min(axis=0), measured.max(axis=0), (tried, measured.shape[1]))
     places = [_places(calibration, candidate, q) for candidate in doubted]
     apart = np.min([np.linalg.norm(a - b, axis=1) for a, b in combinations(places, 2)], axis=0)
-    return _spread(q, apart, count)
+    commands_of = calibration.dataset.robot.commands_of
+    return tuple(replace(pose, q=commands_of(pose.q)) for pose in _spread(q, apart, count))
 
 
 def nearest_rival(screening: Screening, name: str) -> Candidate | None:

@@ -97,6 +97,9 @@ class Robot:
     gravity_m_s2: Vector = (0.0, 0.0, -9.81)
     targets: tuple[Target, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
+    coupling: tuple[
+        tuple[float, ...], ...
+    ] = ()  # (n, n) joint values by commanded ones; (): they are the same
 
     @property
     def n_joints(self) -> int:
@@ -122,6 +125,16 @@ class Robot:
     def is_revolute(self) -> BoolArray:
         """(n,) which joints turn."""
         return np.array([joint.is_revolute for joint in self.joints], dtype=bool)
+
+    def joints_of(self, commanded: ArrayLike) -> Array:
+        """(..., n) values of the joints, of commanded ones (..., n) in the same units: coupling @ commanded."""
+        commanded = np.asarray(commanded, dtype=float)
+        return commanded @ np.array(self.coupling).T if self.coupling else commanded
+
+    def commands_of(self, q: ArrayLike) -> Array:
+        """(..., n) the commanded values that give joint values (..., n), the inverse of `joints_of`."""
+        q = np.asarray(q, dtype=float)
+        return q @ np.linalg.inv(np.array(self.coupling)).T if self.coupling else q
 
     @property
     def table(self) -> Array:

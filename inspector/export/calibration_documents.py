@@ -112,11 +112,10 @@ def validation_document(folds: CrossValidation, curve: LearningCurve) -> dict[st
 
 def correction_document(correction: Correction, ids: Sequence[str]) -> dict[str, Any]:
     """What `correct --json` prints: each target with its errors, and those that cannot be reached with the reason."""
+    commanded = correction.robot.commands_of(correction.q)
     targets = [
         {"pose": pose, **row, "q": q}
-        for pose, row, q in zip(
-            ids, correction.to_frame().to_dict(orient="records"), correction.q, strict=True
-        )
+        for pose, row, q in zip(ids, correction.to_frame().to_dict(orient="records"), commanded, strict=True)
     ]
     return {
         "what": correction.what,

@@ -91,7 +91,7 @@ def load_poses(path: Path, robot: Robot, units: DeclaredUnits = NOT_DECLARED) ->
         raise DatasetError(
             f"{path}: column role: found {len(references)} reference poses ({where}); set exactly one"
         )
-    q_file = load_joints(file, q_columns)
+    q_file = robot.joints_of(load_joints(file, q_columns))  # coupled joints have one unit
     warnings = [*_angle_warnings(file, q_file, q_columns, robot)]
     conditions = load_conditions(file, robot)
     known = ["pose", "role", *q_columns, *CONDITIONS, "setup", "scan", *approach_columns(robot)]
@@ -191,12 +191,13 @@ def _angle_warnings(file: TableFile, q_file: Array, columns: list[str], robot: R
 
 
 def poses_frame(poses: Poses, robot: Robot) -> pd.DataFrame:
-    """poses.csv as a table: degrees for angles."""
+    """poses.csv as a table: what is commanded, degrees for angles."""
     columns: dict[str, Any] = {"pose": poses.ids, "role": poses.role}
     if any(poses.setup):
         columns["setup"] = poses.setup
+    commanded = robot.commands_of(poses.q)
     for k, (name, joint) in enumerate(zip(joint_columns(robot), robot.joints, strict=True)):
-        columns[name] = [degrees(v) for v in poses.q[:, k]] if joint.is_revolute else poses.q[:, k]
+        columns[name] = [degrees(v) for v in commanded[:, k]] if joint.is_revolute else commanded[:, k]
     for name in CONDITIONS:
         values = getattr(poses, name)
         if values is not None:

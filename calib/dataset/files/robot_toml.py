@@ -8,6 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomli_w
 
 from calib.dataset.files.toml_table import TomlTable
@@ -15,6 +16,7 @@ from calib.errors import DatasetError
 from calib.kinematics.robot import TARGET_TOLERANCE_MM, Joint, Robot, Target, Tool
 from calib.options import BUILTIN_ROBOTS
 
+_MOST_CONDITION = 1e6  # of the coupling; beyond it commands do not follow from joints
 _ROW_KEYS = ("a_mm", "alpha_deg", "d_mm", "theta_deg", "beta_deg")
 
 
@@ -56,9 +58,31 @@ def load_robot(path: Path) -> Robot:
         tool=tool,
         gravity_m_s2=top.vector("gravity_m_s2") or (0.0, 0.0, -9.81),
         targets=tuple(targets),
+        coupling=_coupling(top, joints),
     )
     _refuse_metres(robot, path)
     return replace(robot, extra=top.unread())
+
+
+def _coupling(top: TomlTable, joints: tuple[Joint, ...]) -> tuple[tuple[float, ...], ...]:
+    """The matrix that makes joint values of commanded ones; () where joints are commanded one by one."""
+    coupling = top.square_matrix("coupling", len(joints))
+    if not coupling:
+        return ()
+    for number, (row, joint) in enumerate(zip(coupling, joints, strict=True), 1):
+        if any(entry and other.type != joint.type for entry, other in zip(row, joints, strict=True)):
+            raise top.error(
+                "coupling",
+                f"row {number} couples joints of different types",
+                "couple revolute joints with revolute ones and prismatic with prismatic",
+            )
+    if np.linalg.cond(np.array(coupling)) > _MOST_CONDITION:
+        raise top.error(
+            "coupling",
+            f"found {[list(row) for row in coupling]}, which has no inverse",
+            "row i says how joint i follows from what is commanded, such as [0, 1, 1] for q3 = q2 + q3'",
+        )
+    return coupling
 
 
 def _refuse_metres(robot: Robot, path: Path) -> None:
@@ -148,6 +172,8 @@ def degrees(angle_rad: float) -> float:
 def robot_to_toml(robot: Robot) -> str:
     """The robot as the text of a robot.toml; `load_robot` gives the same robot back."""
     document: dict[str, Any] = {"name": robot.name, "gravity_m_s2": list(robot.gravity_m_s2), **robot.extra}
+    if robot.coupling:
+        document["coupling"] = [list(row) for row in robot.coupling]
     document["joints"] = [_joint_document(joint) for joint in robot.joints]
     tool = robot.tool
     document["tool"] = _present(

@@ -97,6 +97,21 @@ class TomlTable:
             raise self.error(key, f"found {value!r}", "three finite numbers in [ ] are needed")
         return (float(value[0]), float(value[1]), float(value[2]))
 
+    def square_matrix(self, key: str, size: int) -> tuple[tuple[float, ...], ...]:
+        """`size` rows of as many finite numbers, or () where the key is absent."""
+        rows = self._get(key)
+        if rows is None:
+            return ()
+        if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
+            raise self.error(key, f"found {rows!r}", f"{size} rows of {size} numbers in [ ] are needed")
+        numbers = [v for row in rows for v in row]
+        finite = all(
+            isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in numbers
+        )
+        if not finite or len(rows) != size or any(len(row) != size for row in rows):
+            raise self.error(key, f"found {rows!r}", f"{size} rows of {size} finite numbers are needed")
+        return tuple(tuple(map(float, row)) for row in rows)
+
     def table(self, key: str) -> TomlTable:
         """A sub-table; empty where it is absent."""
         value = self._get(key)
