@@ -1,7 +1,7 @@
 """What to do next with a model built by hand: add the effect that leads, measure more, look closer, or stop.
 
 The same thresholds as `calib.diagnosis.decision_rules`, for any fit: the tests of what is left come first, then the
-ranking.
+ranking, then the curves of the joints, where they were learned.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 from calib.diagnosis.decision_rules import is_convincing, leading_fault, rank_candidates, untestable_names
 from calib.diagnosis.sentences import (
+    AddCurves,
     AddEffect,
     AdviceSentence,
     LookAtJoint,
@@ -19,6 +20,8 @@ from calib.diagnosis.sentences import (
     ResidualSummary,
     TellApart,
 )
+from calib.learning.joint_curves import LearnedCurves
+from calib.learning.smooth_joint_error import LEARNED
 from calib.screening.candidates import Screening
 from calib.screening.residual_tests import ResidualTests
 
@@ -34,9 +37,17 @@ class Advice:
     sentences: tuple[AdviceSentence, ...]  # `calib.diagnosis.text.advice_text` puts them into words
 
 
-def advise(screening: Screening, tests: ResidualTests) -> Advice:
-    """What the ranking and the residual tests of one fit suggest."""
-    convincing = any(is_convincing(candidate) for candidate in screening.candidates)
+def asks_for_curves(screening: Screening, tests: ResidualTests) -> bool:
+    """Whether something is left and no effect of the ranking is convincing: then curves may explain it."""
+    left = bool(tests.fault or tests.structured or tests.too_large)
+    return left and not any(map(is_convincing, screening.candidates))
+
+
+def advise(screening: Screening, tests: ResidualTests, curves: LearnedCurves | None = None) -> Advice:
+    """What the ranking and the residual tests of one fit suggest; and curves, where they were learned from it."""
+    convincing = any(map(is_convincing, screening.candidates))
+    if not convincing and curves is not None:
+        return _with_curves(tests, curves)
     if not convincing:
         return _without_candidate(screening, tests)
     fault = leading_fault(screening)
@@ -49,6 +60,13 @@ def advise(screening: Screening, tests: ResidualTests) -> Advice:
         names = tuple(candidate.name for candidate in tied)
         return Advice("ambiguous", names, (left, TellApart(names)))
     return Advice("add", (best.name,), (left, AddEffect(best.name, best.log_evidence, lead)))
+
+
+def _with_curves(tests: ResidualTests, curves: LearnedCurves) -> Advice:
+    """To add the curves: all joints say more than a fault of one."""
+    left = residual_summary(replace(tests, fault=None))
+    add = AddCurves(LEARNED, curves.joints, curves.inputs, curves.log_evidence)
+    return Advice("add", (LEARNED,), (left, add))
 
 
 def _without_candidate(screening: Screening, tests: ResidualTests) -> Advice:

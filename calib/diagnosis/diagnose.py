@@ -16,7 +16,7 @@ from calib.blas_threads import one_blas_thread
 from calib.calibration.plausibility import implausibility_reason
 from calib.dataset.dataset import Dataset, without_poses
 from calib.diagnosis.decision_rules import is_convincing, predicts_worse, verdict_of
-from calib.diagnosis.effect_selection import FitStep, calibrate_with, learned_curves, selected_curves
+from calib.diagnosis.effect_selection import FitStep, calibrate_with, curves_beside, selected_curves
 from calib.diagnosis.findings import Learned
 from calib.diagnosis.pose_recommendation import DiscriminatingPose, discriminating_poses
 from calib.diagnosis.result import Diagnosis
@@ -121,11 +121,8 @@ def _with_learned_curves(found: Diagnosis, tell: Tell) -> Diagnosis:
     if found.leading_fault is None and any(map(is_convincing, found.screenings[-1].candidates)):
         return found  # as many effects as were asked for, and one more has a name
     tell("learning what the joints' curves explain")
-    try:
-        curves = learned_curves(before)
-    except FitError:  # no degree of freedom is left to learn from
-        return found
-    if curves is None or (fault is not None and fault.log_evidence >= curves.log_evidence):
+    curves = curves_beside(before, fault)
+    if curves is None:
         return found
     last, learned = found.steps[-1], selected_curves(curves)
     given = before.model.added_effects[

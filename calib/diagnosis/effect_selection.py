@@ -12,15 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.calibration.calibrate import calibrate
+from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.effects.catalogue import available_family, effects_for
 from calib.effects.effect import Effect, Family, full_name
-from calib.errors import CalibError
+from calib.errors import CalibError, FitError
 from calib.learning.joint_curves import LearnedCurves, learn_joint_curves
 from calib.learning.smooth_joint_error import LEARNED
 from calib.options import FitOptions
 from calib.screening.candidates import Candidate, Screening, screen
+from calib.screening.fault_models import JointFault
 
 GEOMETRY = "link errors"
 
@@ -81,6 +83,21 @@ def learned_curves(calibration: Calibration) -> LearnedCurves | None:
     Raises FitError where no degree of freedom is left.
     """
     return learn_joint_curves(calibration) if calibration.options.prior else None
+
+
+def curves_beside(calibration: Calibration, fault: JointFault | None) -> LearnedCurves | None:
+    """Curves that what a fit leaves over is better explained by than by a fault of one joint.
+
+    None where they are not, where the fit has its curves already, or where no degree of freedom is left to learn from.
+    """
+    if LEARNED in calibration.model.family_names or implausibility_reason(calibration):
+        return None
+    try:
+        curves = learned_curves(calibration)
+    except FitError:
+        return None
+    beaten = curves is None or (fault is not None and fault.log_evidence >= curves.log_evidence)
+    return None if beaten else curves
 
 
 def selected_curves(curves: LearnedCurves) -> SelectedEffect:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from calib.calibration.result import Calibration
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.pose_recommendation import DiscriminatingPose
-from calib.learning.smooth_joint_error import SmoothJointError
+from calib.learning.smooth_joint_error import SmoothJointError, inputs_of, joints_of
 from calib.screening.candidates import Candidate, Screening, Untestable
 from calib.screening.fault_models import JointFault
 from calib.screening.residual_tests import ResidualTests
@@ -26,12 +26,12 @@ class Learned:
     @property
     def joints(self) -> tuple[int, ...]:
         """That carry a curve, counted from 1."""
-        return tuple(sorted({member.joint + 1 for member in self.members}))
+        return joints_of(self.members)
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """That the curves run over."""
-        return tuple(dict.fromkeys(member.modes.input for member in self.members))
+        return inputs_of(self.members)
 
 
 @dataclass(frozen=True)

@@ -224,6 +224,16 @@ class AddEffect:
 
 
 @dataclass(frozen=True)
+class AddCurves:
+    """No effect of the ranking explains what is left, curves of the joints do."""
+
+    effect: str
+    joints: tuple[int, ...]  # counted from 1
+    inputs: tuple[str, ...]
+    log_evidence: float  # over noise alone
+
+
+@dataclass(frozen=True)
 class TellApart:
     """Several effects could each explain it."""
 
@@ -250,7 +260,14 @@ class NothingToAdd:
 
 VerdictSentence = Adequate | Named | Ambiguous | Unexplained | Outliers
 AdviceSentence = (
-    ResidualSummary | LookAtJoint | AddEffect | TellApart | LookCloser | MeasureAgain | NothingToAdd
+    ResidualSummary
+    | LookAtJoint
+    | AddEffect
+    | AddCurves
+    | TellApart
+    | LookCloser
+    | MeasureAgain
+    | NothingToAdd
 )
 ResidualSentence = (
     ResidualSize | ResidualOrder | ResidualWithoutOrder | ResidualTooLarge | FaultSuspected | PosesStandOut

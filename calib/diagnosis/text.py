@@ -256,6 +256,11 @@ def _advice_sentence(sentence: facts.AdviceSentence) -> str:
         case facts.AddEffect(effect, log_evidence, lead):
             leads = "" if lead is None else f" and leads the next by {lead:.0f}"
             return f"{effect} is missing: its evidence is {log_evidence:.0f} (3 would do){leads}. Add it."
+        case facts.AddCurves(effect, joints, inputs, log_evidence):
+            return (
+                f"{curves_text(joints, inputs, log_evidence)} {effect} adds what was learned of them; it names no cause. "
+                "Watch whether the test poses follow."
+            )
         case facts.LookCloser():
             return (
                 "No effect in the ranking explains it. Look at it in the tab Where it fails; a loose part, a hose or a "

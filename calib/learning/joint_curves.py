@@ -13,7 +13,13 @@ from calib.calibration.calibrate import Calibration
 from calib.effects.gravity import has_masses
 from calib.learning.curve_evidence import CurveColumns, CurveEvidence, CurvePosterior, Spectrum
 from calib.learning.curve_formulas import FoundFormula, find_formula
-from calib.learning.smooth_joint_error import CurveModes, SmoothJointError, input_values
+from calib.learning.smooth_joint_error import (
+    CurveModes,
+    SmoothJointError,
+    input_values,
+    inputs_of,
+    joints_of,
+)
 from calib.screening.candidates import cross_validated_rmse_mm
 from calib.screening.projected_residual import ProjectedResidual, joint_directions, project_residual
 
@@ -34,6 +40,16 @@ class LearnedCurves:
     members: tuple[SmoothJointError, ...]
     log_evidence: float  # over no curve, less what choosing their inputs costs
     bandwidth: float  # errors a turn up to which the curves over angles are rough
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """That carry a curve, counted from 1."""
+        return joints_of(self.members)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """That the curves run over."""
+        return inputs_of(self.members)
 
 
 @dataclass(frozen=True)

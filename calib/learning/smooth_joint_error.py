@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -136,6 +137,16 @@ class SmoothJointError:
         """The joint's error added."""
         curves = self.modes.at(input_values(state, self.modes.input))
         return state.add_joint_error(self.joint, curves @ np.array(list(values.values())))
+
+
+def joints_of(members: Iterable[SmoothJointError]) -> tuple[int, ...]:
+    """The joints that carry a curve, counted from 1."""
+    return tuple(sorted({member.joint + 1 for member in members}))
+
+
+def inputs_of(members: Iterable[SmoothJointError]) -> tuple[str, ...]:
+    """The inputs that curves run over."""
+    return tuple(dict.fromkeys(member.modes.input for member in members))
 
 
 def input_values(state: RobotState, name: str) -> Array:

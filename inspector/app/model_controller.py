@@ -196,7 +196,8 @@ class ModelController:
         yield
         tested = yield from self._beside(lambda: sessions.with_residual_tests(session), session)
         if tested is not None and self._session.screening is session.screening:
-            known = replace(self._session, residual_tests=tested.residual_tests, advice=tested.advice)
+            known = replace(self._session, residual_tests=tested.residual_tests, curves=tested.curves)
+            known = replace(known, advice=tested.advice)
             self._state.keep(known)
             self._panels.missing_effects.advise(self._session)
             self._panels.residuals.update(self._state.now)

@@ -25,6 +25,7 @@ from calib.effects.user_file import load_effects
 from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import nominal_state
 from calib.learning.effect_file import effect_file_text
+from calib.learning.fitted_curves import curve_lines, without_curves
 from calib.measurement.measured_points import require_corners, with_corners
 from calib.models.exported_table import ExportedTable, exported_table
 from calib.validation.acceptance import check
@@ -101,9 +102,10 @@ def run_calibrate(options: CalibrateOptions) -> int:
 
 
 def _calibration_text(steps: Sequence[FitStep], table: ExportedTable) -> str:
-    """The parameters, sums known better than their parts, the errors after each addition, the summary, the table."""
+    """Parameters, learned curves, sums known better than their parts, errors after each addition, summary, table."""
     result = steps[-1].calibration
-    lines = [result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.6g}")]
+    parameters = without_curves(result.to_frame())
+    lines = [parameters.to_string(index=False, float_format=lambda v: f"{v:.6g}"), *curve_lines(result)]
     lines += [
         f"known: {c.description} = {c.value:.6g} +- {c.sigma:.2g} {c.unit}".rstrip()
         for c in identifiable_combinations(result)

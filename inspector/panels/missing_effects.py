@@ -5,6 +5,7 @@ from __future__ import annotations
 import viser
 
 from calib.calibration.noise_check import noise_floor_mm
+from calib.learning.smooth_joint_error import LEARNED
 from inspector.figures.plots import error_history
 from inspector.figures.residual_plots import added_variable
 from inspector.markup import effects as html
@@ -81,7 +82,6 @@ class MissingEffectsPanel:
         """The session's model and what could be missing from it. own: what is wrong with the user's effects file."""
         session = view.session
         self.say("")
-        self._offer(session)
         self._own.content = elements.alert(own, colour=BAD) if own else ""
         self._state.content = html.state_html(session, undo, redo)
         self.advise(session)
@@ -92,7 +92,11 @@ class MissingEffectsPanel:
         self._untestable.content = html.untestable_html(screening.untestable) if screening else ""
 
     def advise(self, session: Session) -> None:
-        """The verdict of a diagnosis; without one what is left over, and what to do next, with its button."""
+        """The verdict of a diagnosis; without one what is left over, and what to do next, with its button.
+
+        With it is known whether curves of the joints can be added.
+        """
+        self._offer(session)
         self._advised = ""
         self._advice.content = html.verdict_html(session.diagnosis)
         advice = session.advice
@@ -164,6 +168,11 @@ class MissingEffectsPanel:
         """All that can be added or removed; what was chosen stays chosen, so that a second press adds nothing more."""
         inside = [added.name for added in session.effects]
         ranked = [c.name for c in session.screening.candidates] if session.screening else []
+        waits = (
+            session.residual_tests is None and LEARNED in self.choice.options
+        )  # whether it is still offered
+        if session.curves is not None or waits:
+            ranked = [LEARNED, *ranked]
         if session.screening is None and session.calibration is not None:
             ranked = [o for o in self.choice.options if o != NONE]  # while the ranking is made
         options = tuple(dict.fromkeys([*ranked, *inside])) or (NONE,)

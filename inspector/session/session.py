@@ -16,6 +16,7 @@ from calib.diagnosis.pose_recommendation import DiscriminatingPose
 from calib.diagnosis.result import Diagnosis
 from calib.effects.effect import Family
 from calib.identifiability.redundancy import Redundancy
+from calib.learning.joint_curves import LearnedCurves
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import with_corners
 from calib.screening.candidates import Screening
@@ -56,6 +57,9 @@ class Session:
     pose_errors: PoseErrors | None = None  # where the calibration is off; known with the screening
     separations: Mapping[str, Separation] = field(default_factory=dict)  # by candidate, as far as asked for
     residual_tests: ResidualTests | None = None  # known soon after the screening
+    curves: LearnedCurves | None = (
+        None  # where no named effect explains what is left; with the residual tests
+    )
     advice: Advice | None = None  # what to do next with this model; known with the residual tests
     diagnosis: Diagnosis | None = None  # where it led to this calibration
     steps: tuple[FitStep, ...] = ()  # the link errors, then each change of the model

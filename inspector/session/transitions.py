@@ -11,16 +11,18 @@ from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
 from calib.corners.batch import search_file
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.advice import advise
+from calib.diagnosis.advice import advise, asks_for_curves
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import (
     GEOMETRY,
     FitStep,
     SelectedEffect,
     calibrate_with,
+    curves_beside,
     curves_to_add,
     proposed,
     recalled,
+    selected_curves,
 )
 from calib.diagnosis.pose_recommendation import discriminating_poses, nearest_rival
 from calib.diagnosis.result import Diagnosis
@@ -117,17 +119,23 @@ def with_ranking(session: Session) -> Session:
         screening=screening,
         pose_errors=pose_errors,
         residual_tests=None,
+        curves=None,
         advice=None,
         separations={},
     )
 
 
 def with_residual_tests(session: Session) -> Session:
-    """The second half: tests of the residual, and advice; nothing new where they are known or nothing was ranked."""
+    """The second half: tests of the residual, curves where no named effect explains it, and advice.
+
+    Nothing new where they are known or nothing was ranked.
+    """
     if session.screening is None or session.residual_tests is not None:
         return session
-    tests = run_residual_tests(_calibrated(session).dataset, session.screening.projected)
-    return replace(session, residual_tests=tests, advice=advise(session.screening, tests))
+    calibration, screening = _calibrated(session), session.screening
+    tests = run_residual_tests(calibration.dataset, screening.projected)
+    curves = curves_beside(calibration, tests.fault) if asks_for_curves(screening, tests) else None
+    return replace(session, residual_tests=tests, curves=curves, advice=advise(screening, tests, curves))
 
 
 def separation(session: Session, name: str) -> Separation | None:
@@ -176,11 +184,15 @@ def with_user_effects(session: Session, effects: tuple[Family, ...]) -> Session:
 
 
 def with_effect(session: Session, name: str) -> Session:
-    """Add an effect as the screening proposes it, and fit everything together again."""
+    """Add an effect as the screening proposes it, or the curves that were learned, and fit everything again."""
     if any(added.name == name for added in session.effects):
         raise CalibError(f"effect {name} is in the model already")
-    learned = name == LEARNED
-    added = curves_to_add(_calibrated(session)) if learned else proposed(session.screening, name)
+    if name != LEARNED:
+        added = proposed(session.screening, name)
+    elif session.curves is not None:
+        added = selected_curves(session.curves)
+    else:
+        added = curves_to_add(_calibrated(session))
     return _changed(session, (*session.effects, added), f"+ {name}")
 
 
@@ -241,5 +253,7 @@ def start_of(last: FitStep, effects: Sequence[SelectedEffect]) -> Calibration | 
 
 def _untested(session: Session) -> Session:
     """A new fit, of which nothing more is known yet."""
-    unknown = replace(session, screening=None, pose_errors=None, residual_tests=None, advice=None)
+    unknown = replace(
+        session, screening=None, pose_errors=None, residual_tests=None, curves=None, advice=None
+    )
     return replace(unknown, diagnosis=None, separations={}, versions=())

@@ -12,7 +12,6 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import add_in_turn
 from calib.effects.effect import apply_values
@@ -23,18 +22,12 @@ from calib.learning.effect_file import effect_file_text
 from calib.learning.joint_curves import learn_joint_curves
 from calib.learning.smooth_joint_error import LEARNED, FormulaModes, SmoothJointError
 from calib.options import FitOptions
-from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
 from inspector.session import transitions as sessions
 from inspector.session.reopening import dataset_of, reopened
 from inspector.session.session_file import Shown, load_session, save_session
 from tests.support import SHARED_DATA
-
-
-def arm(seed: int, *effects: tuple[str, float], robot: str = "rb5") -> Dataset:
-    rng = np.random.default_rng(seed)
-    simulation = simulate_dataset(builtin_robot(robot), rng=rng, effects=effects, poses=64, noise_mm=0.05)
-    return simulation.dataset
+from tests.support.hidden_dataset import UNNAMED, arm
 
 
 def test_rmse_mm(calibration: Calibration) -> float:
@@ -48,7 +41,7 @@ test_rmse_mm.__test__ = False  # type: ignore[attr-defined]
 @pytest.fixture(scope="module")
 def fifth() -> Dataset:
     """An arm whose joint errs five times a turn, which no family of the catalogue does."""
-    return arm(2004, ("fifth_harmonic", 3.0))
+    return arm(2004, UNNAMED)
 
 
 @pytest.mark.slow

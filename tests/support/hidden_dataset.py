@@ -1,16 +1,19 @@
-"""A small dataset of measured points whose arm has a transmission error that the five-parameter model lacks."""
+"""Small datasets of measured points whose arm has an effect that the five-parameter model lacks."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.simulation.simulate import simulate_dataset
 
 HIDDEN = "transmission_error"
+UNNAMED = ("fifth_harmonic", 3.0)  # of joint 1: an effect that no family of the catalogue makes
 
 
 def write_hidden(folder: Path, name: str = "hidden") -> Path:
@@ -25,3 +28,16 @@ def write_hidden(folder: Path, name: str = "hidden") -> Path:
     )
     write_dataset(simulation.dataset, folder / name)
     return folder / name
+
+
+def arm(seed: int, *effects: tuple[str, float], robot: str = "rb5") -> Dataset:
+    """64 measured points of an arm with these effects, at so many sigmas."""
+    rng = np.random.default_rng(seed)
+    simulation = simulate_dataset(builtin_robot(robot), rng=rng, effects=effects, poses=64, noise_mm=0.05)
+    return simulation.dataset
+
+
+def write_unnamed(folder: Path) -> Path:
+    """An arm whose joint 1 errs five times a turn, at `folder/unnamed`."""
+    write_dataset(replace(arm(2004, UNNAMED), name="unnamed"), folder / "unnamed")
+    return folder / "unnamed"

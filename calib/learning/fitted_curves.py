@@ -1,0 +1,124 @@
+"""The learned curves of a fit over their inputs, with their uncertainty: to be drawn, and to be told in a line each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from calib.array_types import Array, BoolArray
+from calib.calibration.input_variables import joint_input
+from calib.calibration.result import Calibration
+from calib.effects.effect import full_name
+from calib.learning.effect_file import formula_text
+from calib.learning.smooth_joint_error import LEARNED, SmoothJointError, input_values
+
+_PLACES = 401  # at which a curve is worked out
+_BEYOND = 0.12  # of the measured range, on either side
+
+
+@dataclass(frozen=True, eq=False)
+class FittedCurve:
+    """One joint's curve as it was fitted, at G places of its input."""
+
+    joint: int  # from 0
+    is_revolute: bool  # the joint
+    input: str
+    u: Array  # (G,) rad, mm, Nm, as the input is
+    value: Array  # (G,) rad (mm for a prismatic joint)
+    sigma: Array  # (G,) of the value, by the fit's covariance
+    measured: Array  # (N,) inputs of the training poses, sorted
+    rms: float  # over those
+    known: int  # parameters that the data know to better than half their prior sigma
+    parameters: int
+    formula: str | None  # where it is a short formula
+
+    @property
+    def inside(self) -> BoolArray:
+        """(G,) whether a place lies within the measured range."""
+        return np.asarray((self.u >= self.measured[0]) & (self.u <= self.measured[-1]))
+
+    @property
+    def largest(self) -> tuple[float, float]:
+        """Where in the measured range the curve is largest, and what it is there."""
+        at = int(np.argmax(np.where(self.inside, np.abs(self.value), -1.0)))
+        return float(self.u[at]), float(self.value[at])
+
+
+def learned_members(calibration: Calibration) -> tuple[SmoothJointError, ...]:
+    """The learned curves in a fit's model; () where there are none."""
+    return tuple(e for e in calibration.model.added_effects if isinstance(e, SmoothJointError))
+
+
+def fitted_curves(calibration: Calibration) -> tuple[FittedCurve, ...]:
+    """The learned curves in a fit's model, as they were fitted; () where there are none."""
+    members = learned_members(calibration)
+    if not members:
+        return ()
+    fit, model = calibration.fit, calibration.model
+    state = model.state(fit.x, calibration.dataset.poses)
+    at = {p.name: i for i, p in enumerate(fit.parameters)}
+    values = dict(zip(at, fit.x.tolist(), strict=True))
+    after = calibration.after
+    training = np.unique(after.pose[~after.is_test[after.pose]])
+    out = []
+    for member in members:
+        own = [at[full_name(member, p)] for p in member.parameters]
+        measured = np.sort(input_values(state, member.modes.input)[training])
+        beyond = _BEYOND * (measured[-1] - measured[0])
+        u = np.linspace(measured[0] - beyond, measured[-1] + beyond, _PLACES)
+        modes = member.modes.at(u)
+        variance = np.einsum("gk,kl,gl->g", modes, fit.covariance[np.ix_(own, own)], modes)
+        curve = FittedCurve(
+            joint=member.joint,
+            is_revolute=model.robot.joints[member.joint].is_revolute,
+            input=member.modes.input,
+            u=u,
+            value=modes @ fit.x[own],
+            sigma=np.sqrt(np.maximum(variance, 0.0)),
+            measured=measured,
+            rms=float(np.sqrt(np.mean((member.modes.at(measured) @ fit.x[own]) ** 2))),
+            known=int(np.count_nonzero(fit.sigma[own] < 0.5 * np.array(member.prior_sigma_rad))),
+            parameters=len(own),
+            formula=formula_text([member], values),
+        )
+        out.append(curve)
+    return tuple(out)
+
+
+def without_curves(parameters: pd.DataFrame) -> pd.DataFrame:
+    """The rows of a table of parameters (column `name`) that are no learned curve's."""
+    return parameters[~parameters["name"].str.startswith(f"{LEARNED}.")]
+
+
+def curve_lines(calibration: Calibration) -> list[str]:
+    """A line for each learned curve: joint, input, size, the largest value and where, how much of it is known."""
+    return [_line(curve, calibration) for curve in fitted_curves(calibration)]
+
+
+def _line(curve: FittedCurve, calibration: Calibration) -> str:
+    unit = "mrad" if curve.is_revolute else "mm"
+    place, value = curve.largest
+    scale = 1e3 if curve.is_revolute else 1.0
+    where, of = input_in_unit(curve.input, [place], calibration)
+    told = f"; {curve.formula}" if curve.formula else ""
+    return (
+        f"{LEARNED}: joint {curve.joint + 1} over {curve.input}: rms {scale * curve.rms:.3g} {unit}, largest "
+        f"{scale * value:+.3g} {unit} at {where[0]:.4g} {of}".rstrip()
+        + f", {curve.known} of {curve.parameters} modes known{told}"
+    )
+
+
+def input_in_unit(name: str, values: Sequence[float] | Array, calibration: Calibration) -> tuple[Array, str]:
+    """An input's values as people read them, and their unit: angles in degrees, "" for a column of the user's own."""
+    u, joints = np.asarray(values, dtype=float), calibration.model.robot.joints
+    units = {"temperature_c": "C", "time_s": "s", "payload_kg": "kg"}
+    if name in units or name in calibration.dataset.poses.extra:
+        return u, units.get(name, "")
+    quantity, joint = joint_input(name) or ("q", -1)
+    if quantity == "torque":
+        return u, "Nm"
+    angle = joint < 0 or joints[joint].is_revolute  # sums are of angles only
+    return (np.degrees(u), "deg") if angle else (u, "mm")

@@ -1,0 +1,151 @@
+"""Curves that are offered beside the ranking: to whom, in which words, how they are drawn and told in a line."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.calibration.result import Calibration
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import load_dataset
+from calib.diagnosis.advice import advise
+from calib.diagnosis.decision_rules import is_convincing
+from calib.diagnosis.effect_selection import add_in_turn, curves_beside
+from calib.diagnosis.text import advice_text
+from calib.effects.effect import apply_values
+from calib.fitting.observations import nominal_state
+from calib.learning.fitted_curves import curve_lines, fitted_curves, input_in_unit, learned_members
+from calib.learning.smooth_joint_error import LEARNED
+from inspector.cli.parser import main
+from inspector.session import transitions as sessions
+from inspector.session.session import Session
+from tests.support.hidden_dataset import write_hidden, write_unnamed
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_unnamed(tmp_path_factory.mktemp("cell"))
+
+
+@pytest.fixture(scope="module")
+def dataset(folder: Path) -> Dataset:
+    return load_dataset(folder)
+
+
+@pytest.fixture(scope="module")
+def ranked(folder: Path) -> Session:
+    return sessions.with_screening(sessions.with_calibration(sessions.open_session(folder)))
+
+
+@pytest.fixture(scope="module")
+def fitted(dataset: Dataset) -> Calibration:
+    return add_in_turn(dataset, [LEARNED])[-1].calibration
+
+
+def test_curves_are_offered_where_no_name_explains_what_is_left(ranked: Session) -> None:
+    assert ranked.screening is not None
+    assert ranked.curves is not None
+    assert ranked.advice is not None
+    assert not any(map(is_convincing, ranked.screening.candidates))
+    assert (ranked.advice.kind, ranked.advice.effects) == ("add", (LEARNED,))
+    said = advice_text(ranked.advice.sentences)
+    assert "a curve of joint 1 over q1" in said
+    assert LEARNED in said
+
+
+def test_adding_them_takes_what_was_learned_and_removing_offers_them_again(ranked: Session) -> None:
+    assert ranked.curves is not None
+    assert ranked.calibration is not None
+    added = sessions.with_effect(ranked, LEARNED)
+    assert added.effects[0].members is ranked.curves.members
+    assert added.curves is None
+    again = sessions.with_screening(added)
+    assert again.curves is None  # they are in the model already
+    assert again.advice is not None
+    assert again.advice.effects == ()
+    removed = sessions.with_screening(sessions.without_effect(again, LEARNED))
+    assert removed.calibration is not None
+    np.testing.assert_allclose(removed.calibration.fit.x, ranked.calibration.fit.x, rtol=1e-9)
+    assert removed.curves is not None
+    assert removed.curves.log_evidence == pytest.approx(ranked.curves.log_evidence)
+
+
+def test_a_convincing_name_comes_before_curves(tmp_path: Path, ranked: Session) -> None:
+    named = sessions.with_screening(sessions.with_calibration(sessions.open_session(write_hidden(tmp_path))))
+    assert named.curves is None
+    assert named.advice is not None
+    assert named.advice.effects == ("transmission_error",)
+    assert named.screening is not None
+    assert named.residual_tests is not None
+    assert advise(named.screening, named.residual_tests, ranked.curves) == named.advice
+
+
+def test_a_fault_with_more_evidence_is_no_curve(ranked: Session) -> None:
+    assert ranked.residual_tests is not None
+    assert ranked.residual_tests.fault is not None
+    assert ranked.calibration is not None
+    certain = replace(ranked.residual_tests.fault, log_evidence=1e6)
+    assert curves_beside(ranked.calibration, certain) is None
+    assert curves_beside(ranked.calibration, None) is not None
+
+
+def test_a_fitted_curve_is_the_effect_at_the_measured_poses(fitted: Calibration, dataset: Dataset) -> None:
+    (curve,) = fitted_curves(fitted)
+    (member,) = learned_members(fitted)
+    values = fitted.fit.x[-len(member.parameters) :]
+    state = nominal_state(dataset)
+    moved = apply_values(member, state, values).table[:, member.joint, 3] - state.table[:, member.joint, 3]
+    training = dataset.poses.role != "test"
+    measured = dataset.poses.q[training, member.joint]
+    np.testing.assert_array_equal(curve.measured, np.sort(measured))
+    at = np.interp(measured, curve.u, curve.value)
+    np.testing.assert_allclose(at, moved, atol=2e-2 * np.abs(moved).max())
+    assert curve.rms == pytest.approx(np.sqrt(np.mean(moved**2)), rel=1e-6)
+    place, value = curve.largest
+    assert abs(value) == np.abs(curve.value[curve.inside]).max()
+    assert curve.measured[0] <= place <= curve.measured[-1]
+    assert not curve.inside[0]
+    assert not curve.inside[-1]
+
+
+def test_the_band_is_the_scatter_of_the_fits_parameters(fitted: Calibration) -> None:
+    (curve,) = fitted_curves(fitted)
+    (member,) = learned_members(fitted)
+    own = len(member.parameters)
+    covariance = fitted.fit.covariance[-own:, -own:]
+    drawn = np.random.default_rng(0).multivariate_normal(fitted.fit.x[-own:], covariance, size=20_000)
+    scatter = (member.modes.at(curve.u) @ drawn.T).std(axis=1)
+    np.testing.assert_allclose(curve.sigma, scatter, rtol=0.05)
+
+
+def test_inputs_are_told_as_people_read_them(fitted: Calibration) -> None:
+    assert [input_in_unit(name, [1.0], fitted)[1] for name in ("q1", "q1+q2", "q2-q3")] == ["deg"] * 3
+    assert [input_in_unit(n, [1.0], fitted)[1] for n in ("torque2", "temperature_c", "time_s")] == [
+        "Nm", "C", "s",
+    ]  # fmt: skip
+    assert input_in_unit("q1", [np.pi], fitted)[0] == pytest.approx([180.0])
+    assert input_in_unit("torque2", [3.0], fitted)[0] == pytest.approx([3.0])
+
+
+def test_a_fit_without_curves_has_none_to_tell(ranked: Session) -> None:
+    assert ranked.calibration is not None
+    assert fitted_curves(ranked.calibration) == ()
+    assert curve_lines(ranked.calibration) == []
+
+
+def test_the_terminal_tells_curves_in_a_line_and_json_keeps_all_parameters(folder: Path, capsys) -> None:
+    asked = ["calibrate", str(folder), "--add", LEARNED]
+    assert main(asked) == 0
+    text = capsys.readouterr().out
+    (line,) = [line for line in text.splitlines() if line.startswith(f"{LEARNED}: ")]
+    assert "joint 1 over q1: rms " in line
+    assert " mrad at " in line
+    assert "modes known; theta1 += " in line
+    assert f"{LEARNED}.J1" not in text
+    assert main([*asked, "--json"]) == 0
+    names = [p["name"] for p in json.loads(capsys.readouterr().out)["parameters"]]
+    assert any(name.startswith(f"{LEARNED}.J1") for name in names)
