@@ -24,7 +24,9 @@ _HOME = {
     "find_corner": "calib.corners.search",
     "find_corners": "calib.corners.batch",
     "load_dataset": "calib.dataset.files.folder",
+    "load_model": "calib.models.model_file",
     "load_scan": "calib.scans.scan",
+    "save_model": "calib.models.model_file",
     "simulate_dataset": "calib.simulation.simulate",
     "write_dataset": "calib.dataset.files.folder",
 }
@@ -40,7 +42,9 @@ __all__ = [
     "find_corner",
     "find_corners",
     "load_dataset",
+    "load_model",
     "load_scan",
+    "save_model",
     "simulate_dataset",
     "write_dataset",
 ]

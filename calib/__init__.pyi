@@ -10,6 +10,8 @@ from calib.diagnosis.diagnose import diagnose as diagnose
 from calib.effects.effect import Effect as Effect
 from calib.effects.effect import Parameter as Parameter
 from calib.errors import CalibError as CalibError
+from calib.models.model_file import load_model as load_model
+from calib.models.model_file import save_model as save_model
 from calib.options import FitOptions as FitOptions
 from calib.scans.scan import load_scan as load_scan
 from calib.simulation.simulate import simulate_dataset as simulate_dataset
@@ -25,7 +27,9 @@ __all__ = [
     "find_corner",
     "find_corners",
     "load_dataset",
+    "load_model",
     "load_scan",
+    "save_model",
     "simulate_dataset",
     "write_dataset",
 ]

@@ -22,5 +22,9 @@ class CornerError(CalibError):
     """No corner can be had from the scans, or too few of them."""
 
 
+class ModelFileError(CalibError):
+    """A model.json cannot be used."""
+
+
 class FitError(CalibError):
     """The measurements cannot carry the fit that was asked for."""

@@ -126,7 +126,7 @@ def corrected_joints(
         what = "pose" if nominal.n_joints >= 6 else "position"
     if what not in CORRECTION_KINDS:
         raise FitError(f"cannot correct {what!r}; there are {' and '.join(CORRECTION_KINDS)}")
-    conditions = _plain_poses(q0) if conditions is None else replace(conditions, q=q0)
+    conditions = plain_poses(q0) if conditions is None else replace(conditions, q=q0)
     goal = kinematics.forward(nominal.table, q0, nominal.is_revolute).base_T_frame[:, -1]
     problem = ToolProblem(model, x, conditions, goal, what == "pose")
     change = np.where(nominal.is_revolute, MAX_CHANGE_RAD, MAX_CHANGE_MM)
@@ -227,7 +227,8 @@ def _limits(robot: Robot) -> tuple[Array, Array]:
     return low, high
 
 
-def _plain_poses(q: Array) -> Poses:
+def plain_poses(q: Array) -> Poses:
+    """Poses at joint vectors q (N, n) of which nothing else is known."""
     n = len(q)
     return Poses(tuple(map(str, range(n))), np.full(n, "train"), q, np.full(n, ""), ("",) * n)
 

@@ -7,13 +7,13 @@ user's own file; all columns are kept.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from calib.calibration.result import Calibration
-from calib.compensation.target_correction import Correction, needed_columns
+from calib.compensation.target_correction import Correction
 from calib.dataset.dataset import Poses
 from calib.dataset.files.csv_table import TableFile
 from calib.dataset.files.declared_units import internal
@@ -67,15 +67,19 @@ def load_targets(path: Path, robot: Robot) -> Targets:
     return Targets(poses, file)
 
 
-def require_conditions(targets: Targets, calibration: Calibration) -> None:
-    """Raise DatasetError where the table lacks a column that the calibrated arm depends on."""
-    model = calibration.model
-    needed = needed_columns(model, calibration.fit.x, calibration.dataset.poses)
+def require_conditions(targets: Targets, needed: Sequence[str], families: Sequence[str]) -> None:
+    """Raise DatasetError where the table lacks a column that the calibrated arm depends on.
+
+    Args:
+        targets: as they were read.
+        needed: columns, as `calib.compensation.target_correction.needed_columns` finds them.
+        families: names of the model's effects.
+    """
     missing = [column for column in needed if column not in targets.file]
     if missing:
         raise DatasetError(
             f"{targets.file.path}: line 1: missing column {', '.join(missing)}; the calibrated arm depends on it "
-            f"through its effects ({', '.join(model.family_names)}), so give it for each target, as poses.csv does"
+            f"through its effects ({', '.join(families)}), so give it for each target, as poses.csv does"
         )
 
 

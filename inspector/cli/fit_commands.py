@@ -10,7 +10,7 @@ from pathlib import Path
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import identifiable_combinations
-from calib.compensation.target_correction import corrected_joints
+from calib.compensation.target_correction import corrected_joints, needed_columns
 from calib.compensation.targets_csv import corrected_table, load_targets, require_conditions
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
@@ -28,10 +28,12 @@ from calib.learning.effect_file import effect_file_text
 from calib.learning.fitted_curves import curve_lines, without_curves
 from calib.measurement.measured_points import require_corners, with_corners
 from calib.models.exported_table import ExportedTable, exported_table
+from calib.models.model_file import save_model
 from calib.validation.acceptance import check
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import learning_curve
 from inspector.cli.dataset_commands import found_corners, load, measured, searched, show
+from inspector.cli.model_commands import correct_by_model, validate_model
 from inspector.cli.options import (
     CalibrateOptions,
     CheckOptions,
@@ -68,21 +70,26 @@ def _fitted(options: CalibrateOptions | CorrectOptions, dataset: Dataset) -> tup
 
 
 def run_calibrate(options: CalibrateOptions) -> int:
-    """Fit, and write the calibrated table."""
+    """Fit, and write the calibrated table, the model and more."""
     dataset = load(options.path)
-    outputs = [options.out, options.residuals, options.scene, options.session, options.learned_out]
+    outputs = [
+        options.out, options.model_out, options.residuals, options.scene, options.session, options.learned_out
+    ]  # fmt: skip
     check_outputs(dataset, outputs, [options.effects_file])
     dataset = measured(dataset, orientation=options.residual == "pose")
     steps = _fitted(options, dataset)
     result = steps[-1].calibration
     table = exported_table(result, steps[0].calibration)
-    if options.out is not None:
+    if options.out is not None or options.model_out is not None:
         _require_plausible(result, options.force)
+    if options.out is not None:
         table.require_improvement(force=options.force)
     session = _as_session(options, dataset, steps) if options.session is not None else None
     learned = effect_file_text(result, options.learned_out.name) if options.learned_out is not None else ""
     if options.out is not None:
         write_text_atomically(options.out, table.to_toml())
+    if options.model_out is not None:
+        save_model(result, options.model_out)
     if options.residuals is not None:
         write_text_atomically(options.residuals, residuals_csv(result))
     if options.scene is not None:
@@ -150,6 +157,8 @@ def _errors(calibration: Calibration) -> str:
 
 def run_validate(options: ValidateOptions) -> int:
     """Cross-validate over poses, and measure the learning curve."""
+    if options.model is not None:
+        return validate_model(options, options.model)
     dataset = measured(load(options.path), orientation=options.residual == "pose")
     asked = options.fit_options()
     effects = effects_named(dataset, options.effect, loaded_effects(options.effects_file, dataset))
@@ -162,13 +171,16 @@ def run_validate(options: ValidateOptions) -> int:
 
 def run_correct(options: CorrectOptions) -> int:
     """Joint targets that bring the real arm where the nominal one was meant to be."""
+    if options.model is not None:
+        return correct_by_model(options, options.model)
     dataset = load(options.path)
     check_outputs(dataset, [options.out], [options.joints, options.effects_file])
     targets = load_targets(options.joints, dataset.robot)
     dataset = measured(dataset, orientation=options.residual == "pose")
     result = _fitted(options, dataset)[-1].calibration
     _require_plausible(result, options.force)
-    require_conditions(targets, result)
+    needed = needed_columns(result.model, result.fit.x, dataset.poses)
+    require_conditions(targets, needed, result.model.family_names)
     correction = corrected_joints(
         dataset.robot,
         result.model,

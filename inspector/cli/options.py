@@ -9,6 +9,8 @@ from typing import TextIO
 
 from calib.options import FitOptions
 
+DEFAULT_FOLDS = 5
+
 
 @dataclass(frozen=True, kw_only=True)
 class Output:
@@ -78,6 +80,7 @@ class CalibrateOptions(_FittingOptions):
 
     add: Sequence[str]
     out: Path | None
+    model_out: Path | None
     force: bool
     residuals: Path | None
     scene: Path | None
@@ -90,6 +93,7 @@ class ValidateOptions(_FittingOptions):
     """Of `validate`."""
 
     folds: int
+    model: Path | None  # a model.json in place of fits
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,6 +101,7 @@ class CorrectOptions(_FittingOptions):
     """Of `correct`."""
 
     add: Sequence[str]
+    model: Path | None  # a model.json in place of a fit
     joints: Path
     out: Path
     what: str | None

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from calib.options import BUILTIN_ROBOTS, CORRECTION_KINDS, RESIDUAL_KINDS
 from inspector.cli import options, values
+from inspector.cli.options import DEFAULT_FOLDS
 
 A_DATASET = "dataset folder"
 DATASETS = "dataset folder, or a folder of them"
@@ -49,8 +50,16 @@ def _redundancy(sub: ArgumentParser) -> None:
 
 
 def _calibrate(sub: ArgumentParser) -> None:
-    sub.add_argument("--out", type=Path, metavar="FILE", help="write the calibrated robot.toml")
-    sub.add_argument("--force", action="store_true", help="write --out although the fit is no improvement")
+    sub.add_argument(
+        "--out", type=Path, metavar="FILE", help="write robot.toml, its table the best without effects"
+    )
+    sub.add_argument(
+        "--model-out",
+        type=Path,
+        metavar="FILE.json",
+        help="write the full model, which correct and validate take",
+    )
+    sub.add_argument("--force", action="store_true", help="write although the fit is no improvement")
     sub.add_argument(
         "--residuals",
         type=Path,
@@ -70,7 +79,8 @@ def _calibrate(sub: ArgumentParser) -> None:
 
 
 def _validate(sub: ArgumentParser) -> None:
-    sub.add_argument("--folds", type=int, default=5, help="default 5")
+    sub.add_argument("--folds", type=int, default=DEFAULT_FOLDS, help=f"default {DEFAULT_FOLDS}")
+    _add_model(sub, "errors of this saved model at the dataset's points, as it is")
     _add_fit(sub)
     _add_json(sub)
 
@@ -84,6 +94,7 @@ def _correct(sub: ArgumentParser) -> None:
         "--what", choices=CORRECTION_KINDS, help="default: pose for six joints and more, else position"
     )
     sub.add_argument("--force", action="store_true", help="go on although the fit is no improvement")
+    _add_model(sub, "use this saved model and fit nothing")
     _add_adding(sub)
     _add_fit(sub)
     _add_json(sub)
@@ -167,6 +178,10 @@ def _add_learned_out(sub: ArgumentParser) -> None:
         metavar="FILE.py",
         help="write the curves of smooth_joint_error as an effects file of your own",
     )
+
+
+def _add_model(sub: ArgumentParser, help: str) -> None:
+    sub.add_argument("--model", type=Path, metavar="FILE.json", help=f"{help} (of calibrate --model-out)")
 
 
 def _add_effects(sub: ArgumentParser) -> None:

@@ -10,8 +10,10 @@ from calib.calibration.evaluation import Evaluation, Figures
 from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import correlated_pairs, identifiable_combinations
 from calib.compensation.target_correction import Correction
+from calib.dataset.dataset import Dataset
 from calib.diagnosis.effect_selection import FitStep
 from calib.models.exported_table import ExportedTable
+from calib.models.fitted_model import FittedModel
 from calib.validation.cross_validation import CrossValidation
 from calib.validation.learning_curve import LearningCurve
 
@@ -107,6 +109,26 @@ def validation_document(folds: CrossValidation, curve: LearningCurve) -> dict[st
         },
         "explanation": folds.meaning,
         "notes": [*folds.notes, *curve.notes],
+    }
+
+
+def saved_model_document(
+    fitted: FittedModel, dataset: Dataset, before: Evaluation, after: Evaluation, *, same: bool
+) -> dict[str, Any]:
+    """What `validate --model --json` prints: a saved model's errors at a dataset's points, and those of its fit."""
+    return {
+        "dataset": dataset.name,
+        "model": {
+            "dataset": fitted.source.dataset,
+            "same_measurements": same,
+            "effects": fitted.model.family_names,
+            "before": asdict(fitted.before),
+            **asdict(fitted.after),
+        },
+        "before": _roles(before),
+        **_roles(after),
+        "poses": after.to_frame(dataset).to_dict(orient="records"),
+        "notes": after.notes,
     }
 
 

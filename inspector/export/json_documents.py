@@ -10,6 +10,7 @@ from inspector.export.calibration_documents import (
     additions,
     calibration_document,
     correction_document,
+    saved_model_document,
     table_document,
     validation_document,
 )
@@ -25,6 +26,7 @@ __all__ = [
     "diagnosis_document",
     "effects_document",
     "redundancy_document",
+    "saved_model_document",
     "table_document",
     "validation_document",
 ]

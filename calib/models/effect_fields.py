@@ -1,0 +1,146 @@
+"""Members of effects as plain data: the family's name with the member's own fields, and back.
+
+A class of this package whose fields are numbers, texts, arrays, tuples, mappings and dataclasses of these is saved and
+read once it is in `MEMBER_KINDS`. A user's effect, whose code no file holds, is looked up in the effects file.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Any, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from calib.effects.catalogue import CATALOGUE
+from calib.effects.effect import Effect, Family, family_name
+from calib.effects.link_errors import LinkErrors, TargetOffsets
+from calib.errors import CalibError
+from calib.kinematics.robot import Robot
+from calib.learning.smooth_joint_error import SmoothJointError
+from calib.strict_json import JsonFile, Place
+
+MEMBER_KINDS: Mapping[str, type] = {
+    LinkErrors.name: LinkErrors,
+    TargetOffsets.name: TargetOffsets,
+    **{kind.name: kind for kind in CATALOGUE},
+    SmoothJointError.name: SmoothJointError,
+}
+"""By family: the class of its members."""
+_LARGEST_INT = 10_000  # of a joint's number, a harmonic, a count of frames
+_ROBOT = "robot"  # a field that is the model's robot is not saved again
+
+
+def member_document(effect: Effect) -> dict[str, Any]:
+    """Family and fields of a member. Raises CalibError for a user's effect with a field that is no plain data."""
+    try:
+        values: dict[str, Any] = _plain(effect) if is_dataclass(effect) else {}
+    except (TypeError, RecursionError) as error:
+        raise CalibError(
+            f"effect {family_name(effect)} cannot be saved: {' '.join(str(error).split())}; its fields have to be "
+            "numbers, texts, or lists of them"
+        ) from None
+    values.pop(_ROBOT, None)
+    return dict(json.loads(json.dumps({"family": family_name(effect), "fields": values})))
+
+
+def _plain(value: Any) -> Any:
+    """Numbers, texts, lists and mappings; a dataclass by its fields, those at their default left out."""
+    if isinstance(value, Robot):  # it stands in the file already
+        return None
+    if is_dataclass(value) and not isinstance(value, type):
+        own = {f.name: (getattr(value, f.name), f.default) for f in fields(value)}
+        return {
+            name: _plain(of)
+            for name, (of, default) in own.items()
+            if not (isinstance(of, int | float | str) and of == default)
+        }
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, float) and not math.isfinite(value):
+        raise TypeError(f"found {value}")
+    if value is None or isinstance(value, int | float | str):
+        return value
+    raise TypeError(f"found a {type(value).__name__}")
+
+
+def member_from(
+    file: JsonFile,
+    place: Place,
+    document: Mapping[str, Any],
+    robot: Robot,
+    user_effects: Sequence[Family] = (),
+) -> Effect:
+    """The member that `member_document` has told of, for this robot. Raises the file's error where there is none."""
+    family, saved = document["family"], document["fields"]
+    kind = MEMBER_KINDS.get(family)
+    if kind is None:
+        return _users(file, place, document, user_effects)
+    member: Effect = _built(file, [*place, "fields"], saved, kind, robot)
+    for name in (field.name for field in fields(kind)):
+        value = getattr(member, name)
+        most = robot.n_joints - 1 if name == "joint" else _LARGEST_INT
+        if isinstance(value, int) and not 0 <= value <= most:
+            file.fail([*place, "fields", name], str(value)[:20], f"a whole number from 0 to {most} is needed")
+    return member
+
+
+def _built(file: JsonFile, place: Place, saved: Any, kind: type, robot: Robot) -> Any:
+    """A dataclass of a kind by its fields, each checked."""
+    saved = file.checked(place, saved, dict[str, Any])
+    hints = get_type_hints(kind)
+    known = {field.name: field for field in fields(kind)}
+    unknown = sorted(set(saved) - set(known))
+    if unknown:
+        file.fail(place, repr(unknown[0]), f"its fields are {', '.join(known)}")
+    values = {}
+    for name, field in known.items():
+        if name == _ROBOT:
+            values[name] = robot
+        elif name in saved or (field.default is MISSING and field.default_factory is MISSING):
+            values[name] = _field(file, [*place, name], saved.get(name), hints[name], robot)
+    return kind(**values)
+
+
+def _field(file: JsonFile, place: Place, value: Any, hint: Any, robot: Robot) -> Any:
+    """A value of a field; of several dataclasses that it may be, the one that has the value's fields."""
+    choices = [kind for kind in (hint, *get_args(hint)) if isinstance(kind, type) and is_dataclass(kind)]
+    for kind in choices:
+        if isinstance(value, dict) and set(value) <= {field.name for field in fields(kind)}:
+            return _built(file, place, value, kind, robot)
+    if choices and get_origin(hint) is not tuple:
+        file.fail(place, "no fields that fit", f"those of {' or '.join(kind.__name__ for kind in choices)}")
+    return file.checked(place, value, hint, _decoded)
+
+
+def _users(
+    file: JsonFile, place: Place, document: Mapping[str, Any], user_effects: Sequence[Family]
+) -> Effect:
+    """The same member of the user's effects."""
+    family = document["family"]
+    members = [member for found in user_effects if found.name == family for member in found.members]
+    for member in members:
+        if member_document(member) == document:
+            return member
+    found = f"{family!r} with other fields than the effects file gives it" if members else repr(family)
+    file.fail([*place, "family"], found, "no effect of this program; give its file (--effects-file)")
+
+
+def _decoded(kind: type, value: Any) -> Any:
+    """An array of numbers."""
+    if (get_origin(kind) or kind) is np.ndarray:
+        try:
+            array = np.array(value, dtype=float)
+        except (TypeError, ValueError, OverflowError):
+            raise ValueError("an array of numbers is needed") from None
+        if not np.isfinite(array).all():
+            raise ValueError("an array of finite numbers is needed")
+        (number,) = get_args(get_args(kind)[1])
+        return array.astype(number)
+    raise NotImplementedError(f"fields of the type {kind}")

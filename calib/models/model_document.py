@@ -1,0 +1,77 @@
+"""What a model.json holds, as structs that msgspec checks: lengths mm, angles rad, other values in the unit beside."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
+
+from calib.strict_json import AboveZero, Finite, Text
+
+Row = tuple[Finite, ...]
+NotNegative = Annotated[float, Meta(ge=0.0, le=1e300)]
+
+
+class SavedMember(msgspec.Struct, frozen=True):
+    """A member of an effect, see `effect_fields`."""
+
+    family: Text
+    fields: dict[str, Any]
+
+
+class SavedParameter(msgspec.Struct, frozen=True):
+    """A free parameter. nominal + change is its value."""
+
+    name: Text
+    unit: str
+    nominal: Finite
+    change: Finite
+    prior_sigma: AboveZero
+    sigma: NotNegative | None = None  # null: nothing bounds it
+
+
+class SavedFigures(msgspec.Struct, frozen=True):
+    """As `calib.calibration.evaluation.Figures`."""
+
+    points: int
+    rmse_mm: NotNegative
+    max_mm: NotNegative
+    mean_mm: NotNegative
+    distance_max_mm: NotNegative
+    distance_mean_mm: NotNegative
+
+
+class SavedErrors(msgspec.Struct, frozen=True):
+    """Of the training poses and the test poses."""
+
+    train: SavedFigures | None = None
+    test: SavedFigures | None = None
+
+
+class SavedSource(msgspec.Struct, frozen=True):
+    """Which dataset it was."""
+
+    name: Text
+    files: dict[str, Any]  # hash by file name; checked one by one
+    training_poses: tuple[Text, ...]
+
+
+class ModelDocument(msgspec.Struct, frozen=True):
+    """The whole file, beside its format and version."""
+
+    program_version: Text
+    dataset: SavedSource
+    options: dict[str, Any]
+    robot: dict[str, Any]  # nominal, angles in rad
+    table: tuple[Row, ...]  # fitted; right only together with the effects
+    effects: tuple[SavedMember, ...]  # in the order in which they act
+    parameters: tuple[SavedParameter, ...]
+    held: tuple[Text, ...]
+    covariance: tuple[Row, ...]  # the lower triangle, diagonal included
+    scanner_T_base: dict[str, Any]  # 4 x 4 by setup; checked one by one
+    needs: tuple[Text, ...]  # columns of poses.csv that a prediction depends on
+    before: SavedErrors
+    after: SavedErrors
+    loads_table: tuple[Row, ...] | None = None  # at whose links gravity's loads are worked out
+    sigma_mm: NotNegative | None = None

@@ -1,0 +1,254 @@
+"""model.json: a fitted model as a file, format version 1; `model_document` says what stands in it.
+
+It holds no code: members of effects are made from their family's name and plain fields (`effect_fields`), and a user's
+effects come from the user's file. Every value is checked, a file that cannot be used is one line.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pandas as pd
+
+from calib.array_types import Array
+from calib.calibration.evaluation import Figures
+from calib.calibration.result import Calibration
+from calib.compensation.target_correction import plain_poses
+from calib.dataset.dataset import Poses
+from calib.dataset.files.atomic_write import write_text_atomically
+from calib.dataset.files.robot_checks import refuse_beyond
+from calib.effects.effect import Effect
+from calib.effects.state import RobotState, Seen
+from calib.effects.user_file import load_effects
+from calib.errors import CalibError, ModelFileError
+from calib.fitting.model import Model
+from calib.kinematics.robot import Robot
+from calib.models.effect_fields import member_document, member_from
+from calib.models.fitted_model import FittedModel, RoleErrors, Source
+from calib.models.model_document import ModelDocument, Row, SavedErrors, SavedFigures
+from calib.options import RESIDUAL_KINDS, FitOptions
+from calib.strict_json import JsonFile, Text, to_json
+
+KIND, VERSION = "robot-calibration-inspector model", 1
+SIZE_LIMIT = 100_000_000  # bytes; a thousand parameters are 10 MB
+_SAME = 1e-9  # mm or rad: how far the table may be from what robot and values give
+
+
+# ---- writing --------------------------------------------------------------------------------------------------------
+
+
+def save_model(fitted: Calibration | FittedModel, path: str | Path) -> None:
+    """Write a fitted model as model.json, whole or not at all; `load_model` gives the same predictions back.
+
+    Raises CalibError for a user's effect that cannot be saved.
+    """
+    model = FittedModel.of(fitted) if isinstance(fitted, Calibration) else fitted
+    write_text_atomically(Path(path), model_text(model))
+
+
+def model_text(fitted: FittedModel) -> str:
+    """The file's content, a line a key."""
+    model, source = fitted.model, fitted.source
+    files = {"name": source.dataset, "files": source.files, "training_poses": source.training_poses}
+    document = {
+        "format": KIND,
+        "version": VERSION,
+        "program_version": source.program_version,
+        "dataset": files,
+        "before": dataclasses.asdict(fitted.before),
+        "after": dataclasses.asdict(fitted.after),
+        "sigma_mm": fitted.sigma_mm,
+        "options": dataclasses.asdict(fitted.options),
+        "needs": fitted.needs,
+        "robot": msgspec.to_builtins(model.robot),
+        "table": fitted.robot.table,
+        "loads_table": None if model.loads_of is None else model.loads_of.table,
+        "effects": [member_document(effect) for effect in model.effects],
+        "held": sorted(model.held),
+        "parameters": [
+            {
+                "name": p.name,
+                "unit": p.unit,
+                "nominal": p.nominal,
+                "change": change,
+                "sigma": sigma,
+                "prior_sigma": p.scale,
+            }
+            for p, change, sigma in zip(
+                model.parameters, fitted.x.tolist(), fitted.sigma.tolist(), strict=True
+            )
+        ],
+        "scanner_T_base": fitted.scanner_T_base,
+        "covariance": [row[: i + 1] for i, row in enumerate(fitted.covariance)],
+    }
+    lines = (to_json({key: value})[1:-1] for key, value in document.items())
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+# ---- reading --------------------------------------------------------------------------------------------------------
+
+
+def load_model(path: str | Path, effects_file: str | Path | None = None) -> FittedModel:
+    """Read a model.json. Raises ModelFileError in one line that names the file and the place.
+
+    `effects_file`: the user's effects, where the model has some; CalibError where that cannot be used.
+    """
+    file = JsonFile(Path(path), "model file", "write the model again", ModelFileError, SIZE_LIMIT)
+    document = file.checked([], file.read(KIND, VERSION), ModelDocument)
+    robot = _robot(file, document)
+    trial = _trial_state(robot, document.needs)
+    users = () if effects_file is None else load_effects(Path(effects_file), trial)
+    effects = [
+        member_from(file, ["effects", i], msgspec.to_builtins(member), robot, users)
+        for i, member in enumerate(document.effects)
+    ]
+    options = _options(file, document)
+    model = _model(file, document, robot, effects, options)
+    x = np.array([parameter.change for parameter in document.parameters])
+    _try(file, model, x, trial)
+    _require_table(file, document, model, x)
+    sigma = [math.inf if p.sigma is None else p.sigma for p in document.parameters]
+    return FittedModel(
+        model=model,
+        x=x,
+        covariance=_covariance(file, document, len(x)),
+        sigma=np.array(sigma),
+        options=options,
+        scanner_T_base={name: _frame(file, name, value) for name, value in document.scanner_T_base.items()},
+        needs=document.needs,
+        before=_errors(document.before),
+        after=_errors(document.after),
+        sigma_mm=math.nan if document.sigma_mm is None else document.sigma_mm,
+        source=Source(
+            document.dataset.name,
+            file.checked_values(["dataset", "files"], document.dataset.files, Text),
+            document.dataset.training_poses,
+            document.program_version,
+        ),
+    )
+
+
+def _robot(file: JsonFile, document: ModelDocument) -> Robot:
+    robot = file.checked(["robot"], document.robot, Robot)
+    if not robot.joints:
+        file.fail(["robot", "joints"], "none", "a robot has at least one joint")
+    for i, joint in enumerate(robot.joints):
+        if joint.type not in ("revolute", "prismatic"):
+            file.fail(["robot", "joints", i, "type"], repr(joint.type), "revolute or prismatic is needed")
+    refuse_beyond(robot, file.path)
+    return robot
+
+
+def _options(file: JsonFile, document: ModelDocument) -> FitOptions:
+    options = file.checked(["options"], document.options, FitOptions)
+    if options.residual not in RESIDUAL_KINDS:
+        file.fail(["options", "residual"], repr(options.residual), f"expected {' or '.join(RESIDUAL_KINDS)}")
+    return options
+
+
+def _model(
+    file: JsonFile, document: ModelDocument, robot: Robot, effects: Sequence[Effect], options: FitOptions
+) -> Model:
+    """The model, whose free parameters have to be those of the file."""
+    loads = None
+    if document.loads_table is not None:
+        loads = robot.with_table(_table(file, "loads_table", document.loads_table, robot))
+    sigmas = {parameter.name: parameter.prior_sigma for parameter in document.parameters}
+    model = Model(robot, tuple(effects), frozenset(document.held), sigmas, loads)
+    found = [p.name for p in document.parameters]
+    if len(set(found)) < len(found):
+        file.fail(["parameters"], "one name twice", "each parameter has its own")
+    expected = [p.name for p in model.parameters]
+    if found != expected:
+        differing = [i for i, (a, b) in enumerate(zip(found, expected, strict=False)) if a != b]
+        i = differing[0] if differing else min(len(found), len(expected))
+        told = repr(found[i]) if i < len(found) else "nothing"
+        needed = repr(expected[i]) if i < len(expected) else "no further parameter"
+        file.fail(["parameters", i, "name"], told, f"these effects have {needed} there")
+    return model
+
+
+def _table(file: JsonFile, key: str, rows: Sequence[Row], robot: Robot) -> Array:
+    shape = robot.table.shape
+    if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows):
+        file.fail([key], f"{len(rows)} rows", f"{shape[0]} rows of {shape[1]} numbers are needed")
+    return np.array(rows)
+
+
+def _require_table(file: JsonFile, document: ModelDocument, model: Model, x: Array) -> None:
+    """The table is written for people and other programs; one that was edited alone would not count."""
+    table = _table(file, "table", document.table, model.robot)
+    off = np.abs(table - model.calibrated_robot(x).table)
+    if off.max() > _SAME:
+        row, column = np.unravel_index(int(np.argmax(off)), off.shape)
+        file.fail(
+            ["table", int(row), int(column)],
+            f"{table[row, column]:g}",
+            "it is not what robot and parameters give; change the parameters, or calibrate again",
+        )
+
+
+def _covariance(file: JsonFile, document: ModelDocument, size: int) -> Array:
+    rows = document.covariance
+    if [len(row) for row in rows] != list(range(1, size + 1)):
+        file.fail(["covariance"], f"{len(rows)} rows", f"{size} rows of 1 to {size} numbers are needed")
+    out = np.zeros((size, size))
+    for i, row in enumerate(rows):
+        out[i, : i + 1] = out[: i + 1, i] = row
+    return out
+
+
+def _frame(file: JsonFile, name: str, value: Any) -> Array:
+    place: list[str | int] = ["scanner_T_base", name]
+    rows = file.checked(place, value, tuple[Row, ...])
+    if [len(row) for row in rows] != [4] * 4:
+        file.fail(place, f"{len(rows)} rows", "4 rows of 4 numbers are needed")
+    frame = np.array(rows)
+    turn = frame[:3, :3]
+    rigid = np.abs(turn).max() <= 2.0 and np.allclose(turn @ turn.T, np.eye(3), atol=1e-6)
+    if not (rigid and np.linalg.det(turn) > 0.0 and np.array_equal(frame[3], [0.0, 0.0, 0.0, 1.0])):
+        file.fail(place, "no rigid motion", "a rotation and a translation are needed")
+    return frame
+
+
+def _errors(saved: SavedErrors) -> RoleErrors:
+    def figures(of: SavedFigures | None) -> Figures | None:
+        return None if of is None else Figures(**msgspec.structs.asdict(of))
+
+    return RoleErrors(figures(saved.train), figures(saved.test))
+
+
+def _trial_state(robot: Robot, needs: Sequence[str]) -> RobotState:
+    """The nominal robot at two poses with all conditions, on which a file's effects are tried."""
+    q = np.zeros((2, robot.n_joints))
+    q[1] = 0.1
+    extra = pd.DataFrame({name: [0.0, 0.0] for name in needs})
+    poses: Poses = dataclasses.replace(
+        plain_poses(q),
+        payload_kg=np.zeros(2),
+        temperature_c=np.full(2, 20.0),
+        time_s=np.arange(2.0),
+        approach=np.ones_like(q),
+        extra=extra,
+    )
+    seen = Seen(np.full((2, 3), 100.0), np.broadcast_to(np.eye(4), (2, 4, 4)))
+    return RobotState.nominal(robot, poses, seen)
+
+
+def _try(file: JsonFile, model: Model, x: Array, trial: RobotState) -> None:
+    """Predict once: fields and values that no fit gives, such as a second joint that the arm lacks, end here."""
+    try:
+        with np.errstate(all="ignore"):
+            points_mm = model.predict(x, trial.poses, seen=trial.seen)
+    except CalibError as error:  # of a user's effect
+        raise ModelFileError(f"{file.path}: {error}") from None
+    except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as error:
+        file.fail(["effects"], type(error).__name__, "a member has fields that do not fit this arm")
+    if not np.isfinite(points_mm).all():
+        file.fail(["parameters"], "values at which no place can be predicted", "calibrate again")

@@ -1,0 +1,69 @@
+"""`validate --model` and `correct --model`: a saved model is used as it is, nothing is fitted again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from calib.calibration.result import figures_line
+from calib.compensation.targets_csv import corrected_table, load_targets, require_conditions
+from calib.dataset.files.atomic_write import write_text_atomically
+from calib.errors import CalibError
+from calib.models.model_file import load_model
+from inspector.cli.dataset_commands import load, measured, show
+from inspector.cli.options import DEFAULT_FOLDS, CorrectOptions, ValidateOptions
+from inspector.cli.output_paths import check_outputs
+from inspector.export import json_documents as documents
+
+
+def validate_model(options: ValidateOptions, path: Path) -> int:
+    """The errors of a saved model at the points of a dataset, training and test poses apart."""
+    _refuse_fit_options(options)
+    dataset = load(options.path)
+    model = load_model(path, options.effects_file)
+    model.require_same_arm(dataset)
+    dataset = measured(dataset)
+    before, after = model.before_and_after(dataset)
+    same = model.is_fitted_to(dataset)
+    document = documents.saved_model_document(model, dataset, before, after, same=same)
+    seen = "the measurements that it was fitted to" if same else "not the files that it was fitted to"
+    lines = [model.summary(), f"on {dataset.name}, {seen}:"]
+    for name, was, now in (("train", before.train, after.train), ("test ", before.test, after.test)):
+        if was is not None and now is not None:
+            lines.append(f"{name} {figures_line(was, now)}")
+    show(options, document, "\n".join([*lines, *after.notes]))
+    return 0
+
+
+def correct_by_model(options: CorrectOptions, path: Path) -> int:
+    """Corrected targets by a saved model; the dataset needs no measurements."""
+    _refuse_fit_options(options)
+    dataset = load(options.path)
+    check_outputs(dataset, [options.out], [options.joints, options.effects_file, path])
+    model = load_model(path, options.effects_file)
+    model.require_same_arm(dataset)
+    targets = load_targets(options.joints, dataset.robot)
+    require_conditions(targets, model.needs, model.model.family_names)
+    correction = model.corrected_joints(targets.poses.q, targets.poses, options.what)
+    write_text_atomically(options.out, corrected_table(targets, correction))
+    ids = targets.poses.ids
+    show(options, documents.correction_document(correction, ids), correction.summary(ids))
+    return 0 if correction.reached.all() else 1
+
+
+def _refuse_fit_options(options: ValidateOptions | CorrectOptions) -> None:
+    """Raise CalibError for options of a fit, which a saved model does not need."""
+    given: dict[str, object] = {
+        "--residual": options.residual != "position",
+        "--effect": options.effect,
+        "--hold": options.hold,
+        "--tolerance": options.tolerance,
+        "--no-prior": options.no_prior,
+        "--robust": options.robust,
+    }
+    if isinstance(options, CorrectOptions):
+        given["--add"] = options.add
+    else:
+        given["--folds"] = options.folds != DEFAULT_FOLDS
+    used = [name for name, value in given.items() if value]
+    if used:
+        raise CalibError(f"--model: the model is used as it was fitted; leave out {used[0]}")

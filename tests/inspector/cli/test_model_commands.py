@@ -1,0 +1,147 @@
+"""`calibrate --model-out`, and the commands that use the file: the same answers without a fit, or one line."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import calib
+from calib.dataset.files.folder import load_dataset, write_dataset
+from inspector.cli.parser import main
+from tests.support.hidden_dataset import HIDDEN, write_hidden
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_hidden(tmp_path_factory.mktemp("data"), "cell")
+
+
+@pytest.fixture(scope="module")
+def model(folder: Path) -> Path:
+    path = folder.parent / "new" / "model.json"
+    assert main(["calibrate", str(folder), "--add", HIDDEN, "--model-out", str(path)]) == 0
+    return path
+
+
+def printed(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict:
+    capsys.readouterr()
+    assert main([*map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    capsys.readouterr()
+    assert main(list(map(str, arguments))) == 2
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err.count("\n")) == ("", 1)
+    return captured.err
+
+
+def test_validate_tells_the_errors_of_the_model_as_it_is(
+    folder: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fitted = printed(capsys, "calibrate", folder, "--add", HIDDEN)
+    found = printed(capsys, "validate", folder, "--model", model)
+    for key in ("before", "train", "test"):
+        assert found[key] == fitted[key]
+    assert found["model"]["test"] == fitted["test"]
+    assert found["model"]["same_measurements"] is True
+    assert found["model"]["effects"] == [HIDDEN]
+    dataset = load_dataset(folder)
+    assert len(found["poses"]) == len(dataset.poses)
+    # On other measurements the model stays: a point that moves by 3 mm is 3 mm off, and no fit follows it.
+    assert dataset.points is not None
+    moved = dataset.points.xyz_mm.copy()
+    row = int((dataset.points.pose == int(dataset.poses.is_test.argmax())).argmax())
+    moved[row] += [3.0, 0.0, 0.0]
+    write_dataset(dataset.with_points(replace(dataset.points, xyz_mm=moved)), tmp_path / "later")
+    later = printed(capsys, "validate", tmp_path / "later", "--model", model)
+    assert later["model"]["same_measurements"] is False
+    assert later["train"] == pytest.approx(found["train"], rel=1e-9)
+    assert later["test"]["max_mm"] == pytest.approx(3.0, abs=0.3)
+    capsys.readouterr()
+    assert main(["validate", str(tmp_path / "later"), "--model", str(model)]) == 0
+    assert "not the files that it was fitted to" in capsys.readouterr().out
+
+
+def test_correct_gives_the_same_targets_and_needs_no_measurements(
+    folder: Path, model: Path, tmp_path: Path
+) -> None:
+    targets = tmp_path / "targets.csv"
+    pd.read_csv(folder / "poses.csv").head(6).to_csv(targets, index=False)
+    by_fit, by_model = tmp_path / "fit.csv", tmp_path / "model.csv"
+    given = ["correct", str(folder), "--joints", str(targets), "--out"]
+    code = main([*given, str(by_fit), "--add", HIDDEN])  # 1: some of these are near singular postures
+    assert main([*given, str(by_model), "--model", str(model)]) == code
+    assert by_model.read_bytes() == by_fit.read_bytes()
+
+
+def test_targets_lack_what_the_model_depends_on(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model, targets = tmp_path / "m.json", tmp_path / "targets.csv"
+    assert main(["calibrate", str(folder), "--effect", "thermal_growth", "--model-out", str(model)]) == 0
+    pd.read_csv(folder / "poses.csv").drop(columns="temperature_c").to_csv(targets, index=False)
+    line = refused(
+        capsys, "correct", folder, "--model", model, "--joints", targets, "--out", tmp_path / "c.csv"
+    )
+    assert "missing column temperature_c" in line
+    assert not (tmp_path / "c.csv").exists()
+
+
+def test_a_model_is_not_fitted_again_nor_overwritten(
+    folder: Path, model: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for extra in (["--robust"], ["--effect", HIDDEN], ["--hold", "a2"], ["--no-prior"], ["--folds", "3"]):
+        line = refused(capsys, "validate", folder, "--model", model, *extra)
+        assert f"--model: the model is used as it was fitted; leave out {extra[0]}" in line
+    before = model.read_bytes()
+    targets = folder / "poses.csv"
+    line = refused(capsys, "correct", folder, "--model", model, "--joints", targets, "--out", model)
+    assert "is what this command reads" in line
+    assert model.read_bytes() == before
+
+
+def test_a_damaged_model_is_one_line(
+    folder: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    damaged, out = tmp_path / "m.json", tmp_path / "c.csv"
+    document = json.loads(model.read_text())
+    for content, says in (
+        (model.read_text()[:-40], "not valid JSON"),
+        (json.dumps({**document, "table": 3}), "table: found 3"),
+        (
+            json.dumps({**document, "effects": [{"family": "x", "fields": {}}]}),
+            "effects[0].family: found 'x'",
+        ),
+    ):
+        damaged.write_text(content)
+        assert says in refused(capsys, "validate", folder, "--model", damaged)
+        line = refused(
+            capsys, "correct", folder, "--model", damaged, "--joints", folder / "poses.csv", "--out", out
+        )
+        assert line.startswith(f"inspector: {damaged}: ")
+    assert "no such model file" in refused(capsys, "validate", folder, "--model", tmp_path / "none.json")
+    assert not out.exists()
+
+
+def test_no_model_is_written_for_a_fit_that_is_no_improvement(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spoiled, out = tmp_path / "cell", tmp_path / "m.json"
+    dataset = load_dataset(folder)
+    points = dataset.points
+    assert points is not None
+    is_test = dataset.poses.is_test[points.pose]
+    off_mm = calib.calibrate(dataset).before.error_mm  # with it the nominal robot is right at the test poses
+    xyz_mm = points.xyz_mm + np.where(is_test[:, None], off_mm, 0.0)
+    write_dataset(dataset.with_points(replace(points, xyz_mm=xyz_mm)), spoiled)
+    assert "got worse" in refused(capsys, "calibrate", spoiled, "--model-out", out)
+    assert not out.exists()
+    assert main(["calibrate", str(spoiled), "--model-out", str(out), "--force"]) == 0
+    assert calib.load_model(out).after.test == calib.calibrate(load_dataset(spoiled)).after.test
