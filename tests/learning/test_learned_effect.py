@@ -26,7 +26,7 @@ from inspector.cli.parser import main
 from inspector.session import transitions as sessions
 from inspector.session.reopening import dataset_of, reopened
 from inspector.session.session_file import Shown, load_session, save_session
-from tests.support import SHARED_DATA
+from tests.support import ROOT
 from tests.support.hidden_dataset import UNNAMED, arm
 
 
@@ -156,9 +156,8 @@ def test_a_session_with_learned_curves_opens_again(fifth: Dataset, tmp_path: Pat
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not SHARED_DATA.is_dir(), reason="the real measurements are not part of the project")
 def test_a_real_arm_ends_near_what_its_data_can_give() -> None:
     """A UR10 under a tracker; an independent fit reached 0.139 mm, the five-parameter model alone 0.43 mm."""
-    found = diagnose(load_dataset(SHARED_DATA / "ur10_ipa"))
+    found = diagnose(load_dataset(ROOT / "sample_data" / "ur10_ipa"))
     assert found.learned is not None
     assert test_rmse_mm(found.calibration) < 0.16
