@@ -12,6 +12,8 @@ import viser
 from calib.calibration.result import Calibration
 from calib.errors import CalibError, DatasetError
 from calib.models.exported_table import exported_table
+from calib.models.fitted_model import FittedModel
+from calib.models.model_file import model_text
 from inspector.app.page_state import PageState
 from inspector.export import csv_and_png as exports
 from inspector.panels.downloads import ITEMS, SCREENSHOT, DownloadsPanel
@@ -109,6 +111,11 @@ def _robot(asked: Asked) -> tuple[str, bytes]:
     return "robot.toml", table.to_toml().encode()
 
 
+def _model(asked: Asked) -> tuple[str, bytes]:
+    asked.calibration.require_improvement()
+    return "model.json", model_text(FittedModel.of(asked.calibration)).encode()
+
+
 def _session(asked: Asked) -> tuple[str, bytes]:
     view = asked.view
     shown = Shown(view.pose_id, asked.view_name, view.dark, view.arrows, view.factor)
@@ -155,6 +162,7 @@ def _screenshot(asked: Asked, client: viser.ClientHandle) -> tuple[str, bytes]:
 MAKERS: dict[str, Callable[[Asked], tuple[str, bytes]]] = {
     "Report (HTML)": _report,
     "Calibrated robot (TOML)": _robot,
+    "Full model (JSON)": _model,
     "Session (JSON)": _session,
     "Residuals (CSV)": _residuals,
     "Measured points (CSV)": _points,

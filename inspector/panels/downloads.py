@@ -26,6 +26,11 @@ ITEMS: dict[str, tuple[str, str]] = {  # what the button is called: icon, what t
         "its own error where the model has effects. "
         "Command: inspector calibrate --out",
     ),
+    "Full model (JSON)": (
+        viser.Icon.BRACES,
+        "Table, effects, scanner frames, covariance and errors as model.json, for correct --model, validate --model "
+        "and calib.load_model. Command: inspector calibrate --model-out",
+    ),
     "Session (JSON)": (
         viser.Icon.DEVICE_FLOPPY,
         "The dataset's name and content, the steps of the model, what is on show. Open it again with "

@@ -25,6 +25,7 @@ from calib.dataset.files.robot_toml import load_robot
 from calib.diagnosis.effect_selection import add_in_turn
 from calib.frames import apply
 from calib.models.exported_table import exported_table
+from calib.models.model_file import load_model
 from inspector.app.app import App
 from inspector.cli.parser import main
 from inspector.export import csv_and_png as exports
@@ -283,6 +284,8 @@ def test_the_page_gives_what_the_commands_give(
         words = f"What robot.toml will hold: {alone.words}."
         assert alone.words in path.read_text()
         assert words in html.unescape(page.text())
+        (tmp_path / "model.json").write_bytes(taken(page, "Full model (JSON)"))
+        np.testing.assert_array_equal(load_model(tmp_path / "model.json").x, fitted.fit.x)
         table = pd.read_csv(io.BytesIO(taken(page, "Redundancy (CSV)")), index_col="parameter")
         assert table.shape == (35, 35)
         assert taken(page, "3D scene (GLB)")[:4] == b"glTF"
