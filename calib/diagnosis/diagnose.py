@@ -15,7 +15,7 @@ import numpy as np
 from calib.blas_threads import one_blas_thread
 from calib.calibration.plausibility import implausibility_reason
 from calib.dataset.dataset import Dataset, without_poses
-from calib.diagnosis.decision_rules import is_convincing, predicts_worse, verdict_of
+from calib.diagnosis.decision_rules import MIN_LEAD, is_convincing, predicts_worse, verdict_of
 from calib.diagnosis.effect_selection import FitStep, calibrate_with, curves_beside, selected_curves
 from calib.diagnosis.findings import Learned
 from calib.diagnosis.pose_recommendation import DiscriminatingPose, discriminating_poses
@@ -24,8 +24,10 @@ from calib.diagnosis.stepwise import SearchSpace, Tell, search_stepwise
 from calib.effects.catalogue import Family, effects_for, family_of
 from calib.errors import FitError
 from calib.learning.effect_file import formula_text
+from calib.learning.joint_curves import LearnedCurves
 from calib.learning.smooth_joint_error import LEARNED
 from calib.options import FitOptions
+from calib.screening.fault_models import JointFault
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import run_residual_tests
 
@@ -112,10 +114,10 @@ def _of_all_poses(found: Diagnosis, rest: Diagnosis, outliers: tuple[str, ...]) 
 def _with_learned_curves(found: Diagnosis, tell: Tell) -> Diagnosis:
     """Where something is left that no effect explains: curves of the joints, if they predict poses left out better.
 
-    They never take a name's place: not where effects are tied or one was refused, and not where a fault of one joint
-    has more evidence.
+    They never take a name's place: not where effects are tied or one was refused, and not where a jump of one joint,
+    which no curve holds, has more evidence. A fault of one joint stays told unless all joints' curves say more.
     """
-    before, fault = found.calibration, found.residual_tests.fault or found.leading_fault
+    before, fault = found.calibration, found.leading_fault or found.residual_tests.fault
     if found.verdict != "unexplained" or found.refused or implausibility_reason(before):
         return found
     if found.leading_fault is None and any(map(is_convincing, found.screenings[-1].candidates)):
@@ -133,13 +135,13 @@ def _with_learned_curves(found: Diagnosis, tell: Tell) -> Diagnosis:
     if predicts_worse(before, after) or before.after.train is None or after.after.train is None:
         return found
     values = dict(zip((p.name for p in after.fit.parameters), after.fit.x.tolist(), strict=True))
+    if fault is not None and _say_more(curves, fault):
+        found = replace(found, residual_tests=replace(found.residual_tests, fault=None), leading_fault=None)
     step = FitStep(f"+ {LEARNED}", selected, after, LEARNED, None, curves.log_evidence, last.left_out)
     return replace(
         found,
         steps=(*found.steps, step),
         screenings=(*found.screenings, found.screenings[-1]),
-        residual_tests=replace(found.residual_tests, fault=None),  # all joints say more than a fault of one
-        leading_fault=None,
         learned=Learned(
             members=curves.members,
             formula=formula_text(curves.members, values),
@@ -148,6 +150,12 @@ def _with_learned_curves(found: Diagnosis, tell: Tell) -> Diagnosis:
             after=after,
         ),
     )
+
+
+def _say_more(curves: LearnedCurves, fault: JointFault) -> bool:
+    """Whether curves have clearly more evidence than a fault of one joint, and not by that joint's curve alone."""
+    others = any(member.joint != fault.joint for member in curves.members)
+    return others and curves.log_evidence > fault.log_evidence + MIN_LEAD
 
 
 def _discriminating_poses(found: Diagnosis) -> tuple[DiscriminatingPose, ...]:

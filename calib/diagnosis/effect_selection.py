@@ -86,9 +86,10 @@ def learned_curves(calibration: Calibration) -> LearnedCurves | None:
 
 
 def curves_beside(calibration: Calibration, fault: JointFault | None) -> LearnedCurves | None:
-    """Curves that what a fit leaves over is better explained by than by a fault of one joint.
+    """Curves of the joints that explain what a fit leaves over, beside a fault of one joint that is suspected.
 
-    None where they are not, where the fit has its curves already, or where no degree of freedom is left to learn from.
+    None where that fault is a jump, which no curve holds, with more evidence than they have; where the fit has its
+    curves already; and where no degree of freedom is left to learn from.
     """
     if LEARNED in calibration.model.family_names or implausibility_reason(calibration):
         return None
@@ -96,8 +97,9 @@ def curves_beside(calibration: Calibration, fault: JointFault | None) -> Learned
         curves = learned_curves(calibration)
     except FitError:
         return None
-    beaten = curves is None or (fault is not None and fault.log_evidence >= curves.log_evidence)
-    return None if beaten else curves
+    if curves is None or fault is None or fault.kind != "jump":
+        return curves
+    return curves if curves.log_evidence > fault.log_evidence else None
 
 
 def selected_curves(curves: LearnedCurves) -> SelectedEffect:

@@ -181,10 +181,10 @@ def _what_is_unexplained(findings: Findings, doubt: str) -> str:
     tests = findings.residual_tests
     if doubt:
         return "implausible"
-    if findings.learned is not None:
-        return "curves"
     if findings.leading_fault or tests.fault:
         return "fault"
+    if findings.learned is not None:
+        return "curves"
     if tests.structured:
         return "order"
     return "size" if tests.too_large else "refused"

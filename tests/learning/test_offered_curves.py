@@ -84,12 +84,13 @@ def test_a_convincing_name_comes_before_curves(tmp_path: Path, ranked: Session) 
     assert advise(named.screening, named.residual_tests, ranked.curves) == named.advice
 
 
-def test_a_fault_with_more_evidence_is_no_curve(ranked: Session) -> None:
+def test_a_jump_with_more_evidence_is_no_curve_and_a_dent_may_be_one(ranked: Session) -> None:
     assert ranked.residual_tests is not None
     assert ranked.residual_tests.fault is not None
     assert ranked.calibration is not None
-    certain = replace(ranked.residual_tests.fault, log_evidence=1e6)
+    certain = replace(ranked.residual_tests.fault, kind="jump", log_evidence=1e6)
     assert curves_beside(ranked.calibration, certain) is None
+    assert curves_beside(ranked.calibration, replace(certain, kind="bump")) is not None
     assert curves_beside(ranked.calibration, None) is not None
 
 
