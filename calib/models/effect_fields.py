@@ -15,6 +15,8 @@ from typing import Any, get_args, get_origin, get_type_hints
 import numpy as np
 
 from calib.effects.catalogue import CATALOGUE
+from calib.effects.checked_apply import is_users
+from calib.effects.compliance import JointComplianceUnknownMasses
 from calib.effects.effect import Effect, Family, family_name
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import CalibError
@@ -22,19 +24,22 @@ from calib.kinematics.robot import Robot
 from calib.learning.smooth_joint_error import SmoothJointError
 from calib.strict_json import JsonFile, Place
 
-MEMBER_KINDS: Mapping[str, type] = {
-    LinkErrors.name: LinkErrors,
-    TargetOffsets.name: TargetOffsets,
-    **{kind.name: kind for kind in CATALOGUE},
-    SmoothJointError.name: SmoothJointError,
-}
-"""By family: the class of its members."""
+MEMBER_KINDS: tuple[tuple[str, type], ...] = (
+    (LinkErrors.name, LinkErrors),
+    (TargetOffsets.name, TargetOffsets),
+    *((kind.name, kind) for kind in CATALOGUE),
+    (JointComplianceUnknownMasses.name, JointComplianceUnknownMasses),
+    (SmoothJointError.name, SmoothJointError),
+)
+"""Families and the classes of their members; of several in a family the fields tell which is meant."""
 _LARGEST_INT = 10_000  # of a joint's number, a harmonic, a count of frames
 _ROBOT = "robot"  # a field that is the model's robot is not saved again
 
 
 def member_document(effect: Effect) -> dict[str, Any]:
     """Family and fields of a member. Raises CalibError for a user's effect with a field that is no plain data."""
+    if not is_users(effect) and type(effect) not in [kind for _, kind in MEMBER_KINDS]:
+        raise CalibError(f"effect {family_name(effect)} cannot be saved in a model file")
     try:
         values: dict[str, Any] = _plain(effect) if is_dataclass(effect) else {}
     except (TypeError, RecursionError) as error:
@@ -79,9 +84,10 @@ def member_from(
 ) -> Effect:
     """The member that `member_document` has told of, for this robot. Raises the file's error where there is none."""
     family, saved = document["family"], document["fields"]
-    kind = MEMBER_KINDS.get(family)
-    if kind is None:
+    kinds = [kind for name, kind in MEMBER_KINDS if name == family]
+    if not kinds:
         return _users(file, place, document, user_effects)
+    kind = next((kind for kind in kinds if set(saved) == _own_fields(kind)), kinds[0])
     member: Effect = _built(file, [*place, "fields"], saved, kind, robot)
     for name in (field.name for field in fields(kind)):
         value = getattr(member, name)
@@ -89,6 +95,11 @@ def member_from(
         if isinstance(value, int) and not 0 <= value <= most:
             file.fail([*place, "fields", name], str(value)[:20], f"a whole number from 0 to {most} is needed")
     return member
+
+
+def _own_fields(kind: type) -> set[str]:
+    """The fields that a member has of its own, those without a default."""
+    return {f.name for f in fields(kind) if f.default is MISSING and f.name != _ROBOT}
 
 
 def _built(file: JsonFile, place: Place, saved: Any, kind: type, robot: Robot) -> Any:

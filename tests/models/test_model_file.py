@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import pkgutil
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import is_dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +15,24 @@ import numpy as np
 import pytest
 
 import calib
+import calib.effects
+import calib.learning
 from calib.calibration.result import Calibration
 from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.effect_selection import add_in_turn
-from calib.effects.catalogue import effects_for, effects_named
+from calib.effects.catalogue import CATALOGUE, effects_for, effects_named
 from calib.effects.effect import apply_values
+from calib.effects.joints import StrainWave
 from calib.effects.link_errors import LinkErrors
 from calib.effects.state import RobotState
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError, FitError, ModelFileError
 from calib.fitting.observations import nominal_state
 from calib.learning.smooth_joint_error import CurveModes, FormulaModes, FormulaTerm, SmoothJointError
-from calib.models.effect_fields import member_document, member_from
+from calib.models.effect_fields import MEMBER_KINDS, member_document, member_from
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import load_model, save_model
 from calib.options import FitOptions
@@ -115,8 +120,11 @@ def test_every_member_of_the_catalogue_comes_back() -> None:
     robot = builtin_robot("panda")
     dataset = simulate_dataset(robot, rng=np.random.default_rng(0), poses=20, conditions=True).dataset
     file = JsonFile(Path("m.json"), "model file", "", ModelFileError)
-    members = [member for family in effects_for(dataset) for member in family.members]
-    assert len(members) > 80
+    unweighed = replace(robot, joints=tuple(replace(j, mass_kg=None, com_mm=None) for j in robot.joints))
+    sets = (dataset, replace(dataset, robot=unweighed))
+    members = [member for one in sets for family in effects_for(one) for member in family.members]
+    assert len(members) > 150
+    assert {type(member) for member in members} > set(CATALOGUE) - {StrainWave}
     for member in (*members, LinkErrors(robot, {"a2": 0.1})):
         document = json.loads(json.dumps(member_document(member)))
         again = member_from(file, [], document, robot)
@@ -129,6 +137,21 @@ def test_a_number_beyond_the_arm_or_beyond_memory_is_refused() -> None:
     for fields in ({"joint": 9, "driver": 1}, {"joint": 1, "driver": -1}, {"joint": 1, "driver": 10**9}):
         with pytest.raises(ModelFileError, match=r"m\.json: fields\.(joint|driver): found"):
             member_from(file, [], {"family": "joint_coupling", "fields": fields}, robot)
+
+
+def test_every_effect_of_this_program_can_be_saved() -> None:
+    """A class that is not in `MEMBER_KINDS` would make a file that nothing reads."""
+    found = set()
+    for package in (calib.effects, calib.learning):
+        for info in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
+            for value in vars(import_module(info.name)).values():
+                if (
+                    isinstance(value, type)
+                    and is_dataclass(value)
+                    and {"apply", "parameters"} <= set(dir(value))
+                ):
+                    found.add(value)
+    assert found == {kind for _, kind in MEMBER_KINDS}
 
 
 def test_learned_curves_are_saved_by_their_fields_too() -> None:
