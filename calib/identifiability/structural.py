@@ -10,7 +10,7 @@ The jig's orientation on the tool is unknown in any case, so its effect is proje
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,17 +87,29 @@ def free_frame_rank(dataset: Dataset, *, residual: str = "position") -> FreeFram
     """How many parameters can be identified where the scanner's frame is unknown."""
     columns, moved, names, units = _at_training_poses(dataset, residual, frame_known=False)
     here = analyse(columns, names, units, moved=moved).rank
-    best = {kind: structural_rank(dataset.robot, residual=kind) for kind in RESIDUAL_KINDS}
+    measured = _measured_targets(dataset)
+    best = {kind: structural_rank(dataset.robot, residual=kind, measured=measured) for kind in RESIDUAL_KINDS}
     return FreeFrameRank(residual, here, best)
 
 
-def structural_rank(robot: Robot, *, residual: str = "position") -> int:
-    """How many parameters of this arm a kind of residual can identify at best, the scanner's frame unknown."""
+def structural_rank(robot: Robot, *, residual: str = "position", measured: Collection[str] = ("jig",)) -> int:
+    """How many parameters of this arm a kind of residual can identify at best, the scanner's frame unknown.
+
+    `measured`: the targets that are measured at every pose; their places are unknown, the tool's end ("jig") apart.
+    """
     rng, poses = np.random.default_rng(0), 200  # any generic poses give the same rank
     span = np.where(robot.is_revolute, np.pi, 500.0)
     q = rng.uniform(-1.0, 1.0, (poses, robot.n_joints)) * span
-    columns, moved = _columns(robot, q, np.full(poses, ""), residual, frame_known=False)
-    return analyse(columns, robot.parameter_names, robot.parameter_units, moved=moved).rank
+    targets = _further_targets(robot, measured, residual)
+    of_target = None
+    if targets:
+        seen = [*([-1] if "jig" in measured else []), *range(len(targets))]
+        of_target = np.tile(seen, poses)
+        q = np.repeat(q, len(seen), axis=0)
+    columns, moved = _columns(
+        robot, q, np.full(len(q), ""), residual, frame_known=False, targets=targets, of_target=of_target
+    )
+    return analyse(columns, *_names_and_units(robot, targets), moved=moved).rank
 
 
 def fewest_poses(robot: Robot, *, residual: str = "position", setups: int = 1, rank: int = 0) -> int:
@@ -124,15 +136,10 @@ def _at_training_poses(
     """
     poses, robot = dataset.poses, dataset.robot
     rows = [poses.reference, *(int(i) for i in np.flatnonzero(poses.role == "train"))]
-    points = dataset.points
-    names, units = robot.parameter_names, robot.parameter_units
-    trained = None if points is None else np.isin(points.pose, rows)
-    measured = () if points is None or residual == "distance" else set(points.target[trained].tolist())
-    targets = tuple(target for target in robot.targets if target.name in measured)
-    of_target = None
+    points, of_target = dataset.points, None
+    targets = _further_targets(robot, _measured_targets(dataset), residual)
     if targets and points is not None:
-        names += tuple(name for target in targets for name in target_parameter_names(target))
-        units += ("mm",) * 3 * len(targets)
+        trained = ~poses.is_test[points.pose]
         order = {"jig": -1} | {target.name: k for k, target in enumerate(targets)}
         pairs = dict.fromkeys(
             (int(pose), order[str(name)])
@@ -154,7 +161,26 @@ def _at_training_poses(
             f"dataset {dataset.name}: its training poses give {len(columns)} distances between different places of one "
             "setup; two or more are needed"
         )
-    return columns, moved, names, units
+    return columns, moved, *_names_and_units(robot, targets)
+
+
+def _measured_targets(dataset: Dataset) -> set[str]:
+    """The targets that were measured at training poses; the tool's end where no point is known yet."""
+    points = dataset.points
+    if points is None:
+        return {"jig"}
+    return set(points.target[~dataset.poses.is_test[points.pose]].tolist())
+
+
+def _further_targets(robot: Robot, measured: Collection[str], residual: str) -> tuple[Target, ...]:
+    """Those whose places are unknown in a fit: distances are of the tool's end alone."""
+    return () if residual == "distance" else tuple(t for t in robot.targets if t.name in measured)
+
+
+def _names_and_units(robot: Robot, targets: tuple[Target, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Of the columns: the table's, then the places of targets."""
+    places = tuple(name for target in targets for name in target_parameter_names(target))
+    return (*robot.parameter_names, *places), (*robot.parameter_units, *("mm" for _ in places))
 
 
 def _columns(

@@ -162,6 +162,7 @@ def test_redundancy_of_mirrors_alone() -> None:
     jacobian = residuals.linearise(np.zeros(len(scales))).jacobian * scales
     s = np.linalg.svd(jacobian, compute_uv=False)
     assert free_frame_rank(dataset).here == int(np.sum(s > 1e-9 * s[0]))
+    assert free_frame_rank(dataset).best["position"] == free_frame_rank(dataset).here
     assert found.rank == free_frame_rank(dataset).here + 2  # d1 and theta1 show where the frame is known
 
 
