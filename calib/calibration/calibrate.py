@@ -12,6 +12,7 @@ from calib.blas_threads import one_blas_thread
 from calib.calibration.evaluation import evaluate_all
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
+from calib.dataset.stands import on_stands
 from calib.effects.effect import Effect, is_held_by_prior
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import FitError
@@ -40,6 +41,7 @@ def calibrate(
 ) -> Calibration:
     """Fit the link errors, and further effects, to the training poses of a dataset.
 
+    Several shots of one stand count once, by their mean; errors are told of every shot.
     With effects, an earlier fit or one of the link errors alone comes first, and gravity's loads are worked out at its
     links. Effects then change the links by some 1e-3 rad, and loads by some 1e-3 of themselves, which is left out.
 
@@ -54,6 +56,7 @@ def calibrate(
         FitError: no points, an unknown name, a weight that the residual cannot have, or fewer equations than unknowns.
     """
     residual, prior = options.residual, options.prior
+    given, dataset = dataset, counted_by_stands(dataset, residual)
     observed = Observations.of(dataset)
     geometry = geometry_of(dataset.robot, observed, options)
     model = Model(dataset.robot, (*geometry, *effects), prior_sigmas=prior_sigmas or {}).hold(options.held)
@@ -93,16 +96,32 @@ def calibrate(
             f"dataset {dataset.name}: the training poses tell nothing of the arm's parameters; they are all alike, or "
             "the points do not depend on the joints: measure poses that differ"
         )
-    before, after = evaluate_all(model, [np.zeros(len(fit.x)), fit.x], dataset)
+    before, after = evaluate_all(model, [np.zeros(len(fit.x)), fit.x], given)
     return Calibration(
-        dataset=dataset,
+        dataset=given,
         model=model,
         options=options,
         fit=fit,
         before=before,
         after=after,
         weights=weights,
+        averaged=None if dataset is given else dataset,
     )
+
+
+def counted_by_stands(dataset: Dataset, residual: str) -> Dataset:
+    """The dataset with the mean of each stand's shots (`calib.dataset.stands`), which are no independent poses.
+
+    Unchanged where no stand has several shots, and where there are fewer stands than a fit needs: then the prior alone
+    decides, and the shots tell no more than how they scatter.
+    """
+    averaged = on_stands(dataset)
+    if averaged is dataset or averaged.points is None:
+        return dataset
+    poses = averaged.poses
+    used = np.unique(averaged.points.pose[~poses.is_test[averaged.points.pose]])
+    needed = fewest_poses(dataset.robot, residual=residual, setups=len(np.unique(poses.setup[used])))
+    return averaged if len(used) >= needed else dataset
 
 
 def _in_order_of(model: Model, fit: Fit) -> tuple[Iteration, ...]:

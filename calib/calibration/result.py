@@ -12,6 +12,7 @@ from calib.array_types import Array
 from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
 from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations, orientation_lines
 from calib.dataset.dataset import Dataset
+from calib.dataset.stands import ShotCount
 from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model
@@ -40,7 +41,20 @@ class Calibration:
     fit: Fit
     before: Evaluation
     after: Evaluation
-    weights: Array | None = None  # of the training points, where the fit was robust
+    weights: Array | None = None  # of the training points that were fitted, where the fit was robust
+    averaged: Dataset | None = (
+        None  # one point for each stand and target, where that is not the dataset itself
+    )
+
+    @property
+    def fitted_dataset(self) -> Dataset:
+        """The dataset as it was fitted: each standing pose once, by the mean of its shots (`calib.dataset.stands`)."""
+        return self.averaged or self.dataset
+
+    @property
+    def shots(self) -> ShotCount | None:
+        """How many standing poses there are of how many shots; None where no pose was measured several times."""
+        return None if self.averaged is None else ShotCount.of(self.dataset)
 
     @property
     def residual(self) -> str:
@@ -78,16 +92,16 @@ class Calibration:
     @property
     def sigma_mm(self) -> float:
         """Residual sigma of one coordinate of one point, by degrees of freedom; nan where none are left."""
-        return self.fit.noise * declared_sigma_mm(self.dataset)
+        return self.fit.noise * declared_sigma_mm(self.fitted_dataset)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        out = [*self.dataset.warnings, *self.dataset.notes, *self.after.notes]
+        out = [*self.fitted_dataset.warnings, *self.fitted_dataset.notes, *self.after.notes]
         if not self.fit.converged:
             out.append(f"the fit did not converge: {self.fit.reason}")
         if self.weights is not None:
             rows = np.flatnonzero(self.weights < 0.5)
-            poses = Observations.of(self.dataset).points.pose[rows]
+            poses = Observations.of(self.fitted_dataset).points.pose[rows]
             names = ", ".join(self.dataset.poses.ids[i] for i in np.unique(poses)[:8]) or "none"
             out.append(
                 f"{len(rows)} points count less than half: {names}; outliers are often physics, look at them"

@@ -132,7 +132,7 @@ def prediction_covariance(calibration: Calibration, q: ArrayLike, setup: str | N
         (N, 3, 3) mm^2.
     """
     q = np.atleast_2d(np.asarray(q, dtype=float))
-    observed = Observations.of(calibration.dataset)
+    observed = Observations.of(calibration.fitted_dataset)
     name = str(observed.setup[0]) if setup is None else setup
     rows = np.flatnonzero(observed.setup == name)
     if len(rows) == 0:

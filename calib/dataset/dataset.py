@@ -131,6 +131,9 @@ class Points:
     target: NDArray[np.str_]  # (M,) "jig", or the name of one of the robot's further targets
     covariance_mm2: Array | None = None  # (M, 3, 3)
     orientations: Orientations | None = None  # full poses, where the instrument tells more than points
+    counts_as: Array | None = (
+        None  # (M,) how many measurements each counts as, where points are means of several
+    )
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -140,7 +143,8 @@ class Points:
         keep = np.asarray(keep)
         covariance = None if self.covariance_mm2 is None else self.covariance_mm2[keep]
         turned = None if self.orientations is None else self.orientations.select(keep)
-        return Points(self.pose[keep], self.xyz_mm[keep], self.target[keep], covariance, turned)
+        counts_as = None if self.counts_as is None else self.counts_as[keep]
+        return Points(self.pose[keep], self.xyz_mm[keep], self.target[keep], covariance, turned, counts_as)
 
 
 @dataclass(frozen=True)
@@ -176,13 +180,6 @@ class Dataset:
 
     def with_points(self, points: Points) -> Dataset:
         return replace(self, points=points)
-
-
-def without_poses(dataset: Dataset, pose_ids: Sequence[str]) -> Dataset:
-    """The dataset without the measured points of some poses; the poses themselves stay."""
-    assert dataset.points is not None
-    out = [dataset.poses.index(pose_id) for pose_id in pose_ids]
-    return dataset.with_points(dataset.points.select(~np.isin(dataset.points.pose, out)))
 
 
 def points_from_corners(

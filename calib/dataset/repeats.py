@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
+from calib.dataset.stands import stands_of
 
 
 @dataclass(frozen=True)
@@ -33,14 +34,14 @@ def repeats_of(label: str, xyz_mm: ArrayLike, reference_mm: ArrayLike | None = N
 
 
 def find_repeats(dataset: Dataset) -> tuple[Repeats, ...]:
-    """All joint vectors of a dataset at which a target was measured more than once in one setup."""
+    """All stands of a dataset at which a target was measured more than once (`calib.dataset.stands`)."""
     points, poses = dataset.points, dataset.poses
     if points is None:
         return ()
-    keys: dict[tuple[bytes, str, str], list[int]] = {}
+    stand = stands_of(dataset)
+    keys: dict[tuple[int, str], list[int]] = {}
     for row, pose in enumerate(points.pose):
-        key = (np.round(poses.q[pose], 9).tobytes(), str(poses.setup[pose]), str(points.target[row]))
-        keys.setdefault(key, []).append(row)
+        keys.setdefault((int(stand[pose]), str(points.target[row])), []).append(row)
     return tuple(
         repeats_of(poses.ids[points.pose[rows[0]]], points.xyz_mm[rows])
         for rows in keys.values()

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.calibration.result import Calibration
+from calib.dataset.stands import stands_of
+from calib.fitting.pose_means import mean_by_pose
 from calib.screening.candidates import Candidate, Screening, Untestable
 from calib.screening.fault_models import JointFault, best_bump_or_jump
 from calib.screening.residual_tests import ResidualTests
@@ -65,6 +67,11 @@ def predicts_worse(before: Calibration, after: Calibration) -> bool:
     change = np.sum(after.after.error_mm[rows] ** 2, axis=1) - np.sum(
         before.after.error_mm[rows] ** 2, axis=1
     )
+    if before.averaged is not None:  # shots of one standing pose change together
+        stand = stands_of(before.dataset)[before.after.pose[rows]]
+        change = mean_by_pose(change, np.unique(stand, return_inverse=True)[1], len(np.unique(stand)))
+        if len(change) < 3:
+            return False
     return bool(change.mean() > MAX_WORSENING * change.std(ddof=1) / np.sqrt(len(change)))
 
 

@@ -13,8 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from calib.blas_threads import one_blas_thread
+from calib.calibration.calibrate import counted_by_stands
 from calib.calibration.plausibility import implausibility_reason
-from calib.dataset.dataset import Dataset, without_poses
+from calib.calibration.result import Calibration
+from calib.dataset.dataset import Dataset
+from calib.dataset.stands import without_poses
 from calib.diagnosis.decision_rules import MIN_LEAD, is_convincing, predicts_worse, verdict_of
 from calib.diagnosis.effect_selection import FitStep, calibrate_with, curves_beside, selected_curves
 from calib.diagnosis.findings import Learned
@@ -60,7 +63,7 @@ def diagnose(
     tell = on_step or (lambda words: None)
     found = _diagnosis(_search_space(dataset, options, effects, user_effects), max_steps, tell)
     outliers = found.residual_tests.outlier_poses
-    if 0 < len(outliers) <= max(2, MAX_OUTLIER_SHARE * len(np.unique(found.calibration.after.pose))):
+    if 0 < len(outliers) <= max(2, MAX_OUTLIER_SHARE * _measured_poses(found.calibration)):
         # Only now, with the effects in: a few wrong points bend the fit and hide or feign a pattern in all others.
         tell("once more without the poses that stand out")
         others = _search_space(without_poses(dataset, outliers), options, effects, user_effects)
@@ -69,11 +72,19 @@ def diagnose(
     return replace(found, discriminating_poses=_discriminating_poses(found))
 
 
+def _measured_poses(calibration: Calibration) -> int:
+    """How many poses have points; those of one stand count once."""
+    points = calibration.fitted_dataset.points
+    assert points is not None
+    return len(np.unique(points.pose))
+
+
 def _search_space(
     dataset: Dataset, options: FitOptions, effects: Sequence[str], user_effects: Sequence[Family]
 ) -> SearchSpace:
     given = tuple(member for name in effects for member in family_of(dataset, name, user_effects).members)
-    return SearchSpace(dataset, options, given, (*effects_for(dataset), *user_effects))
+    fitted = counted_by_stands(dataset, options.residual)
+    return SearchSpace(dataset, options, given, (*effects_for(fitted), *user_effects))
 
 
 def _diagnosis(space: SearchSpace, max_steps: int, tell: Tell) -> Diagnosis:

@@ -77,6 +77,7 @@ def _model_fitted(calibration: Calibration) -> ModelFitted:
         noise_ratio=fit.noise if is_declared(dataset) else None,
         train_rmse_mm=train.rmse_mm if train and test else None,
         test_rmse_mm=test.rmse_mm if train and test else None,
+        shots=calibration.shots,
     )
 
 

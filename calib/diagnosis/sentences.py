@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from calib.array_types import BoolArray
+from calib.dataset.stands import ShotCount
 from calib.diagnosis.pose_recommendation import DiscriminatingPose
 from calib.screening.fault_models import JointFault
 from calib.screening.scan_statistic import Channel
@@ -27,6 +28,7 @@ class ModelFitted:
     noise_ratio: float | None  # sigma over the declared one; None where no noise is declared
     train_rmse_mm: float | None  # 3D; None where there are no test poses to compare with
     test_rmse_mm: float | None
+    shots: ShotCount | None = None  # of the whole dataset, where points are means over standing poses
 
 
 @dataclass(frozen=True)

@@ -93,9 +93,15 @@ def _model_fitted(model: facts.ModelFitted) -> str:
         if model.train_rmse_mm is not None and model.test_rmse_mm is not None
         else ""
     )
+    counted = (
+        f" The dataset's {model.shots.shots} points are shots of {model.shots.stands} standing poses, and each standing "
+        "pose counts once, by the mean of its shots."
+        if model.shots is not None
+        else ""
+    )
     return (
         f"The five-parameter model{with_effects} was fitted to {model.points} measured points of {model.robot} with the "
-        f"scanner's place unknown. It leaves {model.sigma_mm:.4g} mm a coordinate{noise}{errors}."
+        f"scanner's place unknown. It leaves {model.sigma_mm:.4g} mm a coordinate{noise}{errors}.{counted}"
     )
 
 

@@ -33,7 +33,8 @@ class Observations:
     def of(cls, dataset: Dataset, keep: ArrayLike | None = None) -> Observations:
         """The dataset's points whose pose is in `keep` (N,) bool; the training and reference poses by default.
 
-        A point's covariance is its own where it has one, else the scanner's declared sigma, else 1 mm.
+        A point's covariance is its own where it has one, else the scanner's declared sigma, else 1 mm; over the number
+        of measurements that it counts as.
         """
         if dataset.points is None:
             raise FitError(
@@ -55,7 +56,8 @@ class Observations:
         if turns is None and dataset.scanner.orientation_sigma_rad is not None:
             sigma_rad = dataset.scanner.orientation_sigma_rad
             turns = np.broadcast_to(sigma_rad**2 * np.eye(3), (len(points), 3, 3))
-        return cls(dataset.poses, points, covariance, turn_covariance_rad2=turns)
+        observed = cls(dataset.poses, points, covariance, turn_covariance_rad2=turns)
+        return observed if points.counts_as is None else weighted(observed, points.counts_as)
 
     @property
     def setup(self) -> NDArray[np.str_]:
@@ -91,6 +93,21 @@ class Observations:
             mean_mm = mean_by_pose(self.points.xyz_mm[of_target], row[of_target], len(poses))
             out[target] = Seen(mean_mm, placed)
         return out
+
+
+def weighted(observed: Observations, weights: Array) -> Observations:
+    """The same points with their covariances, those of the orientations too, divided by weights (M,) above 0."""
+    share = 1.0 / weights[:, None, None]
+    turns, points = observed.turn_covariance_rad2, observed.points
+    if points.orientations is not None and points.orientations.cross_mm_rad is not None:
+        cross = share * points.orientations.cross_mm_rad
+        points = replace(points, orientations=replace(points.orientations, cross_mm_rad=cross))
+    return replace(
+        observed,
+        points=points,
+        covariance_mm2=share * observed.covariance_mm2,
+        turn_covariance_rad2=None if turns is None else share * turns,
+    )
 
 
 def with_scanner_frames(

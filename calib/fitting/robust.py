@@ -18,7 +18,7 @@ from scipy import special
 from calib.array_types import Array, IndexArray
 from calib.distributions import chi_median
 from calib.fitting.fit import Fit
-from calib.fitting.observations import Observations
+from calib.fitting.observations import Observations, weighted
 from calib.fitting.pose_residuals import PoseResiduals
 from calib.fitting.residual import Residuals
 from calib.fitting.trust_region import solve
@@ -60,21 +60,6 @@ def solve_robustly(
         if settled:
             break
     return _with_noise_of_counted(fit, weights, rows, prior=prior), weights
-
-
-def weighted(observed: Observations, weights: Array) -> Observations:
-    """The same points with their covariances, those of the orientations too, divided by weights (M,) above 0."""
-    share = 1.0 / weights[:, None, None]
-    turns, points = observed.turn_covariance_rad2, observed.points
-    if points.orientations is not None and points.orientations.cross_mm_rad is not None:
-        cross = share * points.orientations.cross_mm_rad
-        points = replace(points, orientations=replace(points.orientations, cross_mm_rad=cross))
-    return replace(
-        observed,
-        points=points,
-        covariance_mm2=share * observed.covariance_mm2,
-        turn_covariance_rad2=None if turns is None else share * turns,
-    )
 
 
 def rows_of_points(residuals: Residuals, observed: Observations) -> IndexArray:

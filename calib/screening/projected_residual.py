@@ -65,7 +65,7 @@ def project_residual(calibration: Calibration) -> ProjectedResidual:
 
     Raises FitError where no degree of freedom is left.
     """
-    model, x, dataset = calibration.model, calibration.fit.x, calibration.dataset
+    model, x, dataset = calibration.model, calibration.fit.x, calibration.fitted_dataset
     observed = with_scanner_frames(Observations.of(dataset), model, x)
     residuals = PositionResiduals(model, observed)
     at = residuals.linearise(x)

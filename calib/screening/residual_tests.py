@@ -17,6 +17,7 @@ from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import find_repeats, pooled_sigma_mm
+from calib.dataset.stands import SIGMA_DOUBT
 from calib.distributions import chi2_sf, f_sf
 from calib.screening.fault_models import JointFault, best_supported_fault
 from calib.screening.projected_residual import ProjectedResidual
@@ -26,7 +27,6 @@ DRAWS = 999
 STRUCTURE_LEVEL = 0.01
 OUTLIER_LEVEL = 0.002
 FAULT_EVIDENCE = 3.0  # log evidence from which a fault of one joint is reported
-SIGMA_DOUBT = 1.25  # a sigma that was declared, not measured, is believed to this factor
 _BLOCK = 3_000_000  # numbers of noise held at once
 
 
@@ -163,6 +163,14 @@ def _lack_of_fit(dataset: Dataset, projected: ProjectedResidual) -> tuple[float 
     repeats = find_repeats(dataset)
     freedom = sum(3 * (r.count - 1) for r in repeats)
     noise_mm = pooled_sigma_mm(repeats) if freedom >= 12 else 0.0
+    counts_as = observed.points.counts_as
+    if noise_mm > COPY_MM and counts_as is not None:
+        # Points are means of repeats, whose scatter is no part of the residual.
+        single = observed.covariance_mm2 * counts_as[:, None, None]
+        single_mm = float(np.sqrt(np.mean(np.trace(single, axis1=1, axis2=2)) / 3.0))
+        ratio = square / projected.freedom / (noise_mm / single_mm) ** 2
+        mean_noise_mm = noise_mm * declared_mm / single_mm
+        return f_sf(ratio, projected.freedom, freedom), mean_noise_mm, "repeats", residual_mm
     if noise_mm > COPY_MM:
         # Repeats are part of the residual; what exceeds them is compared with them.
         pure = freedom * (noise_mm / declared_mm) ** 2

@@ -122,6 +122,7 @@ def check(
         items.append(CheckItem("fit", None if repeats else False, words))
     else:
         calibration = calibrate(dataset, options, effects=effects_named(dataset, effects, user_effects))
+        items += _stands(dataset, calibration.fitted_dataset)
         items += _fit(calibration, max_test_rmse_mm)
         try:
             diagnosis = diagnose(
@@ -135,6 +136,15 @@ def check(
         except FitError as error:  # no degree of freedom is left: a note, no failure
             items.append(CheckItem("diagnosis", None, f"not tried: {error}"))
     return Check(dataset, tuple(items), calibration, repeats, diagnosis)
+
+
+def _stands(given: Dataset, fitted: Dataset) -> list[CheckItem]:
+    """What is to be said of several shots of one standing pose, where the fit took their mean."""
+    warnings, notes = fitted.warnings[len(given.warnings) :], fitted.notes[len(given.notes) :]
+    return [
+        *(CheckItem("dataset", None, warning, warning=True) for warning in warnings),
+        *(CheckItem("dataset", None, note) for note in notes),
+    ]
 
 
 def thin_scans(counts: Mapping[str, PointCount]) -> list[CheckItem]:

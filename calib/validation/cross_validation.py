@@ -203,6 +203,7 @@ def cross_validate(
         if on_progress is not None:
             on_progress(len(done), folds, f"fold {len(done)}")
     notes = tuple(f"setup {name!r} has too few poses to hold any out: all of them train" for name in small)
+    notes += whole.fitted_dataset.notes[len(dataset.notes) :]
     return CrossValidation(
         dataset, options.residual, tuple(done), _pooled(before), _pooled(after), whole, notes
     )

@@ -56,8 +56,14 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
             for c in identifiable_combinations(calibration)
         ],
         "correlated": [asdict(pair) for pair in correlated_pairs(calibration)],
+        "stands": stands_document(calibration),
         "warnings": calibration.warnings,
     }
+
+
+def stands_document(calibration: Calibration) -> dict[str, int] | None:
+    """How many standing poses there are of how many shots; None where no pose was measured several times."""
+    return None if calibration.shots is None else asdict(calibration.shots)
 
 
 def additions(steps: Sequence[FitStep]) -> list[dict[str, Any]]:

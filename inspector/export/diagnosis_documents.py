@@ -13,6 +13,7 @@ from calib.effects.catalogue import descriptions
 from calib.screening.candidates import Candidate
 from calib.screening.fault_models import JointFault
 from calib.screening.residual_tests import InputTest
+from inspector.export.calibration_documents import stands_document
 
 
 def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -20,6 +21,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
     residual_tests = diagnosis.residual_tests
     return {
         "dataset": diagnosis.calibration.dataset.name,
+        "stands": stands_document(diagnosis.calibration),
         "verdict": diagnosis.verdict,
         "missing": diagnosis.missing,
         "ambiguous_set": diagnosis.ambiguous_set,

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from calib.dataset.dataset import Dataset, without_poses
+from calib.dataset.dataset import Dataset
 from calib.dataset.files.fingerprint import changed, content_hash, fingerprint
 from calib.dataset.files.folder import find_datasets, load_dataset
+from calib.dataset.stands import without_poses
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect, calibrate_with, recalled, relearned
 from calib.effects.effect import Family
 from calib.effects.user_file import load_effects

@@ -1,0 +1,205 @@
+"""Which measurements are of one standing of the arm, and the mean of their shots."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from calib.dataset.dataset import Dataset, Orientations, Points
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.dataset.repeats import find_repeats, pooled_sigma_mm
+from calib.dataset.stands import on_stands, stand_of, stands_of, without_poses
+from calib.fitting.observations import Observations
+from tests.support.arms import dataset_of
+from tests.support.repeated_shots import repeated
+
+
+def plain(poses: int = 6, noise_mm: float = 0.0) -> Dataset:
+    robot = builtin_robot("rb5")
+    return dataset_of(robot, robot, np.random.default_rng(0), poses=poses, noise_mm=noise_mm)
+
+
+def test_a_dataset_without_repeats_is_returned_itself() -> None:
+    dataset = plain()
+    assert on_stands(dataset) is dataset
+    two_targets = dataset.with_points(
+        Points(
+            np.repeat(np.arange(6), 2),
+            np.repeat(dataset.points.xyz_mm, 2, axis=0),
+            np.tile(["jig", "smr"], 6),
+        )
+    )  # type: ignore[union-attr]
+    assert on_stands(two_targets) is two_targets
+    assert on_stands(replace(dataset, points=None)).points is None
+
+
+def test_mean_covariance_and_noise_of_shots() -> None:
+    dataset = repeated(plain(), 5, np.random.default_rng(1), noise_mm=0.05)
+    found = on_stands(dataset)
+    assert found.points is not None
+    assert dataset.points is not None
+    assert len(found.points) == 6
+    assert found.poses.ids == dataset.poses.ids
+    np.testing.assert_array_equal(found.points.pose, np.arange(6) * 5)
+    np.testing.assert_allclose(
+        found.points.xyz_mm, dataset.points.xyz_mm.reshape(6, 5, 3).mean(axis=1), atol=1e-10
+    )
+    covariance = Observations.of(found).covariance_mm2
+    np.testing.assert_allclose(covariance, np.broadcast_to(0.05**2 / 5 * np.eye(3), covariance.shape))
+    assert len(find_repeats(dataset)) == 6
+    assert pooled_sigma_mm(find_repeats(dataset)) == pytest.approx(0.05, rel=0.3)
+    assert "30 points were measured at 6 standing poses" in found.notes[-1]
+    assert found.warnings == dataset.warnings
+
+
+def test_rows_of_one_pose_are_shots_too() -> None:
+    dataset = plain()
+    assert dataset.points is not None
+    rows = np.repeat(np.arange(6), 3)
+    found = on_stands(dataset.with_points(dataset.points.select(rows)))
+    assert found.points is not None
+    np.testing.assert_array_equal(found.points.pose, np.arange(6))
+    np.testing.assert_allclose(found.points.xyz_mm, dataset.points.xyz_mm, atol=1e-10)
+
+
+def test_one_stand_that_was_measured_often_counts_as_the_others() -> None:
+    dataset = plain()
+    assert dataset.points is not None
+    often = dataset.points.select(np.array([0] * 30 + [1, 2, 3, 4, 5]))
+    noise_mm = 0.05 * np.random.default_rng(0).normal(size=often.xyz_mm.shape)
+    found = on_stands(dataset.with_points(replace(often, xyz_mm=often.xyz_mm + noise_mm)))
+    covariance = Observations.of(found).covariance_mm2
+    np.testing.assert_allclose(covariance, np.broadcast_to(0.05**2 * np.eye(3), covariance.shape))
+
+
+@pytest.mark.parametrize(
+    ("column", "values", "same"),
+    [
+        ("payload_kg", [0.0, 2.0], False),
+        ("payload_kg", [2.0, 2.0], True),
+        ("temperature_c", [20.0, 20.1], True),
+        ("temperature_c", [20.0, 24.0], False),
+        ("setup", ["a", "b"], False),
+    ],
+)
+def test_conditions_divide_stands(column: str, values: list[object], same: bool) -> None:
+    dataset = plain(1)
+    poses = dataset.poses.select(np.array([0, 0]))
+    stand = stand_of(replace(poses, **{column: np.array(values)}))  # type: ignore[arg-type]
+    assert (stand[0] == stand[1]) == same
+
+
+def test_approach_and_joints_divide_stands() -> None:
+    poses = plain(1).poses.select(np.array([0, 0]))
+    approach = np.ones((2, 6))
+    approach[1, 3] = -1.0
+    assert len(set(stand_of(replace(poses, approach=approach)).tolist())) == 2
+    q = poses.q.copy()
+    q[1, 2] += np.radians(5e-7)
+    assert len(set(stand_of(replace(poses, q=q)).tolist())) == 1
+    q[1, 2] += np.radians(5e-6)
+    assert len(set(stand_of(replace(poses, q=q)).tolist())) == 2
+
+
+def test_a_slow_warming_at_one_place_is_several_stands() -> None:
+    poses = plain(1).poses.select(np.zeros(101, dtype=int))
+    stand = stand_of(replace(poses, temperature_c=np.linspace(20.0, 30.0, 101)))
+    assert 30 < len(set(stand.tolist())) <= 51
+
+
+def in_rounds(drift_mm: float) -> Dataset:
+    """Eight places, visited in five rounds, while everything moves by `drift_mm` along x from round to round."""
+    dataset = repeated(plain(8), 5, np.random.default_rng(2), noise_mm=0.05, rounds=True)
+    assert dataset.points is not None
+    points = dataset.points.xyz_mm + drift_mm * np.repeat(np.arange(5), 8)[:, None] * np.array(
+        [1.0, 0.0, 0.0]
+    )
+    timed = replace(dataset.poses, time_s=np.arange(40) * 30.0)
+    return replace(dataset.with_points(replace(dataset.points, xyz_mm=points)), poses=timed)
+
+
+def test_visits_are_apart_where_time_shows() -> None:
+    steady, drifting = in_rounds(0.0), in_rounds(0.1)
+    assert len(np.unique(stands_of(steady))) == 8
+    assert len(on_stands(steady).points) == 8  # type: ignore[arg-type]
+    assert len(np.unique(stands_of(drifting))) == 40
+    assert on_stands(drifting) is drifting
+
+
+def test_the_mean_of_time_and_temperature() -> None:
+    dataset = repeated(plain(), 4, np.random.default_rng(3))
+    timed = replace(
+        dataset.poses,
+        time_s=np.arange(24.0),
+        temperature_c=np.repeat(np.arange(6.0), 4) + np.tile([0.0, 0.1, 0.0, 0.1], 6),
+    )
+    found = on_stands(replace(dataset, poses=timed)).poses
+    assert found.time_s is not None
+    assert found.temperature_c is not None
+    np.testing.assert_allclose(found.time_s[::4], np.arange(6) * 4 + 1.5)
+    np.testing.assert_allclose(found.temperature_c[::4], np.arange(6) + 0.05)
+
+
+def test_shots_of_both_roles_are_told() -> None:
+    dataset = repeated(plain(), 4, np.random.default_rng(4))
+    role = dataset.poses.role.copy()
+    role[6:8] = "test"  # two of the four shots of the second place
+    found = on_stands(replace(dataset, poses=replace(dataset.poses, role=role)))
+    assert found.points is not None
+    assert len(found.points) == 7
+    assert "shots for training and for test: 1, " in found.warnings[-1]
+    assert dataset.poses.ids[4] in found.warnings[-1]
+
+
+def test_the_reference_stands_for_its_stand() -> None:
+    dataset = repeated(plain(), 3, np.random.default_rng(5))
+    role = dataset.poses.role.copy()
+    role[0], role[5] = "train", "reference"
+    found = on_stands(replace(dataset, poses=replace(dataset.poses, role=role)))
+    assert found.points is not None
+    np.testing.assert_array_equal(found.points.pose, [0, 5, 6, 9, 12, 15])
+
+
+def test_orientations_are_averaged() -> None:
+    dataset = repeated(plain(), 3, np.random.default_rng(6), noise_mm=0.05)
+    assert dataset.points is not None
+    rng = np.random.default_rng(7)
+    true = Rotation.random(6, rng=rng)
+    turns = Rotation.from_rotvec(0.01 * rng.normal(size=(18, 3)))
+    shots = (turns * Rotation.concatenate([true[i // 3] for i in range(18)])).as_matrix()
+    shots[0] = np.nan
+    shots[3:6] = np.nan
+    covariance = np.broadcast_to(1e-4 * np.eye(3), (18, 3, 3))
+    points = replace(dataset.points, orientations=Orientations(shots, covariance))
+    found = on_stands(dataset.with_points(points))
+    assert found.points is not None
+    assert found.points.orientations is not None
+    got = found.points.orientations.scanner_R_jig
+    np.testing.assert_array_equal(found.points.orientations.known, [True, False, True, True, True, True])
+    for k in (0, 2, 3, 4, 5):
+        rows = [i for i in range(3 * k, 3 * k + 3) if np.isfinite(shots[i]).all()]
+        np.testing.assert_allclose(got[k], Rotation.from_matrix(shots[rows]).mean().as_matrix(), atol=1e-9)
+    turn = Observations.of(found).turn_covariance_rad2
+    assert turn is not None
+    np.testing.assert_allclose(turn[0], 1e-4 / 2.0 * np.eye(3))
+    np.testing.assert_allclose(turn[2], 1e-4 / 3.0 * np.eye(3))
+
+
+def test_a_pose_is_left_out_with_its_stand() -> None:
+    dataset = repeated(plain(), 3, np.random.default_rng(8))
+    left = without_poses(dataset, [dataset.poses.ids[3]])
+    assert left.points is not None
+    assert not np.any(np.isin(left.points.pose, [3, 4, 5]))
+    assert len(find_repeats(left)) == 5
+
+
+def test_a_row_written_twice_counts_once() -> None:
+    dataset = plain()
+    assert dataset.points is not None
+    found = on_stands(dataset.with_points(dataset.points.select(np.tile(np.arange(6), 2))))
+    assert found.points is not None
+    assert found.points.counts_as is not None
+    np.testing.assert_array_equal(found.points.counts_as, np.ones(6))
