@@ -9,6 +9,7 @@ import numpy as np
 from calib.array_types import BoolArray
 from calib.calibration.input_variables import joint_input
 from calib.calibration.result import Calibration
+from calib.dataset.stands import ShotCount
 from calib.diagnosis.pose_recommendation import DiscriminatingPose
 from calib.effects.compliance import stiffness
 from calib.effects.effect import Effect, Parameter, has_meaning, meaning_of
@@ -26,6 +27,16 @@ _CONDITIONS = {
 def listed(names: Sequence[str]) -> str:
     """ "a, b and c"."""
     return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else "".join(names)
+
+
+def shots_text(count: ShotCount | None) -> str:
+    """A further sentence on several shots of a standing pose; "" where there are none."""
+    if count is None:
+        return ""
+    return (
+        f" The dataset's {count.shots} points are shots of {count.stands} standing poses, and each standing pose counts "
+        "once, by the mean of its shots."
+    )
 
 
 def curves_text(joints: Sequence[int], inputs: Sequence[str], log_evidence: float) -> str:

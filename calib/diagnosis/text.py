@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from calib.diagnosis import sentences as facts
-from calib.diagnosis.phrases import curves_text, fault_text, input_text, listed, poses_text
+from calib.diagnosis.phrases import curves_text, fault_text, input_text, listed, poses_text, shots_text
 
 _SHOWN_INPUTS = 3
 _SHOWN_VALUES = 4  # fitted parameters of an effect that are told; the others are counted
@@ -93,15 +93,9 @@ def _model_fitted(model: facts.ModelFitted) -> str:
         if model.train_rmse_mm is not None and model.test_rmse_mm is not None
         else ""
     )
-    counted = (
-        f" The dataset's {model.shots.shots} points are shots of {model.shots.stands} standing poses, and each standing "
-        "pose counts once, by the mean of its shots."
-        if model.shots is not None
-        else ""
-    )
     return (
         f"The five-parameter model{with_effects} was fitted to {model.points} measured points of {model.robot} with the "
-        f"scanner's place unknown. It leaves {model.sigma_mm:.4g} mm a coordinate{noise}{errors}.{counted}"
+        f"scanner's place unknown. It leaves {model.sigma_mm:.4g} mm a coordinate{noise}{errors}.{shots_text(model.shots)}"
     )
 
 
