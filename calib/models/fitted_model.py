@@ -104,16 +104,19 @@ class FittedModel:
         return self.model.predict(self.x, poses, target)
 
     def corrected_joints(
-        self, q_nominal: ArrayLike, conditions: Poses | None = None, what: str | None = None
+        self,
+        q_nominal: ArrayLike,
+        conditions: Poses | None = None,
+        what: str | None = None,
+        nominal: Robot | None = None,
     ) -> Correction:
         """`calib.corrected_joints` for this model: joint vectors with which the arm goes where the nominal one would.
 
-        Raises FitError.
+        `nominal`: the robot that the controller computes with, where not the one that was fitted. Raises FitError.
         """
         self.require_conditions(conditions)
-        return corrected_joints(
-            self.model.robot, self.model, q_nominal, x=self.x, conditions=conditions, what=what
-        )
+        robot = nominal or self.model.robot
+        return corrected_joints(robot, self.model, q_nominal, x=self.x, conditions=conditions, what=what)
 
     def evaluate(self, dataset: Dataset) -> Evaluation:
         """Hold the model, as it is, against a dataset's points; raises as `before_and_after`."""
@@ -143,6 +146,10 @@ class FittedModel:
             raise FitError(
                 f"dataset {dataset.name}: its robot has {other.n_joints} joints, the model's {mine.n_joints}, or their "
                 "kinds differ; the model is of another arm"
+            )
+        if mine.coupling != other.coupling:
+            raise FitError(
+                f"dataset {dataset.name}: coupling in its robot.toml is not the model's; the model is of another arm"
             )
         off = np.abs(mine.table - other.table) > _SAME_TABLE
         if off.any():

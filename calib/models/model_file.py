@@ -141,6 +141,9 @@ def _robot(file: JsonFile, document: ModelDocument) -> Robot:
     for i, joint in enumerate(robot.joints):
         if joint.type not in ("revolute", "prismatic"):
             file.fail(["robot", "joints", i, "type"], repr(joint.type), "revolute or prismatic is needed")
+    n = robot.n_joints
+    if robot.coupling and [len(row) for row in robot.coupling] != [n] * n:
+        file.fail(["robot", "coupling"], f"{len(robot.coupling)} rows", f"{n} rows of {n} numbers are needed")
     refuse_beyond(robot, file.path)
     return robot
 

@@ -43,7 +43,7 @@ def correct_by_model(options: CorrectOptions, path: Path) -> int:
     model.require_same_arm(dataset)
     targets = load_targets(options.joints, dataset.robot)
     require_conditions(targets, model.needs, model.model.family_names)
-    correction = model.corrected_joints(targets.poses.q, targets.poses, options.what)
+    correction = model.corrected_joints(targets.poses.q, targets.poses, options.what, dataset.robot)
     write_text_atomically(options.out, corrected_table(targets, correction))
     ids = targets.poses.ids
     show(options, documents.correction_document(correction, ids), correction.summary(ids))

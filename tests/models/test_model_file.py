@@ -233,6 +233,9 @@ def test_it_is_of_one_arm(fitted: Calibration, dataset: Dataset, tmp_path: Path)
     moved = replace(dataset, robot=dataset.robot.with_table(table))
     with pytest.raises(FitError, match=r"dTCP in its robot\.toml"):
         loaded.evaluate(moved)
+    coupled = tuple(map(tuple, np.eye(6).tolist()))
+    with pytest.raises(FitError, match="coupling in its robot"):
+        loaded.evaluate(replace(dataset, robot=replace(dataset.robot, coupling=coupled)))
     write_dataset(replace(dataset, name="renamed"), tmp_path / "renamed")
     assert not loaded.is_fitted_to(load_dataset(tmp_path / "renamed"))
     assert not FittedModel.of(replace(fitted, dataset=replace(dataset, folder=None))).is_fitted_to(dataset)
@@ -292,6 +295,7 @@ WRONG: list[tuple[Callable[[Any, Any], None], Any, str]] = [
     (at("robot", "joints", 0, "type"), "screw", r"robot\.joints\[0\]\.type: found 'screw'"),
     (at("robot", "joints", 0, "a_mm"), 1e300, "beyond"),
     (at("robot", "joints", 0, "com_mm"), [1.0], r"robot\.joints\[0\]\.com_mm"),
+    (at("robot", "coupling"), [[1.0]], r"robot\.coupling: found 1 rows; 6 rows of 6"),
     (at("robot"), None, "robot: found nothing"),
     (at("options", "residual"), "magic", "options.residual: found 'magic'"),
     (at("options"), [], "options: found"),

@@ -145,3 +145,20 @@ def test_no_model_is_written_for_a_fit_that_is_no_improvement(
     assert not out.exists()
     assert main(["calibrate", str(spoiled), "--model-out", str(out), "--force"]) == 0
     assert calib.load_model(out).after.test == calib.calibrate(load_dataset(spoiled)).after.test
+
+
+def test_coupled_joints_are_corrected_as_they_are_commanded(folder: Path, tmp_path: Path) -> None:
+    """q3 = q2 + q3': a model fitted with that coupling gives the targets that the fit itself gives."""
+    coupling = np.eye(6)
+    coupling[2, 1] = 1.0
+    dataset = load_dataset(folder)
+    robot = replace(dataset.robot, coupling=tuple(map(tuple, coupling.tolist())))
+    cell, model, targets = tmp_path / "coupled", tmp_path / "m.json", tmp_path / "targets.csv"
+    write_dataset(replace(dataset, robot=robot), cell)
+    pd.read_csv(cell / "poses.csv").tail(4).to_csv(targets, index=False)
+    assert main(["calibrate", str(cell), "--model-out", str(model)]) == 0
+    assert calib.load_model(model).model.robot == load_dataset(cell).robot
+    by_fit, by_model = tmp_path / "fit.csv", tmp_path / "model.csv"
+    given = ["correct", str(cell), "--joints", str(targets), "--what", "position", "--out"]
+    assert main([*given, str(by_fit)]) == main([*given, str(by_model), "--model", str(model)])
+    assert by_model.read_bytes() == by_fit.read_bytes()
