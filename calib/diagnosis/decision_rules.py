@@ -54,10 +54,10 @@ def untestable_names(untestable: Sequence[Untestable]) -> tuple[str, ...]:
     return tuple(family.name for family in untestable if not family.never)
 
 
-def predicts_worse(before: Calibration, after: Calibration) -> bool:
+def predicts_worse(before: Calibration, after: Calibration, *, scatter: float = MAX_WORSENING) -> bool:
     """Whether the test poses are predicted worse beyond their scatter, or the fit failed.
 
-    Paired over test points: the mean change of the squared error against its standard error.
+    Paired over test points: the mean change of the squared error against `scatter` standard errors of it.
     """
     if not after.fit.converged:
         return True
@@ -72,7 +72,7 @@ def predicts_worse(before: Calibration, after: Calibration) -> bool:
         change = mean_by_pose(change, np.unique(stand, return_inverse=True)[1], len(np.unique(stand)))
         if len(change) < 3:
             return False
-    return bool(change.mean() > MAX_WORSENING * change.std(ddof=1) / np.sqrt(len(change)))
+    return bool(change.mean() > scatter * change.std(ddof=1) / np.sqrt(len(change)))
 
 
 def verdict_of(
