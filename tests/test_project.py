@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -202,12 +203,14 @@ def test_readmes_python_is_python():
         compile(block, "README.md", "exec")
 
 
-def test_readmes_library_example_runs():
-    """As it stands, from the project's folder."""
+def test_readmes_library_example_runs(tmp_path: Path):
+    """As it stands, from a folder with the sample data; it writes a model there."""
+    (tmp_path / "sample_data").symlink_to(ROOT / "sample_data")
     (example,) = [block for block in readme_blocks("python") if "diagnose(" in block]
     done = subprocess.run(
         [sys.executable, "-c", example],
-        cwd=ROOT,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         check=False,

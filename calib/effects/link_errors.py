@@ -61,7 +61,7 @@ class LinkErrors:
 
 @dataclass(frozen=True)
 class TargetOffsets:
-    """Where further targets on the tool really sit: an offset along x, y and z of the last joint's frame, mm.
+    """Where further targets on the tool really sit: an offset along x, y and z of their link's frame, mm.
 
     `tolerances` gives single offsets, by name, another tolerance than their target's.
     """

@@ -39,7 +39,7 @@ class RobotState:
     displacement_mm: Array  # (1 or N, 3) of the target, base frame, after everything else
     target_offsets_mm: Mapping[str, Array] = field(
         default_factory=dict
-    )  # further targets, last joint's frame, (3,)
+    )  # further targets, in their link's frame, (3,)
     seen: Seen | None = None
     target_rotvec_rad: Array = field(
         default_factory=lambda: np.zeros((1, 3))

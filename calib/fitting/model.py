@@ -185,9 +185,10 @@ def geometric_model(robot: Robot) -> Model:
 def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array]:
     """A target's position (N, 3) and its derivative by `state.vector` (N, 3, S): the chain's analytic Jacobian."""
     chain_mm = _target_mm(state, target)
-    by_table = kinematics.point_jacobian(state.chain, chain_mm)  # (N, 3, n + 1, 5)
-    if target != "jig":
-        by_table[:, :, -1] = 0.0  # further targets are fixed to the flange, not to the tool row
+    if target == "jig":
+        by_table = kinematics.point_jacobian(state.chain, chain_mm)  # (N, 3, n + 1, 5)
+    else:  # fixed to a link, not to the tool row
+        by_table = kinematics.link_point_jacobian(state.chain, chain_mm, state.robot.target(target).joint)
     by_table = by_table.reshape(*by_table.shape[:2], -1)
     turned_mm = state.place(chain_mm) - state.displacement_mm
     by_turn = -frames.skew(turned_mm)
@@ -197,15 +198,15 @@ def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array
         by_turn = by_turn @ (np.eye(3) + 0.5 * frames.skew(state.base_rotvec_rad))
     eye = np.broadcast_to(np.eye(3), (len(chain_mm), 3, 3))
     still = np.zeros_like(eye)  # a turn of the target about its own point moves no point
-    offsets = [_by_offset(state) if name == target else still for name in state.target_offsets_mm]
+    offsets = [_by_offset(state, name) if name == target else still for name in state.target_offsets_mm]
     return turned_mm + state.displacement_mm, np.concatenate(
         [by_table, by_turn, eye, still, *offsets], axis=-1
     )
 
 
-def _by_offset(state: RobotState) -> Array:
-    """(N, 3, 3) derivative of a further target's position by its place in the last joint's frame."""
-    turn = state.chain.base_T_flange[:, :3, :3]
+def _by_offset(state: RobotState, target: str) -> Array:
+    """(N, 3, 3) derivative of a further target's position by its place in its link's frame."""
+    turn = state.chain.base_T_link(state.robot.target(target).joint)[:, :3, :3]
     if np.any(state.base_rotvec_rad):
         turn = frames.rotation_from_rotvec(state.base_rotvec_rad) @ turn
     return turn
@@ -231,8 +232,8 @@ def turn_by_state(state: RobotState) -> Array:
 def _target_mm(state: RobotState, target: str) -> Array:
     if target == "jig":
         return state.chain.target_mm
-    flange = state.chain.base_T_flange
-    return flange[:, :3, :3] @ state.target_offsets_mm[target] + flange[:, :3, 3]
+    link = state.chain.base_T_link(state.robot.target(target).joint)
+    return link[:, :3, :3] @ state.target_offsets_mm[target] + link[:, :3, 3]
 
 
 def effect_columns(by_state: Array, effect: Effect, state: RobotState, values: Array) -> Array:

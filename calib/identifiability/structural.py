@@ -238,16 +238,15 @@ def _columns_of_targets(
     chain: kinematics.Chain, targets: tuple[Target, ...], of_target: IndexArray
 ) -> tuple[Array, Array]:
     """The points (N, 3), each of its target, and their derivative by table and targets' places (N, 3, P)."""
-    turn, origin_mm = chain.base_T_flange[:, :3, :3], chain.base_T_flange[:, :3, 3]
-    places_mm = np.array([target.xyz_mm for target in targets])[of_target]
-    further = of_target >= 0
-    points_mm = np.where(
-        further[:, None], np.einsum("nij,nj->ni", turn, places_mm) + origin_mm, chain.target_mm
-    )
+    points_mm = chain.target_mm.copy()
     by_table = kinematics.point_jacobian(chain, points_mm)
-    by_table[further, :, -1] = 0.0  # further targets are fixed to the flange, not to the tool row
     by_place = np.zeros((len(of_target), 3, len(targets), 3))
-    by_place[further, :, of_target[further]] = turn[further]
+    for k, target in enumerate(targets):
+        rows = of_target == k
+        link = chain.base_T_link(target.joint)
+        points_mm[rows] = (link[:, :3, :3] @ np.array(target.xyz_mm) + link[:, :3, 3])[rows]
+        by_table[rows] = kinematics.link_point_jacobian(chain, points_mm, target.joint)[rows]
+        by_place[rows, :, k] = link[rows, :3, :3]
     return points_mm, np.concatenate(
         [part.reshape(len(of_target), 3, -1) for part in (by_table, by_place)], axis=2
     )

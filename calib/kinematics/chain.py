@@ -39,6 +39,10 @@ class Chain:
         """(N, 4, 4) the last joint's frame: the tool row starts from it, further targets are given in it."""
         return self.base_T_frame[:, -2]
 
+    def base_T_link(self, joint: int | None) -> Array:
+        """(N, 4, 4) the frame of the link that a joint moves, counted from 1; None: the last."""
+        return self.base_T_frame[:, -2 if joint is None else joint]
+
     @property
     def target_mm(self) -> Array:
         """(N, 3) the tool point, base frame."""
@@ -111,6 +115,13 @@ def point_jacobian(chain: Chain, points_mm: ArrayLike) -> Array:
     from_current = points_mm[:, None] - current[..., :3, 3]
     columns = [x, np.cross(x, from_current), z, np.cross(z, from_previous), np.cross(y, from_current)]
     return np.moveaxis(np.stack(columns, axis=-1), 1, 2)
+
+
+def link_point_jacobian(chain: Chain, points_mm: ArrayLike, joint: int | None) -> Array:
+    """As `point_jacobian`, of points that are fixed to the link that a joint moves: what lies beyond moves none."""
+    out = point_jacobian(chain, points_mm)
+    out[:, :, -1 if joint is None else joint :] = 0.0
+    return out
 
 
 def turn_jacobian(chain: Chain) -> Array:

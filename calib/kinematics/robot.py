@@ -77,11 +77,15 @@ TARGET_TOLERANCE_MM = 0.5
 
 @dataclass(frozen=True)
 class Target:
-    """A further measured point on the tool, in the last joint's frame. A fit holds it within about its tolerance."""
+    """A further measured point on the tool or on an earlier link, in that link's frame.
+
+    A fit holds it within about its tolerance.
+    """
 
     name: str
     xyz_mm: Vector
     tolerance_mm: float = TARGET_TOLERANCE_MM
+    joint: int | None = None  # it sits on the link that this joint moves, counted from 1; None: on the last
 
 
 @dataclass(frozen=True)
@@ -125,6 +129,10 @@ class Robot:
     def is_revolute(self) -> BoolArray:
         """(n,) which joints turn."""
         return np.array([joint.is_revolute for joint in self.joints], dtype=bool)
+
+    def target(self, name: str) -> Target:
+        """A further target by its name."""
+        return next(target for target in self.targets if target.name == name)
 
     def joints_of(self, commanded: ArrayLike) -> Array:
         """(..., n) values of the joints, of commanded ones (..., n) in the same units: coupling @ commanded."""

@@ -124,6 +124,60 @@ def test_incidence_bias_is_offered_for_a_jig_alone(tmp_path: Path) -> None:
     assert why_not(replace(load_dataset(tmp_path / "tracker"), scan_folder="scans")) == ""
 
 
+def elbow_dataset(seed: int, poses: int = 50) -> Dataset:
+    """The tool point and a mirror on the link that joint 4 moves, where robot.toml has it."""
+    rng = np.random.default_rng(seed)
+    nominal = replace(builtin_robot("rb5"), targets=(Target("elbow", (60.0, -30.0, 80.0), joint=4),))
+    true = perturbed(nominal, rng, mm=0.5, rad=0.002)
+    base = dataset_of(nominal, true, rng, poses=poses, test=15, sigma_mm=SIGMA_MM)
+    placed = random_transform(rng)
+    four = with_tip(replace(true, joints=true.joints[:4], targets=()), np.array([60.0, -30.0, 80.0]))
+    xyz = [elementary_points(true, base.poses.q), elementary_points(four, base.poses.q[:, :4])]
+    points = np.concatenate(xyz) @ placed[:3, :3].T + placed[:3, 3]
+    points += SIGMA_MM * rng.normal(size=points.shape)
+    names = np.repeat(["jig", "elbow"], poses)
+    return base.with_points(Points(np.tile(np.arange(poses), 2), points, names))
+
+
+def test_a_target_on_an_earlier_link_is_fitted_there(tmp_path: Path) -> None:
+    """With it more of the arm is known than from its tool point alone."""
+    dataset = elbow_dataset(8)
+    write_dataset(dataset, tmp_path)
+    dataset = load_dataset(tmp_path)
+    fitted = calibrate(dataset)
+    assert fitted.after.test is not None
+    assert fitted.after.test.rmse_mm < 1.25 * math.sqrt(3.0) * SIGMA_MM
+    assert fitted.sigma_mm == pytest.approx(SIGMA_MM, rel=0.15)
+    assert dataset.points is not None
+    alone = dataset.with_points(dataset.points.select(dataset.points.target == "jig"))
+    assert redundancy(dataset).rank > redundancy(alone).rank
+    at_last = replace(dataset.robot, targets=(replace(dataset.robot.targets[0], joint=None),))
+    wrong = calibrate(replace(dataset, robot=at_last)).after.test
+    assert wrong is not None
+    assert wrong.rmse_mm > 10.0
+    check_gradient(
+        make_residuals("position", fitted.model, Observations.of(dataset)), np.random.default_rng(1)
+    )
+    assert fitted.robot.targets[0].joint == 4
+
+
+def test_columns_of_a_target_on_an_earlier_link_have_the_rank_of_the_fit() -> None:
+    dataset = elbow_dataset(9)
+    fitted = calibrate(dataset, FitOptions(prior=False))
+    assert fitted.fit.rank == free_frame_rank(dataset).here
+
+
+@pytest.mark.parametrize("joint", ["0", "7", "2.5"])
+def test_a_target_sits_on_a_joint_that_there_is(tmp_path: Path, joint: str) -> None:
+    path = tmp_path / "robot.toml"
+    robot = replace(builtin_robot("rb5"), targets=(Target("elbow", (60.0, -30.0, 80.0), joint=4),))
+    path.write_text(robot_to_toml(robot))
+    assert load_robot(path).targets == robot.targets
+    path.write_text(robot_to_toml(robot).replace("joint = 4", f"joint = {joint}"))
+    with pytest.raises(DatasetError, match=rf"1\.joint: found {joint}; a joint's number is 1 to 6"):
+        load_robot(path)
+
+
 @pytest.mark.parametrize("kind", ["position", "pairs"])
 def test_gradient_with_targets(kind: str) -> None:
     dataset, _, _ = mirror_dataset(6, jig=True, poses=30)

@@ -51,7 +51,7 @@ def load_robot(path: Path) -> Robot:
                 "name", f"found {name!r} a second time", 'each target needs its own ("jig" is the tool)'
             )
         tolerance_mm = table.number("tolerance_mm", TARGET_TOLERANCE_MM, positive=True) or TARGET_TOLERANCE_MM
-        targets.append(Target(name, xyz_mm, tolerance_mm))
+        targets.append(Target(name, xyz_mm, tolerance_mm, _joint_of(table, len(joints))))
     robot = Robot(
         name=top.text("name") or path.stem,
         joints=joints,
@@ -62,6 +62,16 @@ def load_robot(path: Path) -> Robot:
     )
     _refuse_metres(robot, path)
     return replace(robot, extra=top.unread())
+
+
+def _joint_of(table: TomlTable, joints: int) -> int | None:
+    """The joint whose link a target sits on, counted from 1; None where the key is absent or it is the last."""
+    number = table.number("joint")
+    if number is None or number == joints:
+        return None
+    if number != int(number) or not 1 <= number <= joints:
+        raise table.error("joint", f"found {number:g}", f"a joint's number is 1 to {joints}")
+    return int(number)
 
 
 def _coupling(top: TomlTable, joints: tuple[Joint, ...]) -> tuple[tuple[float, ...], ...]:
@@ -192,7 +202,8 @@ def robot_to_toml(robot: Robot) -> str:
 def _target_document(target: Target) -> dict[str, Any]:
     usual = target.tolerance_mm == TARGET_TOLERANCE_MM
     tolerance = {} if usual else {"tolerance_mm": target.tolerance_mm}
-    return {"name": target.name, "xyz_mm": list(target.xyz_mm), **tolerance}
+    joint = {} if target.joint is None else {"joint": target.joint}
+    return {"name": target.name, "xyz_mm": list(target.xyz_mm), **tolerance, **joint}
 
 
 def _link_document(link: Joint | Tool) -> dict[str, Any]:
