@@ -164,7 +164,10 @@ def test_a_target_on_an_earlier_link_is_fitted_there(tmp_path: Path) -> None:
 def test_columns_of_a_target_on_an_earlier_link_have_the_rank_of_the_fit() -> None:
     dataset = elbow_dataset(9)
     fitted = calibrate(dataset, FitOptions(prior=False))
-    assert fitted.fit.rank == free_frame_rank(dataset).here
+    rank = free_frame_rank(dataset)
+    assert fitted.fit.rank == rank.here
+    assert f"tell {rank.here} at these poses, and 19 at best" in rank.summary()
+    assert "its tool point alone" in rank.summary()
 
 
 @pytest.mark.parametrize("joint", ["0", "7", "2.5"])
