@@ -73,10 +73,9 @@ class FreeFrameRank:
             what, option = (
                 ("full poses", " --residual pose") if self.residual == "pose" else ("positions", "")
             )
-            alone = ", its tool point alone" if self.here > best else ""  # further targets tell more
             return (
                 f"With the scanner's place unknown, as `calibrate{option}` has it, {what} tell {self.here} at these "
-                f"poses, and {best} at best (this arm at generic poses{alone})."
+                f"poses, and {best} at best (this arm at generic poses)."
             )
         return (
             f"At best, this arm at generic poses, such distances tell {best}; positions from an unknown scanner's "

@@ -166,8 +166,7 @@ def test_columns_of_a_target_on_an_earlier_link_have_the_rank_of_the_fit() -> No
     fitted = calibrate(dataset, FitOptions(prior=False))
     rank = free_frame_rank(dataset)
     assert fitted.fit.rank == rank.here
-    assert f"tell {rank.here} at these poses, and 19 at best" in rank.summary()
-    assert "its tool point alone" in rank.summary()
+    assert rank.best["position"] >= rank.here
 
 
 @pytest.mark.parametrize("joint", ["0", "7", "2.5"])
