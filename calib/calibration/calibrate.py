@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
 from calib.calibration.evaluation import evaluate_all
 from calib.calibration.result import Calibration
@@ -16,16 +14,14 @@ from calib.dataset.stands import on_stands
 from calib.effects.effect import Effect, is_held_by_prior
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import FitError
-from calib.fitting.fit import Fit, Iteration
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, with_nominal_scanner_frames
 from calib.fitting.pose_residuals import require_orientations
 from calib.fitting.residual_kinds import make_residuals
-from calib.fitting.robust import solve_robustly
-from calib.fitting.trust_region import solve
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
+from calib.tool_point.fit_task import FitTask, Fitted
 
 MAX_TOLERANCE = 1e6  # mm or rad; `prior=False` is the way to have none
 
@@ -55,7 +51,7 @@ def calibrate(
     Raises:
         FitError: no points, an unknown name, a weight that the residual cannot have, or fewer equations than unknowns.
     """
-    residual, prior = options.residual, options.prior
+    residual = options.residual
     given, dataset = dataset, counted_by_stands(dataset, residual)
     observed = Observations.of(dataset)
     geometry = geometry_of(dataset.robot, observed, options)
@@ -64,31 +60,20 @@ def calibrate(
         raise FitError(
             f"dataset {dataset.name}: {len(observed.points)} training points; a fit needs many more"
         )
-    observed = with_nominal_scanner_frames(observed, dataset.robot)
     if residual == "pose":
         require_orientations(dataset, observed)
-    residuals = make_residuals(residual, model, observed)
+    residuals = make_residuals(residual, model, with_nominal_scanner_frames(observed, dataset.robot))
     rows = len(residuals.residual(np.zeros(len(model.parameters))))
     _require_equations(dataset, observed, residual, rows - residuals.degrees_spent, rank=0)
     if options.robust and residual == "distance":
         raise FitError("robust weights need a residual of each point; take position, pairs or pose")
-    way: tuple[Iteration, ...] = ()  # of the fits before this one
-    links_alone = Model(dataset.robot, geometry, model.held)
-    if start is not None:
-        way = _in_order_of(model, start.fit)
-    elif effects and links_alone.parameters:
-        way = _in_order_of(model, solve(make_residuals(residual, links_alone, observed), prior=prior))
-    first_x = way[-1].x if way else np.zeros(len(model.parameters))
-    if effects:
-        model = model.with_loads_at(first_x)
-    weights = None
-    if options.robust:
-        fit, weights = solve_robustly(
-            lambda seen: make_residuals(residual, model, seen), observed, start=first_x, prior=prior
-        )
-    else:
-        fit = solve(make_residuals(residual, model, observed), start=first_x, prior=prior)
-    fit = replace(fit, iterations=(*way[:-1], *fit.iterations))
+    task = FitTask(model, geometry, observed, options)
+    before = None if start is None else Fitted(start.model, start.fit)
+    alone = task.of_geometry_alone()
+    if before is None and effects and alone.model.parameters:
+        before = alone.fitted_to_tool()
+    fitted = task.fitted_to_tool() if before is None else task.fitted(before.model.tool_found, before.fit)
+    model, fit = fitted.model, fitted.fit
     held = sum(len(effect.parameters) for effect in model.effects if is_held_by_prior(effect))
     _require_equations(dataset, observed, residual, fit.rows - residuals.degrees_spent, fit.rank - held)
     if fit.rank == 0:
@@ -96,15 +81,15 @@ def calibrate(
             f"dataset {dataset.name}: the training poses tell nothing of the arm's parameters; they are all alike, or "
             "the points do not depend on the joints: measure poses that differ"
         )
-    before, after = evaluate_all(model, [np.zeros(len(fit.x)), fit.x], given)
+    at_nominal, at_fit = evaluate_all(model, [np.zeros(len(fit.x)), fit.x], given)
     return Calibration(
         dataset=given,
         model=model,
         options=options,
         fit=fit,
-        before=before,
-        after=after,
-        weights=weights,
+        before=at_nominal,
+        after=at_fit,
+        weights=fitted.weights,
         averaged=None if dataset is given else dataset,
     )
 
@@ -122,16 +107,6 @@ def counted_by_stands(dataset: Dataset, residual: str) -> Dataset:
     used = np.unique(averaged.points.pose[~poses.is_test[averaged.points.pose]])
     needed = fewest_poses(dataset.robot, residual=residual, setups=len(np.unique(poses.setup[used])))
     return averaged if len(used) >= needed else dataset
-
-
-def _in_order_of(model: Model, fit: Fit) -> tuple[Iteration, ...]:
-    """A fit's iterations with their parameters in the order of another model's; zero where the fit did not have one."""
-
-    def in_order(x: Array) -> Array:
-        values = dict(zip((p.name for p in fit.parameters), x.tolist(), strict=True))
-        return np.array([values.get(p.name, 0.0) for p in model.parameters])
-
-    return tuple(replace(step, x=in_order(step.x)) for step in fit.iterations)
 
 
 def _require_equations(

@@ -101,7 +101,7 @@ def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset) -> list[Ev
     """
     observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
     trained = ~dataset.poses.is_test[observed.points.pose]
-    observed = with_nominal_scanner_frames(observed, dataset.robot, trained)
+    observed = with_nominal_scanner_frames(observed, model.placed_robot, trained)
     setups, notes = [], []
     for name in map(str, np.unique(observed.setup)):
         rows = observed.setup == name

@@ -39,7 +39,7 @@ def evaluate_orientations(model: Model, x: Array, dataset: Dataset) -> Orientati
 
     Raises FitError where no training pose has an orientation, or orientations have no covariance.
     """
-    training = with_nominal_scanner_frames(Observations.of(dataset), dataset.robot)  # as the fit had it
+    training = with_nominal_scanner_frames(Observations.of(dataset), model.placed_robot)  # as the fit had it
     placed = PoseResiduals(model, training).frames_and_seat(x)
     everything = Observations.of(dataset, np.isin(dataset.poses.setup, list(placed.scanner_T_base)))
     everything = replace(everything, scanner_T_base=training.scanner_T_base)

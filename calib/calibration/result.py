@@ -19,6 +19,7 @@ from calib.fitting.model import Model
 from calib.fitting.observations import Observations
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
+from calib.tool_point.placement import ToolShift, tool_shift
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,11 @@ class Calibration:
         return orientations.labelled_by if self.residual == "pose" and orientations is not None else ""
 
     @property
+    def tool_shift(self) -> ToolShift | None:
+        """The tool point, where it is far from where robot.toml has it."""
+        return None if self.model.tool_found is None else tool_shift(self.dataset.robot, self.robot.table)
+
+    @property
     def sigma_mm(self) -> float:
         """Residual sigma of one coordinate of one point, by degrees of freedom; nan where none are left."""
         return self.fit.noise * declared_sigma_mm(self.fitted_dataset)
@@ -97,6 +103,8 @@ class Calibration:
     @property
     def warnings(self) -> tuple[str, ...]:
         out = [*self.fitted_dataset.warnings, *self.fitted_dataset.notes, *self.after.notes]
+        if self.tool_shift is not None:
+            out.append(self.tool_shift.words)
         if not self.fit.converged:
             out.append(f"the fit did not converge: {self.fit.reason}")
         if self.weights is not None:

@@ -22,6 +22,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from calib import frames
 from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
 from calib.compensation.tool_problem import ToolProblem
@@ -128,6 +129,9 @@ def corrected_joints(
         raise FitError(f"cannot correct {what!r}; there are {' and '.join(CORRECTION_KINDS)}")
     conditions = plain_poses(q0) if conditions is None else replace(conditions, q=q0)
     goal = kinematics.forward(nominal.table, q0, nominal.is_revolute).base_T_frame[:, -1]
+    if model.tool_found is not None:  # its row may be turned to reach the point: that turns no tool
+        turned = kinematics.forward(model.tool_found.table, q0, nominal.is_revolute).base_T_frame[:, -1]
+        goal = frames.make_transform(turned[:, :3, :3], goal[:, :3, 3])
     problem = ToolProblem(model, x, conditions, goal, what == "pose")
     change = np.where(nominal.is_revolute, MAX_CHANGE_RAD, MAX_CHANGE_MM)
     limits = _limits(nominal)

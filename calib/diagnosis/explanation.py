@@ -48,8 +48,11 @@ POSES_TOLD = 3
 def explain(findings: Findings) -> Explanation:
     """What led to a diagnosis, a paragraph each, and its verdict."""
     steps = zip(findings.steps, findings.steps[1:], findings.screenings, strict=False)
-    single: list[Reason] = [_model_fitted(findings.steps[0].calibration)]
-    single += [
+    first = findings.steps[0].calibration
+    opening: tuple[Reason, ...] = (_model_fitted(first),)
+    if first.tool_shift is not None:
+        opening = (*opening, first.tool_shift)
+    single: list[Reason] = [
         _effect_found(before, after, screening)
         for before, after, screening in steps
         if after.effect != LEARNED
@@ -60,7 +63,7 @@ def explain(findings: Findings) -> Explanation:
         single.append(EffectRefused(findings.refused))
     if findings.leading_fault is not None:
         single.append(FaultLeads(findings.leading_fault, MIN_LEAD))
-    paragraphs = [*((reason,) for reason in single), residual_sentences(findings.residual_tests)]
+    paragraphs = [opening, *((reason,) for reason in single), residual_sentences(findings.residual_tests)]
     if findings.learned is not None:
         paragraphs.append((_curves_learned(findings.steps[-1], findings.learned),))
     return Explanation(tuple(paragraphs), _verdict(findings))

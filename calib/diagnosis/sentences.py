@@ -13,6 +13,7 @@ from calib.dataset.stands import ShotCount
 from calib.diagnosis.pose_recommendation import DiscriminatingPose
 from calib.screening.fault_models import JointFault
 from calib.screening.scan_statistic import Channel
+from calib.tool_point.placement import ToolShift
 
 SMALL_CHANGE = 0.03  # share of the test poses' error below which a change of it counts for nothing
 
@@ -275,7 +276,14 @@ ResidualSentence = (
     ResidualSize | ResidualOrder | ResidualWithoutOrder | ResidualTooLarge | FaultSuspected | PosesStandOut
 )
 Reason = (
-    ModelFitted | EffectFound | CurvesLearned | EffectsTied | EffectRefused | FaultLeads | ResidualSentence
+    ModelFitted
+    | ToolShift
+    | EffectFound
+    | CurvesLearned
+    | EffectsTied
+    | EffectRefused
+    | FaultLeads
+    | ResidualSentence
 )
 
 

@@ -39,6 +39,8 @@ def reason_text(reason: facts.Reason) -> str:
     match reason:
         case facts.ModelFitted():
             return _model_fitted(reason)
+        case facts.ToolShift():
+            return f"{_capitalised(reason.words)}."
         case facts.EffectFound():
             return _effect_found(reason)
         case facts.CurvesLearned():

@@ -43,6 +43,8 @@ class Model:
     """Of parameters, by full name, in place of their usual scale."""
     loads_of: Robot | None = None
     """At whose links gravity's loads are worked out; None: at those of the state itself."""
+    tool_found: Robot | None = None
+    """The nominal robot with its tool point where the points have it, where robot.toml has it far off."""
     _loaded: list[RobotState] = field(default_factory=list, init=False, compare=False, repr=False)
 
     @cached_property
@@ -62,6 +64,11 @@ class Model:
     def parameters(self) -> tuple[Parameter, ...]:
         """The free parameters, in the order of x."""
         return tuple(p for p in self._all_parameters if p.name not in self.held)
+
+    @property
+    def placed_robot(self) -> Robot:
+        """The robot by which the scanner is placed before a fit: the nominal one, its tool point where it was found."""
+        return self.robot if self.tool_found is None else self.tool_found
 
     @property
     def added_effects(self) -> tuple[Effect, ...]:

@@ -14,11 +14,13 @@ from calib.array_types import Array, IndexArray
 from calib.corners.intersection import Corner
 from calib.corners.orientation import Orientation
 from calib.dataset.dataset import Dataset, points_from_corners
+from calib.effects.link_errors import LinkErrors
 from calib.errors import FitError
 from calib.fitting.model import geometric_model
 from calib.fitting.observations import Observations, predict_points, with_nominal_scanner_frames
 from calib.kinematics import chain as kinematics
 from calib.measurement.labels import LEAST_MARGIN_DEG, LEAST_MISFIT_MARGIN, FaceLabels
+from calib.tool_point.far_off import search_tool_point
 
 Labellings = tuple[Orientation, Orientation, Orientation]  # one for each cyclic labelling of three faces
 
@@ -52,9 +54,10 @@ def predicted_attitudes(
         observed = Observations.of(dataset.with_points(points), np.ones(len(dataset.poses), dtype=bool))
     except FitError as error:
         return {}, dict.fromkeys(corners, str(error))
-    model = geometric_model(dataset.robot)
+    robot = search_tool_point(observed, LinkErrors(dataset.robot), ()) or dataset.robot
+    model = geometric_model(robot)
     x = np.zeros(len(model.parameters))
-    observed = with_nominal_scanner_frames(observed, dataset.robot)
+    observed = with_nominal_scanner_frames(observed, robot)
     assert observed.scanner_T_base is not None
     base_mm = predict_points(model, x, observed)
     attitude = _nominal_attitudes(dataset)

@@ -74,4 +74,5 @@ class ModelDocument(msgspec.Struct, frozen=True):
     before: SavedErrors
     after: SavedErrors
     loads_table: tuple[Row, ...] | None = None  # at whose links gravity's loads are worked out
+    found_tool_row: Row | None = None  # of robot, where its own has the tool point far off
     sigma_mm: NotNegative | None = None

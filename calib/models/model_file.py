@@ -69,6 +69,7 @@ def model_text(fitted: FittedModel) -> str:
         "robot": msgspec.to_builtins(model.robot),
         "table": fitted.robot.table,
         "loads_table": None if model.loads_of is None else model.loads_of.table,
+        "found_tool_row": None if model.tool_found is None else model.tool_found.tool.row,
         "effects": [member_document(effect) for effect in model.effects],
         "held": sorted(model.held),
         "parameters": [
@@ -163,7 +164,11 @@ def _model(
     if document.loads_table is not None:
         loads = robot.with_table(_table(file, "loads_table", document.loads_table, robot))
     sigmas = {parameter.name: parameter.prior_sigma for parameter in document.parameters}
-    model = Model(robot, tuple(effects), frozenset(document.held), sigmas, loads)
+    found_tool = None
+    if document.found_tool_row is not None:
+        rows = (*robot.table[:-1].tolist(), document.found_tool_row)
+        found_tool = robot.with_table(_table(file, "found_tool_row", rows, robot))
+    model = Model(robot, tuple(effects), frozenset(document.held), sigmas, loads, found_tool)
     found = [p.name for p in document.parameters]
     if len(set(found)) < len(found):
         file.fail(["parameters"], "one name twice", "each parameter has its own")

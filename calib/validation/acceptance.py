@@ -205,9 +205,10 @@ def _against_training(calibration: Calibration, train: Figures, test: Figures) -
 
 
 def _fit(calibration: Calibration, max_test_rmse_mm: float | None) -> list[CheckItem]:
-    fit = calibration.fit
+    fit, shift = calibration.fit, calibration.tool_shift
     return [
         CheckItem("fit", fit.converged, fit.summary()),
+        *([] if shift is None else [CheckItem("tool point", None, shift.words, warning=True)]),
         *(CheckItem("fit", None, note) for note in calibration.after.notes),
         *_test_poses(calibration, max_test_rmse_mm),
         *_residual(calibration),

@@ -179,6 +179,8 @@ def run_correct(options: CorrectOptions) -> int:
     dataset = measured(dataset, orientation=options.residual == "pose")
     result = _fitted(options, dataset)[-1].calibration
     _require_plausible(result, options.force)
+    if result.tool_shift is not None:
+        print(f"inspector: warning: {result.tool_shift.words}", file=sys.stderr)
     needed = needed_columns(result.model, result.fit.x, dataset.poses)
     require_conditions(targets, needed, result.model.family_names)
     correction = corrected_joints(

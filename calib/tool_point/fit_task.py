@@ -1,0 +1,127 @@
+"""A fit of the table and of effects, its tool point near where robot.toml has it, or found where it is far off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.effects.effect import Effect
+from calib.effects.link_errors import LinkErrors
+from calib.fitting.fit import Fit, Iteration
+from calib.fitting.model import Model
+from calib.fitting.observations import Observations, with_nominal_scanner_frames
+from calib.fitting.residual import Residuals
+from calib.fitting.residual_kinds import make_residuals
+from calib.fitting.robust import solve_robustly
+from calib.fitting.trust_region import solve
+from calib.kinematics.robot import Robot
+from calib.options import FitOptions
+from calib.tool_point.far_off import fitted_tool_point, search_tool_point, with_loose_tool
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model, its fit, and the weights of the points where it was robust."""
+
+    model: Model
+    fit: Fit
+    weights: Array | None = None
+
+
+@dataclass(frozen=True)
+class FitTask:
+    """What is to be fitted to which points, and how."""
+
+    model: Model
+    geometry: tuple[Effect, ...]  # the first of its effects, with the tolerances that were asked for
+    observed: Observations  # without the scanner's frames
+    options: FitOptions
+
+    @property
+    def links(self) -> LinkErrors:
+        assert isinstance(self.geometry[0], LinkErrors)
+        return self.geometry[0]
+
+    def of_geometry_alone(self) -> FitTask:
+        """The corrections of robot.toml without the effects, and without weights: where a fit of all begins."""
+        alone = Model(self.model.robot, self.geometry, self.model.held)
+        return replace(self, model=alone, options=replace(self.options, robust=False))
+
+    def fitted_to_tool(self) -> Fitted:
+        """The fit with the tool point held near where robot.toml has it, or, where that is far off, near where it is.
+
+        The points alone tell that it is far off, or a fit that moves it further than tolerances allow. In the end the
+        fit has the last word.
+        """
+        held = self.model.held
+        found = search_tool_point(self.observed, self.links, held)
+        first = self.fitted(found)
+        if (
+            not self.options.prior
+        ):  # then parameters that the data do not know move freely, and the tool with them
+            return first
+        confirmed = fitted_tool_point(first.model, first.fit, self.links)
+        if (found is None) == (confirmed is None):
+            return first
+        second = self.fitted(confirmed)
+        if confirmed is not None and fitted_tool_point(second.model, second.fit, self.links) is None:
+            return first
+        return second
+
+    def fitted(self, tool_found: Robot | None, before: Fit | None = None) -> Fitted:
+        """The fit from where `before` ended, else from the nominal robot, with its tool point where it was found."""
+        model, prior = self.model, self.options.prior
+        if tool_found is not None:
+            model = with_loose_tool(model, self.links, tool_found)
+        observed = with_nominal_scanner_frames(self.observed, model.placed_robot)
+        way: tuple[Iteration, ...] = ()  # of the fits before this one
+        if before is not None:
+            way = _in_order_of(model, before)
+        elif tool_found is not None:
+            way = _to_found_tool(model, make_residuals(self.options.residual, model, observed))
+        first_x = way[-1].x if way else np.zeros(len(model.parameters))
+        if model.added_effects:
+            model = model.with_loads_at(first_x)
+        weights = None
+        if self.options.robust:
+            fit, weights = solve_robustly(
+                lambda seen: make_residuals(self.options.residual, model, seen),
+                observed,
+                start=first_x,
+                prior=prior,
+            )
+        else:
+            residuals = make_residuals(self.options.residual, model, observed)
+            fit = solve(residuals, start=first_x, prior=prior)
+        return Fitted(model, replace(fit, iterations=(*way[:-1], *fit.iterations)), weights)
+
+
+def _to_found_tool(model: Model, residuals: Residuals) -> tuple[Iteration, ...]:
+    """From the nominal robot to the same with its tool point where it was found, as if a step of the solver."""
+    nominal = np.zeros(len(model.parameters))
+    change = dict(
+        zip(
+            model.robot.parameter_names,
+            (model.placed_robot.table - model.robot.table).ravel().tolist(),
+            strict=True,
+        )
+    )
+    found = np.array([change.get(p.name, 0.0) for p in model.parameters])
+
+    def at(x: Array, step: float) -> Iteration:
+        residual = residuals.residual(x)
+        return Iteration(x, float(residual @ residual), step)
+
+    return at(nominal, 0.0), at(found, float(np.linalg.norm(found / model.scales)))
+
+
+def _in_order_of(model: Model, fit: Fit) -> tuple[Iteration, ...]:
+    """A fit's iterations with their parameters in the order of another model's; zero where the fit did not have one."""
+
+    def in_order(x: Array) -> Array:
+        values = dict(zip((p.name for p in fit.parameters), x.tolist(), strict=True))
+        return np.array([values.get(p.name, 0.0) for p in model.parameters])
+
+    return tuple(replace(step, x=in_order(step.x)) for step in fit.iterations)

@@ -1,0 +1,83 @@
+"""A table's tool point, and tables that have it elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.effects.link_errors import LinkErrors
+from calib.kinematics.robot import Robot
+from calib.tool_point.placement import (
+    free_directions,
+    loose_tolerances,
+    tolerance_covariance,
+    tool_point,
+    tool_point_in_nominal,
+    with_tool_point,
+)
+from tests.support.arms import elementary_points, jang_arm, perturbed, random_arm
+
+
+def arm(a_mm: float = 0.0, theta_rad: float = 0.0) -> Robot:
+    robot = jang_arm()
+    return replace(robot, tool=replace(robot.tool, a_mm=a_mm, theta_rad=theta_rad))
+
+
+@pytest.mark.parametrize("robot", [arm(), arm(60.0, 0.4), arm(-30.0, -2.0)])
+def test_any_point_is_reached_and_the_row_turns_by_a_quarter_turn_at_most(robot: Robot) -> None:
+    rng = np.random.default_rng(0)
+    for point_mm in rng.normal(size=(50, 3)) * 150.0:
+        moved = with_tool_point(robot, point_mm)
+        np.testing.assert_allclose(tool_point(moved.table), point_mm, atol=1e-9)
+        assert abs(moved.tool.theta_rad - robot.tool.theta_rad) <= np.pi / 2 + 1e-12
+        np.testing.assert_array_equal(moved.table[:-1], robot.table[:-1])
+
+
+def test_near_the_axis_theta_stays() -> None:
+    moved = with_tool_point(arm(60.0, 0.4), np.array([1.0, -2.0, 90.0]))
+    assert moved.tool.theta_rad == 0.4
+    assert "thetaTCP" not in loose_tolerances(arm(60.0, 0.4), moved)
+
+
+def test_what_is_held_stays() -> None:
+    robot, point_mm = arm(60.0, 0.4), np.array([-100.0, 50.0, 200.0])
+    for held in ((), ("dTCP",), ("thetaTCP",), ("aTCP",), ("aTCP", "dTCP"), ("aTCP", "thetaTCP", "dTCP")):
+        changed = with_tool_point(robot, point_mm, held).table[-1] != robot.table[-1]
+        names = dict(zip(robot.parameter_names[-5:], changed, strict=True))
+        assert not any(names[name] for name in held)
+    assert free_directions(robot, ("aTCP", "dTCP")).shape == (3, 0)
+    np.testing.assert_allclose(
+        free_directions(robot, ("thetaTCP", "dTCP"))[:, 0], [np.cos(0.4), np.sin(0.4), 0]
+    )
+    assert free_directions(robot, ()).shape == (3, 3)
+
+
+def test_the_point_of_another_table_is_told_in_the_nominal_last_frame() -> None:
+    """Put there by its xyz, the nominal arm's tool is where the other table's is, whatever the last joint does."""
+    rng = np.random.default_rng(1)
+    for nominal in (random_arm(rng, 6), random_arm(rng, 5, prismatic=4), builtin_robot("panda")):
+        other = nominal.table.copy()
+        other[-2:] = perturbed(nominal, rng, mm=20.0, rad=0.2).table[-2:]
+        same = with_tool_point(nominal, tool_point_in_nominal(nominal, other))
+        q = rng.normal(size=(5, nominal.n_joints))
+        expected = elementary_points(nominal.with_table(other), q)
+        np.testing.assert_allclose(elementary_points(same, q), expected, atol=1e-9)
+
+
+def test_the_tolerances_of_the_last_two_rows_are_how_far_the_point_may_be_off() -> None:
+    """Against tables that were drawn, beyond a length's own tolerance in each direction."""
+    rng = np.random.default_rng(2)
+    robot = random_arm(rng, 6)
+    links = LinkErrors(robot, {"dTCP": 3.0})
+    scales = np.array([p.scale for p in links.parameters]).reshape(robot.table.shape)
+    scales[:-2] = 0.0
+    drawn = [
+        tool_point_in_nominal(robot, robot.table + scales * rng.normal(size=scales.shape))
+        for _ in range(4000)
+    ]
+    np.testing.assert_allclose(
+        tolerance_covariance(robot, links, ()) - np.eye(3), np.cov(np.transpose(drawn)), atol=0.08 * 9.0
+    )
