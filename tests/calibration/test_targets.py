@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from calib.calibration.calibrate import calibrate
+from calib.calibration.pose_errors import pose_errors_of
 from calib.dataset.dataset import Dataset, Points
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_toml
@@ -246,3 +247,19 @@ def test_a_wide_tolerance_lets_a_target_be_far_off() -> None:
         assert fitted.after.test.rmse_mm < 1.25 * math.sqrt(3.0) * SIGMA_MM
     with pytest.raises(FitError, match=r"smr4\.x"):
         calibrate(dataset, FitOptions(tolerances={"smr4.x": 1.0}))
+
+
+def test_apparent_motion_of_a_joint_is_that_of_the_measured_targets() -> None:
+    """Mirrors 300 mm beyond the tool's end move otherwise than it does."""
+    dataset, true, _ = mirror_dataset(12, jig=False)
+    far = tuple(replace(t, xyz_mm=(t.xyz_mm[0] + 300.0, t.xyz_mm[1], t.xyz_mm[2])) for t in MIRRORS)
+    assert dataset.points is not None
+    off_rad, k = 2e-3, 55  # a test pose, so that the fit does not bend to it
+    q = dataset.poses.q.copy()
+    q[k, 4] += off_rad
+    xyz = np.concatenate([elementary_points(with_tip(true, np.array(t.xyz_mm)), q) for t in far])
+    moved = replace(
+        dataset.with_points(replace(dataset.points, xyz_mm=xyz)), robot=replace(dataset.robot, targets=far)
+    )
+    found = pose_errors_of(calibrate(moved, FitOptions(held=LAST_ROW)))
+    assert found.apparent_joint_error[k, 4] == pytest.approx(off_rad, rel=0.02)

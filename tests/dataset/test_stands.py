@@ -203,3 +203,14 @@ def test_a_row_written_twice_counts_once() -> None:
     assert found.points is not None
     assert found.points.counts_as is not None
     np.testing.assert_array_equal(found.points.counts_as, np.ones(6))
+
+
+def test_targets_measured_one_after_the_other_are_of_one_stand() -> None:
+    dataset = repeated(plain(), 3, np.random.default_rng(9))
+    assert dataset.points is not None
+    names = np.tile(["smr1", "smr2", "smr3"], 6)
+    found = on_stands(dataset.with_points(replace(dataset.points, target=names)))
+    assert found.points is not None
+    np.testing.assert_array_equal(found.points.pose, np.repeat(np.arange(6) * 3, 3))
+    np.testing.assert_array_equal(found.points.target, names)
+    np.testing.assert_array_equal(found.points.counts_as, np.ones(18))
