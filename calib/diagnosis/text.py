@@ -260,7 +260,7 @@ def _advice_sentence(sentence: facts.AdviceSentence) -> str:
             return f"{effect} is missing: its evidence is {log_evidence:.0f} (3 would do){leads}. Add it."
         case facts.AddCurves(effect, joints, inputs, log_evidence):
             return (
-                f"{curves_text(joints, inputs, log_evidence)} {effect} adds what was learned of them; it names no cause. "
+                f"{curves_text(joints, inputs, log_evidence)} {effect} adds what was learned; it names no cause. "
                 "Watch whether the test poses follow."
             )
         case facts.LookCloser():

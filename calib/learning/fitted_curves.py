@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +25,7 @@ class FittedCurve:
     joint: int  # from 0
     is_revolute: bool  # the joint
     input: str
+    input_unit: str  # as people read it: deg, mm, Nm, C, s, kg; "" for a column of the user's own
     u: Array  # (G,) rad, mm, Nm, as the input is
     value: Array  # (G,) rad (mm for a prismatic joint)
     sigma: Array  # (G,) of the value, by the fit's covariance
@@ -34,6 +34,21 @@ class FittedCurve:
     known: int  # parameters that the data know to better than half their prior sigma
     parameters: int
     formula: str | None  # where it is a short formula
+
+    @property
+    def unit(self) -> str:
+        """Of the curve as people read it."""
+        return "mrad" if self.is_revolute else "mm"
+
+    @property
+    def scale(self) -> float:
+        """By which values of the curve become its `unit`."""
+        return 1e3 if self.is_revolute else 1.0
+
+    @property
+    def input_scale(self) -> float:
+        """By which values of the input become its `input_unit`."""
+        return 180.0 / np.pi if self.input_unit == "deg" else 1.0
 
     @property
     def inside(self) -> BoolArray:
@@ -75,6 +90,7 @@ def fitted_curves(calibration: Calibration) -> tuple[FittedCurve, ...]:
             joint=member.joint,
             is_revolute=model.robot.joints[member.joint].is_revolute,
             input=member.modes.input,
+            input_unit=_input_unit(member.modes.input, calibration),
             u=u,
             value=modes @ fit.x[own],
             sigma=np.sqrt(np.maximum(variance, 0.0)),
@@ -95,30 +111,26 @@ def without_curves(parameters: pd.DataFrame) -> pd.DataFrame:
 
 def curve_lines(calibration: Calibration) -> list[str]:
     """A line for each learned curve: joint, input, size, the largest value and where, how much of it is known."""
-    return [_line(curve, calibration) for curve in fitted_curves(calibration)]
+    return list(map(_line, fitted_curves(calibration)))
 
 
-def _line(curve: FittedCurve, calibration: Calibration) -> str:
-    unit = "mrad" if curve.is_revolute else "mm"
-    place, value = curve.largest
-    scale = 1e3 if curve.is_revolute else 1.0
-    where, of = input_in_unit(curve.input, [place], calibration)
+def _line(curve: FittedCurve) -> str:
+    place, largest = curve.largest
+    at = f"{curve.input_scale * place:.4g} {curve.input_unit}".rstrip()
     told = f"; {curve.formula}" if curve.formula else ""
     return (
-        f"{LEARNED}: joint {curve.joint + 1} over {curve.input}: rms {scale * curve.rms:.3g} {unit}, largest "
-        f"{scale * value:+.3g} {unit} at {where[0]:.4g} {of}".rstrip()
-        + f", {curve.known} of {curve.parameters} modes known{told}"
+        f"{LEARNED}: joint {curve.joint + 1} over {curve.input}: rms {curve.scale * curve.rms:.3g} {curve.unit}, "
+        f"largest {curve.scale * largest:+.3g} {curve.unit} at {at}, {curve.known} of {curve.parameters} modes known"
+        f"{told}"
     )
 
 
-def input_in_unit(name: str, values: Sequence[float] | Array, calibration: Calibration) -> tuple[Array, str]:
-    """An input's values as people read them, and their unit: angles in degrees, "" for a column of the user's own."""
-    u, joints = np.asarray(values, dtype=float), calibration.model.robot.joints
+def _input_unit(name: str, calibration: Calibration) -> str:
     units = {"temperature_c": "C", "time_s": "s", "payload_kg": "kg"}
     if name in units or name in calibration.dataset.poses.extra:
-        return u, units.get(name, "")
+        return units.get(name, "")
     quantity, joint = joint_input(name) or ("q", -1)
     if quantity == "torque":
-        return u, "Nm"
-    angle = joint < 0 or joints[joint].is_revolute  # sums are of angles only
-    return (np.degrees(u), "deg") if angle else (u, "mm")
+        return "Nm"
+    angle = joint < 0 or calibration.model.robot.joints[joint].is_revolute  # sums are of angles only
+    return "deg" if angle else "mm"

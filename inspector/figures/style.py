@@ -74,8 +74,11 @@ def figure(
     axes = {"gridcolor": grid, "linecolor": grid, "zerolinecolor": zero}
 
     def axis(own: dict[str, Any]) -> dict[str, Any]:
-        title = {"title": {"text": own["title"]}} if "title" in own else {}
-        return {**axes, **own, **title}
+        near = (
+            {"standoff": own["standoff"]} if "standoff" in own else {}
+        )  # pixels from the numbers to the title
+        title = {"title": {"text": own["title"], **near}} if "title" in own else {}
+        return {**axes, **{key: value for key, value in own.items() if key != "standoff"}, **title}
 
     more = {
         key: axis(value) if key.startswith(("xaxis", "yaxis")) else value

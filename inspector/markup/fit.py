@@ -7,8 +7,11 @@ import math
 import numpy as np
 
 from calib.calibration.result import Calibration
+from calib.learning.fitted_curves import learned_members, without_curves
+from calib.learning.smooth_joint_error import LEARNED
 from calib.models.exported_table import exported_table
 from inspector.markup import elements, numbers
+from inspector.markup.curves import curves_table_html
 from inspector.markup.numbers import parameter_label
 from inspector.markup.palette import ROLE_COLOURS
 from inspector.session.session import Session
@@ -114,9 +117,12 @@ def attitude_rows(result: Calibration) -> list[tuple[object, ...]]:
 
 
 def parameter_rows(result: Calibration) -> list[tuple[str, ...]]:
-    """Name, nominal, fitted, change, sigma, unit of each parameter; what the data do not know has a star."""
+    """Name, nominal, fitted, change, sigma, unit of each parameter that is no learned curve's.
+
+    What the data do not know has a star.
+    """
     rows = []
-    for row in result.to_frame().to_dict("records"):
+    for row in without_curves(result.to_frame()).to_dict("records"):
         own = "." in str(row["name"])  # of an effect: its name says its unit
         angle = row["unit"] == "rad" and not own  # people read degrees, as the files have them
         nominal, value, change, sigma = (
@@ -150,6 +156,11 @@ def parameters_html(result: Calibration) -> str:
         + "".join(
             elements.heading(f"Effect {effect}") + elements.table(EFFECT_COLUMNS, of_it, height="260px")
             for effect, of_it in effects.items()
+        )
+        + (
+            elements.heading(f"Effect {LEARNED}") + curves_table_html(result)
+            if learned_members(result)
+            else ""
         )
         + elements.note(
             "* the data tell next to nothing of it by itself: the value is held by its tolerance, or shared."

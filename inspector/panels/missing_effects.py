@@ -5,11 +5,14 @@ from __future__ import annotations
 import viser
 
 from calib.calibration.noise_check import noise_floor_mm
+from calib.learning.fitted_curves import fitted_curves
 from calib.learning.smooth_joint_error import LEARNED
+from inspector.figures.curve_plots import height_px, joint_curves
 from inspector.figures.plots import error_history
 from inspector.figures.residual_plots import added_variable
 from inspector.markup import effects as html
 from inspector.markup import elements
+from inspector.markup.curves import learned_html, offered_html
 from inspector.markup.palette import BAD
 from inspector.panels.base import Actions, by_page, hidden_plot, put
 from inspector.session.session import Session
@@ -22,6 +25,7 @@ NOTE = (
 FIND, STOP = "Find what is missing", "Stop looking"
 REMOVE, UNDO, REDO = "Remove", "Undo", "Redo"
 NONE = "–"
+PANEL_PX = 390  # about as wide is the figure on the page
 
 
 class MissingEffectsPanel:
@@ -51,6 +55,8 @@ class MissingEffectsPanel:
         self._chosen = gui.add_html("")
         self._variable = hidden_plot(gui, 0.7)
         self._next = gui.add_html("")
+        self._learned = gui.add_html("")
+        self._curves = hidden_plot(gui, 1.0)
         self._untestable = gui.add_html("")
         self.find.on_click(lambda _: actions.find(self.find.label == FIND))
         self.choice.on_update(lambda e: actions.candidate() if by_page(e) else None)
@@ -112,7 +118,8 @@ class MissingEffectsPanel:
             self._actions.add_effect(self._advised)
 
     def update_figure(self, view: View) -> None:
-        """The history of the error."""
+        """The history of the error, and the learned curves where the model has some."""
+        self._update_curves(view)
         session = view.session
         self._history.visible = session.calibration is not None and bool(session.history)
         if session.calibration is None or not session.history:
@@ -124,6 +131,18 @@ class MissingEffectsPanel:
             noise_floor_mm(session.calibration),
             dark=view.dark,
         )
+
+    def _update_curves(self, view: View) -> None:
+        """The learned curves of the model on show, where it has some."""
+        calibration = view.session.calibration
+        drawn = () if calibration is None else fitted_curves(calibration)
+        self._curves.visible = bool(drawn)
+        if calibration is None or not drawn:
+            self._learned.content = ""
+            return
+        self._learned.content = learned_html(calibration)
+        self._curves.aspect = height_px(len(drawn)) / PANEL_PX
+        self._curves.figure = joint_curves(drawn, calibration.model.robot, dark=view.dark)
 
     def update_choice(self, view: View) -> None:
         """The ranking with the chosen effect marked, and what is known of that."""
@@ -143,10 +162,12 @@ class MissingEffectsPanel:
         self._ranking.content = html.ranking_html(screening, name, own)
         self._chosen.content = ""
         if name != NONE and session.calibration is not None:
-            self._chosen.content = html.chosen_html(
-                name, candidate, session.calibration, screening.cv_rmse_mm, own=name in own
+            self._chosen.content = (
+                html.chosen_html(name, candidate, session.calibration, screening.cv_rmse_mm, own=name in own)
+                if name != LEARNED or session.curves is None
+                else offered_html(session.curves)
             )
-            if name in inside:
+            if name in inside and name != LEARNED:
                 self._chosen.content += html.fitted_html(session.calibration, name)
         if candidate is not None and candidate.members:
             self._variable.figure = added_variable(

@@ -70,6 +70,7 @@ def report_html(report: Report, *, now: datetime) -> str:
         KeyFigures(_key_figures(report)),
     )
     residuals = [block for model in report.residuals for block in sections.model_residual(report, model)]
+    curves = sections.learned_curves(report)
     return render_page(
         f"Calibration report: {report.dataset.name}",
         head,
@@ -79,6 +80,7 @@ def report_html(report: Report, *, now: datetime) -> str:
             Section("Dataset and how it was measured", sections.dataset(report)),
             Section("What could be missing", sections.ranking(report)),
             Section("Where the model is off", residuals),
+            *([Section("Learned curves of the joints", curves)] if curves else []),
             Section("Residual by pose", sections.by_pose(report)),
             Section("Which parameters can be known", sections.redundancy(report)),
             Section("Parameters", sections.parameters(report)),

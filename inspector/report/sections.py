@@ -14,12 +14,17 @@ from calib.calibration.uncertainty import Combination, identifiable_combinations
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.phrases import untestable_texts
+from calib.learning.fitted_curves import fitted_curves, learned_members
+from calib.learning.smooth_joint_error import LEARNED
 from calib.measurement.measured_points import failed_searches
 from calib.screening.candidates import Candidate
 from calib.screening.residual_tests import InputTest
+from inspector.figures.curve_plots import height_px, joint_curves
 from inspector.figures.plots import correlation_heatmap, pose_residuals
 from inspector.figures.residual_plots import SELECTED, residual_against
 from inspector.markup import numbers
+from inspector.markup.curves import BAND_NOTE, curve_rows, formulas
+from inspector.markup.curves import COLUMNS as CURVE_COLUMNS
 from inspector.markup.effects import value_row
 from inspector.markup.fit import PARAMETER_COLUMNS, parameter_rows
 from inspector.markup.residuals import AXES, band_note, input_title, joint_title, shown, turned
@@ -189,6 +194,27 @@ def _hide(trace: go.Scatter) -> None:
     trace.update(visible=False)
 
 
+def learned_curves(report: Report) -> list[Block]:
+    """The learned curves in the model: their formulas, sizes, and the figure; [] where there are none."""
+    calibration = report.calibration
+    curves = fitted_curves(calibration)
+    if not curves:
+        return []
+
+    def draw(dark: bool) -> go.Figure:
+        return joint_curves(curves, report.dataset.robot, columns=columns, dark=dark)
+
+    columns = min(len(curves), 2)
+    equation = learned_members(calibration)[0].equation
+    height = height_px(len(curves), columns)
+    return [
+        Paragraph(f"{LEARNED}: {equation}. It names no cause."),
+        *map(Paragraph, formulas(calibration)),
+        Table(CURVE_COLUMNS, curve_rows(calibration), left=(0, 1)),
+        Figure(draw, BAND_NOTE, height_px=height, width_px=1000 if columns > 1 else 640),
+    ]
+
+
 def by_pose(report: Report) -> list[Block]:
     """The error of each pose after the last fit."""
     frame = report.calibration.after.to_frame(report.dataset)
@@ -233,6 +259,10 @@ def parameters(report: Report) -> list[Block]:
             soft=True,
         ),
     ]
+    if learned_members(report.calibration):
+        out.append(
+            Paragraph(f"The modes of {LEARNED} are told as curves, in the section of their own.", soft=True)
+        )
     if report.table.words:
         out.append(Paragraph(f"What robot.toml can hold: {report.table.words}."))
     sums = identifiable_combinations(report.calibration)

@@ -18,7 +18,7 @@ from calib.diagnosis.effect_selection import add_in_turn, curves_beside
 from calib.diagnosis.text import advice_text
 from calib.effects.effect import apply_values
 from calib.fitting.observations import nominal_state
-from calib.learning.fitted_curves import curve_lines, fitted_curves, input_in_unit, learned_members
+from calib.learning.fitted_curves import curve_lines, fitted_curves, learned_members
 from calib.learning.smooth_joint_error import LEARNED
 from inspector.cli.parser import main
 from inspector.session import transitions as sessions
@@ -123,13 +123,14 @@ def test_the_band_is_the_scatter_of_the_fits_parameters(fitted: Calibration) -> 
     np.testing.assert_allclose(curve.sigma, scatter, rtol=0.05)
 
 
-def test_inputs_are_told_as_people_read_them(fitted: Calibration) -> None:
-    assert [input_in_unit(name, [1.0], fitted)[1] for name in ("q1", "q1+q2", "q2-q3")] == ["deg"] * 3
-    assert [input_in_unit(n, [1.0], fitted)[1] for n in ("torque2", "temperature_c", "time_s")] == [
-        "Nm", "C", "s",
-    ]  # fmt: skip
-    assert input_in_unit("q1", [np.pi], fitted)[0] == pytest.approx([180.0])
-    assert input_in_unit("torque2", [3.0], fitted)[0] == pytest.approx([3.0])
+def test_values_are_told_as_people_read_them(fitted: Calibration) -> None:
+    (curve,) = fitted_curves(fitted)
+    assert (curve.unit, curve.input_unit) == ("mrad", "deg")
+    assert curve.scale * 2e-3 == pytest.approx(2.0)
+    assert curve.input_scale * np.pi == pytest.approx(180.0)
+    over_torque = replace(curve, is_revolute=False, input_unit="Nm")
+    assert over_torque.unit == "mm"
+    assert (over_torque.scale, over_torque.input_scale) == (1.0, 1.0)
 
 
 def test_a_fit_without_curves_has_none_to_tell(ranked: Session) -> None:

@@ -1,0 +1,166 @@
+"""The figure of learned curves: a small panel each, with the band of the fit's uncertainty and the measured inputs.
+
+Fitted curves in, a plotly figure out; style and labels are in `inspector.figures.style`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from calib.array_types import Array, BoolArray
+from calib.kinematics.robot import Robot
+from calib.learning.fitted_curves import FittedCurve
+from inspector.figures.style import figure, ink
+from inspector.markup.curves import input_label, shown_unit
+
+CURVE, BAND, OUTSIDE, MEASURED = "fitted curve", "± 2 sigma", "not measured", "training poses"
+_TOP_PX, _PLOT_PX, _GAP_PX, _BOTTOM_PX = (
+    56,
+    116,
+    68,
+    44,
+)  # legend and first title; a panel; between two; last axis
+_GREY = "rgba(138,143,152,0.22)"
+_BEYOND = 0.5  # of the inside's height that the outside may add to the axis on either side
+
+
+def height_px(panels: int, columns: int = 1) -> int:
+    """How high the figure of so many curves is."""
+    rows = -(-panels // columns)
+    return _TOP_PX + rows * _PLOT_PX + (rows - 1) * _GAP_PX + _BOTTOM_PX
+
+
+def joint_curves(
+    curves: Sequence[FittedCurve], robot: Robot, *, columns: int = 1, dark: bool = False
+) -> go.Figure:
+    """Each curve's error over its input, a panel each, `columns` beside each other."""
+    rows = -(-len(curves) // columns)
+    inner_px = height_px(len(curves), columns) - _TOP_PX - _BOTTOM_PX
+    traces: list[dict[str, Any]] = []
+    layout: dict[str, Any] = {}
+    shapes: list[dict[str, Any]] = []
+    titles: list[dict[str, Any]] = []
+    for k, curve in enumerate(curves):
+        name = "" if k == 0 else str(k + 1)
+        row, column = divmod(k, columns)
+        top = 1.0 - row * (_PLOT_PX + _GAP_PX) / inner_px
+        bottom = 0.0 if row == rows - 1 else top - _PLOT_PX / inner_px
+        width = (1.0 - 0.12 * (columns - 1)) / columns
+        left = column * (width + 0.12)
+        x, low, high = curve.input_scale * curve.u, *_range(curve)
+        traces += _traces(curve, f"x{name}", f"y{name}", low + 0.05 * (high - low), dark, first=k == 0)
+        shapes += _unmeasured(curve, f"x{name}", f"y{name}")
+        titles.append(
+            {
+                "text": f"<b>Joint {curve.joint + 1}</b>", "xref": f"x{name} domain", "yref": f"y{name} domain",
+                "x": 0.0, "y": 1.0, "xanchor": "left", "yanchor": "bottom", "showarrow": False, "yshift": 1,
+                "font": {"size": 12, "color": ink(dark)},
+            }
+        )  # fmt: skip
+        layout[f"xaxis{name}"] = {
+            "title": escape(input_label(curve, robot)), "domain": [left, left + width], "anchor": f"y{name}",
+            "range": [float(x[0]), float(x[-1])], "zeroline": False, "nticks": 8, "standoff": 6,
+        }  # fmt: skip
+        layout[f"yaxis{name}"] = {
+            "title": f"error, {curve.unit}", "domain": [bottom, top], "anchor": f"x{name}",
+            "range": [low, high], "zeroline": True, "nticks": 5,
+        }  # fmt: skip
+    legend = {
+        "orientation": "h", "x": 0, "xanchor": "left", "y": 1.0 + 22.0 / inner_px, "yanchor": "bottom",
+        "font": {"size": 11},
+    }  # fmt: skip
+    return figure(
+        traces,
+        xaxis=layout.pop("xaxis"),
+        yaxis=layout.pop("yaxis"),
+        margin=(54, 10, _TOP_PX, _BOTTOM_PX),
+        dark=dark,
+        layout={**layout, "shapes": shapes, "annotations": titles, "legend": legend},
+    )
+
+
+def _range(curve: FittedCurve) -> tuple[float, float]:
+    """Of the axis of errors: all that is inside the measured range, and of what is outside as much as is readable."""
+    value, half = curve.scale * curve.value, 2.0 * curve.scale * curve.sigma
+    inside = curve.inside
+    low, high = float((value - half)[inside].min()), float((value + half)[inside].max())
+    tall = max(high - low, 1e-9)
+    low = max(float((value - half).min()), low - _BEYOND * tall)
+    high = min(float((value + half).max()), high + _BEYOND * tall)
+    pad = 0.1 * (high - low)
+    return min(low, 0.0) - 1.8 * pad, max(high, 0.0) + pad  # the inputs are marked at the bottom
+
+
+def _traces(
+    curve: FittedCurve, xaxis: str, yaxis: str, rug: float, dark: bool, *, first: bool
+) -> list[dict[str, Any]]:
+    """rug: the error at which the measured inputs are marked."""
+    colour = "#56B4E9" if dark else "#0072B2"
+    band = "rgba(86,180,233,0.30)" if dark else "rgba(0,114,178,0.22)"
+    x, y = curve.input_scale * curve.u, curve.scale * curve.value
+    half = 2.0 * curve.scale * curve.sigma
+    inside = curve.inside
+    axes = {"xaxis": xaxis, "yaxis": yaxis, "showlegend": first}
+    line = {"type": "scatter", "mode": "lines", **axes, "x": _short(x)}
+    no_line = {"color": "rgba(0,0,0,0)", "width": 0}
+    hover = (
+        f"joint {curve.joint + 1}: %{{y:.3g}} ± %{{customdata:.2g}} {curve.unit}<br>at %{{x:.4g}} "
+        f"{shown_unit(curve.input_unit)}<extra></extra>"
+    )
+    return [
+        {
+            **line, "name": "upper", "y": _short(y + half), "line": no_line, "hoverinfo": "skip",
+            "showlegend": False,
+        },
+        {
+            **line, "name": BAND, "legendgroup": BAND, "y": _short(y - half), "line": no_line, "fill": "tonexty",
+            "fillcolor": band, "hoverinfo": "skip",
+        },
+        {
+            **line, "name": "outside", "showlegend": False, "y": _short(np.where(_closed(~inside), y, np.nan)),
+            "connectgaps": False, "line": {"color": "#8A8F98", "width": 1.5}, "customdata": _short(half),
+            "hovertemplate": hover,
+        },
+        {
+            **line, "name": CURVE, "legendgroup": CURVE, "y": _short(np.where(inside, y, np.nan)),
+            "line": {"color": colour, "width": 2}, "connectgaps": False, "customdata": _short(half),
+            "hovertemplate": hover,
+        },
+        {
+            "type": "scatter", "mode": "markers", **axes, "name": MEASURED, "legendgroup": MEASURED,
+            "x": _short(curve.input_scale * curve.measured),
+            "y": [rug] * len(curve.measured), "hoverinfo": "skip",
+            "marker": {"symbol": "line-ns", "size": 7, "line": {"color": ink(dark), "width": 1}},
+        },
+        {
+            "type": "scatter", "mode": "markers", **axes, "name": OUTSIDE, "x": [None], "y": [None],
+            "marker": {"size": 11, "symbol": "square", "color": _GREY},
+        },
+    ]  # fmt: skip
+
+
+def _unmeasured(curve: FittedCurve, xaxis: str, yaxis: str) -> list[dict[str, Any]]:
+    """Grey on either side of the measured range."""
+    u, first, last = (curve.input_scale * v for v in (curve.u, curve.measured[:1], curve.measured[-1:]))
+    return [
+        {
+            "type": "rect", "xref": xaxis, "yref": f"{yaxis} domain", "x0": float(x0), "x1": float(x1), "y0": 0,
+            "y1": 1, "layer": "below", "fillcolor": _GREY, "line": {"width": 0},
+        }
+        for x0, x1 in ((u[0], first[0]), (last[0], u[-1]))
+    ]  # fmt: skip
+
+
+def _closed(outside: BoolArray) -> BoolArray:
+    """The places outside and the one beside each, so that two parts of a line meet."""
+    return np.asarray(outside | np.append(outside[1:], False) | np.insert(outside[:-1], 0, False))
+
+
+def _short(values: Array) -> list[float | None]:
+    """Numbers of five figures; None for nan, where plotly interrupts a line."""
+    return [float(f"{v:.5g}") if np.isfinite(v) else None for v in values]
