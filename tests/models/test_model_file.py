@@ -196,6 +196,19 @@ def test_a_selected_effect_keeps_its_prior_sigmas(dataset: Dataset, tmp_path: Pa
     np.testing.assert_allclose(at, result.model.predict(result.fit.x, dataset.poses), rtol=0, atol=1e-12)
 
 
+def test_a_tool_point_that_was_found_far_off_comes_back(dataset: Dataset, tmp_path: Path) -> None:
+    table = dataset.robot.table
+    table[-1, 0] += 120.0  # mm
+    wrong = replace(dataset, robot=dataset.robot.with_table(table))
+    result = calib.calibrate(wrong, effects=effects_named(wrong, [HIDDEN]))
+    assert result.model.tool_found is not None
+    save_model(result, tmp_path / "m.json")
+    loaded = load_model(tmp_path / "m.json")
+    assert loaded.model.placed_robot == result.model.placed_robot
+    errors = loaded.evaluate(wrong)
+    np.testing.assert_allclose(errors.error_mm, result.after.error_mm, rtol=0, atol=1e-12)
+
+
 def test_effects_of_the_users_come_from_the_users_file(dataset: Dataset, tmp_path: Path) -> None:
     own, other, path = tmp_path / "own.py", tmp_path / "other.py", tmp_path / "m.json"
     own.write_text(OWN)
