@@ -21,6 +21,7 @@ from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import with_corners
 from calib.simulation.measured_dataset import Simulation
 from calib.simulation.simulate import simulate_dataset
+from calib.tool_point.placement import tool_point, with_tool_point
 from tests.support.jig_corners import UNEVEN, corner_of, error_rad
 
 
@@ -166,6 +167,16 @@ def test_continuity_refuses_what_it_cannot_know_and_says_what_would_help(simulat
     elsewhere = label_corners(replace(dataset, poses=replace(dataset.poses, setup=moved)), corners)
     assert "the scanner stands elsewhere than at p01" in elsewhere.refused["p02"]
     assert "1 corner of its setup" in elsewhere.refused["p02"]
+
+
+def test_a_tool_point_far_off_names_the_faces_all_the_same(simulation):
+    dataset, corners, _ = labelled(simulation, np.random.default_rng(6))
+    right = label_corners(dataset, corners)
+    point_mm = tool_point(dataset.robot.table) + np.array([0.0, 0.0, 250.0])
+    wrong = label_corners(replace(dataset, robot=with_tool_point(dataset.robot, point_mm)), corners)
+    assert not wrong.refused
+    assert min(wrong.margin.values()) > 100.0
+    assert [o.order for o in wrong.orientations.values()] == [o.order for o in right.orientations.values()]
 
 
 def test_a_robot_that_does_not_fit_the_corners_is_told(simulation):

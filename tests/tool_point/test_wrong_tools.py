@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +27,7 @@ from calib.tool_point.placement import tool_point, with_tool_point
 from calib.validation.acceptance import check
 from calib.validation.cross_validation import cross_validate
 from inspector.cli.parser import main
+from inspector.markup.fit import state_html
 from tests.support.arms import random_arm
 
 
@@ -105,11 +107,14 @@ def test_the_tool_is_told_with_where_it_is(tmp_path: Path, capsys: pytest.Captur
     words = f"the tool point is {shift.off_mm:.1f} mm from where robot.toml has it"
     assert sum(words in warning for warning in result.warnings) == 1
     assert words in result.summary()
+    assert words in state_html(result)  # on the page
     assert any("tool point is" in warning for warning in check(wrong).warnings)
     assert "The tool point is" in diagnose(wrong, max_steps=0).summary()
     write_dataset(wrong, tmp_path / "cell")
     assert main(["calibrate", str(tmp_path / "cell"), "--json"]) == 0
     assert any(words in warning for warning in json.loads(capsys.readouterr().out)["warnings"])
+    assert main(["report", str(tmp_path / "cell"), "--out", str(tmp_path / "report.html")]) == 0
+    assert words in html.unescape((tmp_path / "report.html").read_text())
 
 
 def test_a_right_tool_is_left_alone() -> None:
