@@ -8,7 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from calib.diagnosis.decision_rules import is_convincing, leading_fault, rank_candidates, untestable_names
+from calib.diagnosis.decision_rules import (
+    curves_say_more,
+    is_convincing,
+    leading_fault,
+    rank_candidates,
+    untestable_names,
+)
 from calib.diagnosis.sentences import (
     AddCurves,
     AddEffect,
@@ -63,8 +69,9 @@ def advise(screening: Screening, tests: ResidualTests, curves: LearnedCurves | N
 
 
 def _with_curves(tests: ResidualTests, curves: LearnedCurves) -> Advice:
-    """To add the curves: all joints say more than a fault of one."""
-    left = residual_summary(replace(tests, fault=None))
+    """To add the curves; a fault of one joint stays told unless all joints say more."""
+    unsaid = tests.fault is not None and curves_say_more(curves, tests.fault)
+    left = residual_summary(replace(tests, fault=None) if unsaid else tests)
     add = AddCurves(LEARNED, curves.joints, curves.inputs, curves.log_evidence)
     return Advice("add", (LEARNED,), (left, add))
 

@@ -9,6 +9,7 @@ import numpy as np
 from calib.calibration.result import Calibration
 from calib.dataset.stands import stands_of
 from calib.fitting.pose_means import mean_by_pose
+from calib.learning.joint_curves import LearnedCurves
 from calib.screening.candidates import Candidate, Screening, Untestable
 from calib.screening.fault_models import JointFault, best_bump_or_jump
 from calib.screening.residual_tests import ResidualTests
@@ -86,3 +87,9 @@ def verdict_of(
     if residual_tests.outlier_poses:
         return "outliers"
     return "named" if named else "adequate"
+
+
+def curves_say_more(curves: LearnedCurves, fault: JointFault) -> bool:
+    """Whether curves have clearly more evidence than a fault of one joint, and not by that joint's curve alone."""
+    others = any(member.joint != fault.joint for member in curves.members)
+    return others and curves.log_evidence > fault.log_evidence + MIN_LEAD

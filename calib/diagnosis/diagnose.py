@@ -18,7 +18,7 @@ from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.stands import without_poses
-from calib.diagnosis.decision_rules import MIN_LEAD, is_convincing, predicts_worse, verdict_of
+from calib.diagnosis.decision_rules import curves_say_more, is_convincing, predicts_worse, verdict_of
 from calib.diagnosis.effect_selection import FitStep, calibrate_with, curves_beside, selected_curves
 from calib.diagnosis.findings import Learned
 from calib.diagnosis.pose_recommendation import DiscriminatingPose, discriminating_poses
@@ -27,10 +27,8 @@ from calib.diagnosis.stepwise import SearchSpace, Tell, search_stepwise
 from calib.effects.catalogue import Family, effects_for, family_of
 from calib.errors import FitError
 from calib.learning.effect_file import formula_text
-from calib.learning.joint_curves import LearnedCurves
 from calib.learning.smooth_joint_error import LEARNED
 from calib.options import FitOptions
-from calib.screening.fault_models import JointFault
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import run_residual_tests
 
@@ -147,7 +145,7 @@ def _with_learned_curves(found: Diagnosis, tell: Tell) -> Diagnosis:
     if predicts_worse(before, after, scatter=0.0) or before.after.train is None or after.after.train is None:
         return found
     values = dict(zip((p.name for p in after.fit.parameters), after.fit.x.tolist(), strict=True))
-    if fault is not None and _say_more(curves, fault):
+    if fault is not None and curves_say_more(curves, fault):
         found = replace(found, residual_tests=replace(found.residual_tests, fault=None), leading_fault=None)
     step = FitStep(f"+ {LEARNED}", selected, after, LEARNED, None, curves.log_evidence, last.left_out)
     return replace(
@@ -162,12 +160,6 @@ def _with_learned_curves(found: Diagnosis, tell: Tell) -> Diagnosis:
             after=after,
         ),
     )
-
-
-def _say_more(curves: LearnedCurves, fault: JointFault) -> bool:
-    """Whether curves have clearly more evidence than a fault of one joint, and not by that joint's curve alone."""
-    others = any(member.joint != fault.joint for member in curves.members)
-    return others and curves.log_evidence > fault.log_evidence + MIN_LEAD
 
 
 def _discriminating_poses(found: Diagnosis) -> tuple[DiscriminatingPose, ...]:

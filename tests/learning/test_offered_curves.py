@@ -15,6 +15,7 @@ from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.advice import advise
 from calib.diagnosis.decision_rules import is_convincing
 from calib.diagnosis.effect_selection import add_in_turn, curves_beside
+from calib.diagnosis.phrases import fault_text
 from calib.diagnosis.text import advice_text
 from calib.effects.effect import apply_values
 from calib.fitting.observations import nominal_state
@@ -92,6 +93,23 @@ def test_a_jump_with_more_evidence_is_no_curve_and_a_dent_may_be_one(ranked: Ses
     assert curves_beside(ranked.calibration, certain) is None
     assert curves_beside(ranked.calibration, replace(certain, kind="bump")) is not None
     assert curves_beside(ranked.calibration, None) is not None
+
+
+def test_a_fault_of_one_joint_stays_told_unless_all_joints_say_more(ranked: Session) -> None:
+    assert ranked.screening is not None
+    assert ranked.residual_tests is not None
+    assert ranked.curves is not None
+    fault = ranked.residual_tests.fault
+    assert fault is not None
+    told = advice_text(advise(ranked.screening, ranked.residual_tests, ranked.curves).sentences)
+    assert fault_text(fault) in told  # the curve is of that joint alone
+    (member,) = ranked.curves.members
+    both = replace(
+        ranked.curves, members=(member, replace(member, joint=4)), log_evidence=fault.log_evidence + 10.0
+    )
+    told = advice_text(advise(ranked.screening, ranked.residual_tests, both).sentences)
+    assert fault_text(fault) not in told
+    assert "a pattern against" in told
 
 
 def test_a_fitted_curve_is_the_effect_at_the_measured_poses(fitted: Calibration, dataset: Dataset) -> None:
