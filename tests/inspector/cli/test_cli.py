@@ -462,13 +462,13 @@ def test_diagnose_and_check_take_the_options_of_a_fit(
         fitted = run_json(capsys, "calibrate", hidden_folder, *options)
         first = run_json(capsys, "diagnose", hidden_folder, "--max-steps", "0", *options)["steps"][0]
         assert first["test_rmse_mm"] == fitted["test"]["rmse_mm"]
-        assert run_json(capsys, "check", hidden_folder, *options)["calibration"] == {
-            key: value for key, value in fitted.items() if key != "steps"
-        }
+        checked = run_json(capsys, "check", hidden_folder, *options)["calibration"]
+        assert checked == {key: fitted[key] for key in checked}
+        assert {"parameters", "test"} <= set(checked)
     given = ["--effect", "transmission_error"]
-    checked = run_json(capsys, "check", hidden_folder, *given)
-    assert checked["calibration"]["effects"] == ["transmission_error"]
-    assert checked["diagnosis"]["missing"] == []
+    with_effect = run_json(capsys, "check", hidden_folder, *given)
+    assert with_effect["calibration"]["effects"] == ["transmission_error"]
+    assert with_effect["diagnosis"]["missing"] == []
     assert "no parameter named 'b7'" in refused(capsys, "diagnose", hidden_folder, "--hold", "b7")
     assert "rust" in refused(capsys, "check", hidden_folder, "--effect", "rust")
 
