@@ -11,10 +11,11 @@ from calib.learning.smooth_joint_error import LEARNED, CurveModes
 from inspector.markup import elements
 from inspector.markup.residuals import input_title
 
-COLUMNS = ("joint", "over", "rms", "largest", "at", "modes known")
+COLUMNS = ("joint", "over", "rms", "largest", "at", "known")
 BAND_NOTE = (
-    "Each joint's learned error over its input. Band: two sigmas by the fit's covariance, the prior in it; grey: not "
-    "measured. What geometry can do as well is shared between the two, so only the shape beyond that is sure."
+    "Each joint's learned error over its input. Known: of its modes, those that the data tell by themselves. Band: two "
+    "sigmas by the fit's covariance, the prior in it; grey: not measured. What geometry can do too is shared between "
+    "the two, so only the shape beyond that is sure."
 )
 _SHOWN = {"deg": "°", "C": "°C"}
 
@@ -41,10 +42,10 @@ def _row(curve: FittedCurve) -> tuple[str, ...]:
     return (
         str(curve.joint + 1),
         curve.input,
-        f"{curve.scale * curve.rms:.3g} {curve.unit}",
-        f"{curve.scale * value:+.3g} {curve.unit}",
-        f"{curve.input_scale * place:.4g} {shown_unit(curve.input_unit)}".strip(),
-        f"{curve.known} of {curve.parameters}",
+        f"{curve.scale * curve.rms:.2g} {curve.unit}",
+        f"{curve.scale * value:+.2g} {curve.unit}",
+        f"{curve.input_scale * place:.3g} {shown_unit(curve.input_unit)}".strip(),
+        f"{curve.known}/{curve.parameters}",
     )
 
 

@@ -112,6 +112,8 @@ def test_find_shows_the_curve(chromium: Any, folder: Path) -> None:
                 plot.offsetWidth > 200 && (plot.data || []).some(t => t.name == name && t.x.length > 100))""",
             arg=CURVE, timeout=MS,
         )  # fmt: skip
+        table = opened.locator("table:visible", has_text="known").last
+        assert table.evaluate("t => t.scrollWidth <= t.parentElement.clientWidth")  # nothing is cut off
         text = opened.locator(".js-plotly-plot", has_text="joint 1 angle").first
         assert "error, mrad" in text.inner_text()
         assert "Joint 1" in text.inner_text()
