@@ -28,7 +28,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
-from calib.learning.joint_curves import learn_joint_curves
+from calib.screening.curves.joint_curves import learn_joint_curves
 from calib.simulation.simulate import simulate_dataset
 
 ROOT = Path(__file__).resolve().parents[1]

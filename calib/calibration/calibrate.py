@@ -18,10 +18,10 @@ from calib.fitting.model import Model
 from calib.fitting.observations import Observations, with_nominal_scanner_frames
 from calib.fitting.pose_residuals import require_orientations
 from calib.fitting.residual_kinds import make_residuals
+from calib.fitting.tool_point.fit_task import FitTask, Fitted
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
-from calib.tool_point.fit_task import FitTask, Fitted
 
 MAX_TOLERANCE = 1e6  # mm or rad; `prior=False` is the way to have none
 

@@ -17,9 +17,9 @@ from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations
+from calib.fitting.tool_point.placement import ToolShift, tool_shift
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
-from calib.tool_point.placement import ToolShift, tool_shift
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,9 @@ from calib.diagnosis.sentences import (
     ResidualSummary,
     TellApart,
 )
-from calib.learning.joint_curves import LearnedCurves
-from calib.learning.smooth_joint_error import LEARNED
 from calib.screening.candidates import Screening
+from calib.screening.curves.joint_curves import LearnedCurves
+from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.residual_tests import ResidualTests
 
 KINDS = ("add", "ambiguous", "done", "outliers", "unknown")

@@ -9,8 +9,8 @@ import numpy as np
 from calib.calibration.result import Calibration
 from calib.dataset.stands import stands_of
 from calib.fitting.pose_means import mean_by_pose
-from calib.learning.joint_curves import LearnedCurves
 from calib.screening.candidates import Candidate, Screening, Untestable
+from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.fault_models import JointFault, best_bump_or_jump
 from calib.screening.residual_tests import ResidualTests
 

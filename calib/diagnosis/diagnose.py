@@ -26,9 +26,9 @@ from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.stepwise import SearchSpace, Tell, search_stepwise
 from calib.effects.catalogue import Family, effects_for, family_of
 from calib.errors import FitError
-from calib.learning.effect_file import formula_text
-from calib.learning.smooth_joint_error import LEARNED
 from calib.options import FitOptions
+from calib.screening.curves.effect_file import formula_text
+from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import run_residual_tests
 

@@ -18,10 +18,10 @@ from calib.dataset.dataset import Dataset
 from calib.effects.catalogue import available_family, effects_for
 from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError, FitError
-from calib.learning.joint_curves import LearnedCurves, learn_joint_curves
-from calib.learning.smooth_joint_error import LEARNED
 from calib.options import FitOptions
 from calib.screening.candidates import Candidate, Screening, screen
+from calib.screening.curves.joint_curves import LearnedCurves, learn_joint_curves
+from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.fault_models import JointFault
 
 GEOMETRY = "link errors"

@@ -38,8 +38,8 @@ from calib.diagnosis.sentences import (
     VerdictSentence,
 )
 from calib.effects.effect import parameters_by_name
-from calib.learning.smooth_joint_error import LEARNED
 from calib.screening.candidates import Candidate, Screening
+from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.residual_tests import ResidualTests
 
 POSES_TOLD = 3

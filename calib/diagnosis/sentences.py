@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from calib.array_types import BoolArray
 from calib.dataset.stands import ShotCount
 from calib.diagnosis.pose_recommendation import DiscriminatingPose
+from calib.fitting.tool_point.placement import ToolShift
 from calib.screening.fault_models import JointFault
 from calib.screening.scan_statistic import Channel
-from calib.tool_point.placement import ToolShift
 
 SMALL_CHANGE = 0.03  # share of the test poses' error below which a change of it counts for nothing
 

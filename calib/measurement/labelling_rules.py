@@ -18,9 +18,9 @@ from calib.effects.link_errors import LinkErrors
 from calib.errors import FitError
 from calib.fitting.model import geometric_model
 from calib.fitting.observations import Observations, predict_points, with_nominal_scanner_frames
+from calib.fitting.tool_point.far_off import search_tool_point
 from calib.kinematics import chain as kinematics
 from calib.measurement.labels import LEAST_MARGIN_DEG, LEAST_MISFIT_MARGIN, FaceLabels
-from calib.tool_point.far_off import search_tool_point
 
 Labellings = tuple[Orientation, Orientation, Orientation]  # one for each cyclic labelling of three faces
 

@@ -21,7 +21,7 @@ from calib.effects.effect import Effect, Family, family_name
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
-from calib.learning.smooth_joint_error import SmoothJointError
+from calib.screening.curves.smooth_joint_error import SmoothJointError
 from calib.strict_json import JsonFile, Place
 
 MEMBER_KINDS: tuple[tuple[str, type], ...] = (

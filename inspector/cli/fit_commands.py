@@ -24,11 +24,11 @@ from calib.effects.effect import Family
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import nominal_state
-from calib.learning.effect_file import effect_file_text
-from calib.learning.fitted_curves import curve_lines, without_curves
 from calib.measurement.measured_points import require_corners, with_corners
 from calib.models.exported_table import ExportedTable, exported_table
 from calib.models.model_file import save_model
+from calib.screening.curves.effect_file import effect_file_text
+from calib.screening.curves.fitted_curves import curve_lines, without_curves
 from calib.validation.acceptance import check
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import learning_curve

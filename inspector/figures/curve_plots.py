@@ -14,7 +14,7 @@ import plotly.graph_objects as go
 
 from calib.array_types import Array, BoolArray
 from calib.kinematics.robot import Robot
-from calib.learning.fitted_curves import FittedCurve
+from calib.screening.curves.fitted_curves import FittedCurve
 from inspector.figures.style import figure, ink
 from inspector.markup.curves import input_label, shown_unit
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from calib.calibration.result import Calibration
 from calib.effects.effect import describe
 from calib.kinematics.robot import Robot
-from calib.learning.fitted_curves import FittedCurve, fitted_curves
-from calib.learning.joint_curves import LearnedCurves
-from calib.learning.smooth_joint_error import LEARNED, CurveModes
+from calib.screening.curves.fitted_curves import FittedCurve, fitted_curves
+from calib.screening.curves.joint_curves import LearnedCurves
+from calib.screening.curves.smooth_joint_error import LEARNED, CurveModes
 from inspector.markup import elements
 from inspector.markup.residuals import input_title
 

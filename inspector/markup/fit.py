@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from calib.calibration.result import Calibration
-from calib.learning.fitted_curves import learned_members, without_curves
-from calib.learning.smooth_joint_error import LEARNED
 from calib.models.exported_table import exported_table
+from calib.screening.curves.fitted_curves import learned_members, without_curves
+from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.markup import elements, numbers
 from inspector.markup.curves import curves_table_html
 from inspector.markup.numbers import parameter_label

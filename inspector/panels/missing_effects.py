@@ -5,8 +5,8 @@ from __future__ import annotations
 import viser
 
 from calib.calibration.noise_check import noise_floor_mm
-from calib.learning.fitted_curves import fitted_curves
-from calib.learning.smooth_joint_error import LEARNED
+from calib.screening.curves.fitted_curves import fitted_curves
+from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.figures.curve_plots import height_px, joint_curves
 from inspector.figures.plots import error_history
 from inspector.figures.residual_plots import added_variable

@@ -14,10 +14,10 @@ from calib.calibration.uncertainty import Combination, identifiable_combinations
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.phrases import untestable_texts
-from calib.learning.fitted_curves import fitted_curves, learned_members
-from calib.learning.smooth_joint_error import LEARNED
 from calib.measurement.measured_points import failed_searches
 from calib.screening.candidates import Candidate
+from calib.screening.curves.fitted_curves import fitted_curves, learned_members
+from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.residual_tests import InputTest
 from inspector.figures.curve_plots import height_px, joint_curves
 from inspector.figures.plots import correlation_heatmap, pose_residuals

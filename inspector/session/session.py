@@ -16,10 +16,10 @@ from calib.diagnosis.pose_recommendation import DiscriminatingPose
 from calib.diagnosis.result import Diagnosis
 from calib.effects.effect import Family
 from calib.identifiability.redundancy import Redundancy
-from calib.learning.joint_curves import LearnedCurves
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import with_corners
 from calib.screening.candidates import Screening
+from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.residual_tests import ResidualTests
 
 

@@ -32,11 +32,11 @@ from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import Observations
 from calib.fitting.pose_residuals import require_orientations
 from calib.identifiability.structural import redundancy
-from calib.learning.smooth_joint_error import LEARNED
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import label_faces
 from calib.options import FitOptions
 from calib.screening.candidates import screen
+from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.residual_tests import run_residual_tests
 from inspector.session.session import Separation, Session
 

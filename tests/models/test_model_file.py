@@ -16,7 +16,7 @@ import pytest
 
 import calib
 import calib.effects
-import calib.learning
+import calib.screening.curves
 from calib.calibration.result import Calibration
 from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Dataset
@@ -31,11 +31,11 @@ from calib.effects.state import RobotState
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError, FitError, ModelFileError
 from calib.fitting.observations import nominal_state
-from calib.learning.smooth_joint_error import CurveModes, FormulaModes, FormulaTerm, SmoothJointError
 from calib.models.effect_fields import MEMBER_KINDS, member_document, member_from
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import load_model, save_model
 from calib.options import FitOptions
+from calib.screening.curves.smooth_joint_error import CurveModes, FormulaModes, FormulaTerm, SmoothJointError
 from calib.simulation.simulate import simulate_dataset
 from calib.strict_json import JsonFile
 from tests.support.hidden_dataset import HIDDEN, write_hidden
@@ -142,7 +142,7 @@ def test_a_number_beyond_the_arm_or_beyond_memory_is_refused() -> None:
 def test_every_effect_of_this_program_can_be_saved() -> None:
     """A class that is not in `MEMBER_KINDS` would make a file that nothing reads."""
     found = set()
-    for package in (calib.effects, calib.learning):
+    for package in (calib.effects, calib.screening.curves):
         for info in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
             for value in vars(import_module(info.name)).values():
                 if (

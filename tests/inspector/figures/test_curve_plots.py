@@ -10,7 +10,7 @@ import pytest
 
 from calib.array_types import Array
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.learning.fitted_curves import FittedCurve
+from calib.screening.curves.fitted_curves import FittedCurve
 from inspector.figures.curve_plots import BAND, CURVE, MEASURED, height_px, joint_curves
 
 ROBOT = builtin_robot("rb5")

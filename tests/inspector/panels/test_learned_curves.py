@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from calib.learning.smooth_joint_error import LEARNED
+from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.app.app import App
 from inspector.figures.curve_plots import CURVE
 from inspector.panels.missing_effects import REDO, REMOVE, UNDO

@@ -15,10 +15,10 @@ from calib.fitting.observations import Observations, with_nominal_scanner_frames
 from calib.fitting.residual import Residuals
 from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.robust import solve_robustly
+from calib.fitting.tool_point.far_off import fitted_tool_point, search_tool_point, with_loose_tool
 from calib.fitting.trust_region import solve
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
-from calib.tool_point.far_off import fitted_tool_point, search_tool_point, with_loose_tool
 
 
 @dataclass(frozen=True)

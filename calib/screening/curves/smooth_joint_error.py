@@ -108,8 +108,8 @@ def harmonics(phase: Array, orders: IndexArray) -> Array:
 class SmoothJointError:
     """theta_j += f(u), f an unknown smooth curve: the sum of modes that the data can tell from nothing.
 
-    What the curve's modes are, and the prior sigma of each, evidence chose (`calib.learning`). It is added where no
-    named effect explains as much, and it names no cause.
+    What the curve's modes are, and the prior sigma of each, evidence chose. It is added where no named effect explains
+    as much, and it names no cause.
     """
 
     joint: int

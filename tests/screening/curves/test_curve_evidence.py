@@ -8,8 +8,8 @@ import pytest
 from calib.array_types import Array
 from calib.effects.effect import apply_values
 from calib.fitting.observations import nominal_state
-from calib.learning.curve_evidence import CurveColumns, CurveEvidence, Spectrum
-from calib.learning.smooth_joint_error import (
+from calib.screening.curves.curve_evidence import CurveColumns, CurveEvidence, Spectrum
+from calib.screening.curves.smooth_joint_error import (
     CurveModes,
     FormulaModes,
     FormulaTerm,

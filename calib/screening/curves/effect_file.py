@@ -10,7 +10,7 @@ import numpy as np
 from calib.calibration.result import Calibration
 from calib.effects.effect import full_name
 from calib.errors import CalibError
-from calib.learning.smooth_joint_error import CurveModes, FormulaModes, SmoothJointError
+from calib.screening.curves.smooth_joint_error import CurveModes, FormulaModes, SmoothJointError
 
 _HEAD = '''"""{title}
 
@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib import Parameter
-from calib.learning.smooth_joint_error import input_values
+from calib.screening.curves.smooth_joint_error import input_values
 
 '''
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
-from calib.learning.curve_evidence import CurveColumns, CurveEvidence, Spectrum
-from calib.learning.smooth_joint_error import FormulaModes, FormulaTerm
+from calib.screening.curves.curve_evidence import CurveColumns, CurveEvidence, Spectrum
+from calib.screening.curves.smooth_joint_error import FormulaModes, FormulaTerm
 
 _MOST_TERMS = 3
 _HIGHEST_ORDER = 45

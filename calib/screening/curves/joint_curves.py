@@ -11,16 +11,16 @@ from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.calibrate import Calibration
 from calib.effects.gravity import has_masses
-from calib.learning.curve_evidence import CurveColumns, CurveEvidence, CurvePosterior, Spectrum
-from calib.learning.curve_formulas import FoundFormula, find_formula
-from calib.learning.smooth_joint_error import (
+from calib.screening.candidates import cross_validated_rmse_mm
+from calib.screening.curves.curve_evidence import CurveColumns, CurveEvidence, CurvePosterior, Spectrum
+from calib.screening.curves.curve_formulas import FoundFormula, find_formula
+from calib.screening.curves.smooth_joint_error import (
     CurveModes,
     SmoothJointError,
     input_values,
     inputs_of,
     joints_of,
 )
-from calib.screening.candidates import cross_validated_rmse_mm
 from calib.screening.projected_residual import ProjectedResidual, joint_directions, project_residual
 
 MIN_LOG_EVIDENCE = 8.0  # over no curve at all: noise alone reaches 2.5 in 40 clean arms

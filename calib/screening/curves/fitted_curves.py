@@ -11,8 +11,8 @@ from calib.array_types import Array, BoolArray
 from calib.calibration.input_variables import joint_input
 from calib.calibration.result import Calibration
 from calib.effects.effect import full_name
-from calib.learning.effect_file import formula_text
-from calib.learning.smooth_joint_error import LEARNED, SmoothJointError, input_values
+from calib.screening.curves.effect_file import formula_text
+from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, input_values
 
 _PLACES = 401  # at which a curve is worked out
 _BEYOND = 0.12  # of the measured range, on either side

@@ -9,8 +9,7 @@ import pytest
 
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.link_errors import LinkErrors
-from calib.kinematics.robot import Robot
-from calib.tool_point.placement import (
+from calib.fitting.tool_point.placement import (
     free_directions,
     loose_tolerances,
     tolerance_covariance,
@@ -18,6 +17,7 @@ from calib.tool_point.placement import (
     tool_point_in_nominal,
     with_tool_point,
 )
+from calib.kinematics.robot import Robot
 from tests.support.arms import elementary_points, jang_arm, perturbed, random_arm
 
 

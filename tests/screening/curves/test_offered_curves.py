@@ -19,8 +19,8 @@ from calib.diagnosis.phrases import fault_text
 from calib.diagnosis.text import advice_text
 from calib.effects.effect import apply_values
 from calib.fitting.observations import nominal_state
-from calib.learning.fitted_curves import curve_lines, fitted_curves, learned_members
-from calib.learning.smooth_joint_error import LEARNED
+from calib.screening.curves.fitted_curves import curve_lines, fitted_curves, learned_members
+from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.cli.parser import main
 from inspector.session import transitions as sessions
 from inspector.session.session import Session

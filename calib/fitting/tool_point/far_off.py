@@ -16,8 +16,7 @@ from calib.effects.link_errors import LinkErrors
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations
-from calib.kinematics.robot import Robot
-from calib.tool_point.placement import (
+from calib.fitting.tool_point.placement import (
     free_directions,
     loose_tolerances,
     tolerance_covariance,
@@ -25,7 +24,8 @@ from calib.tool_point.placement import (
     tool_point_in_nominal,
     with_tool_point,
 )
-from calib.tool_point.search import ToolPointProblem, solve_tool_point
+from calib.fitting.tool_point.search import ToolPointProblem, solve_tool_point
+from calib.kinematics.robot import Robot
 
 _FAR = 4.0  # sigmas
 _SYSTEMATIC = 3.0  # sigmas of the search are those of white errors; link errors are not white

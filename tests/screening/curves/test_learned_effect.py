@@ -18,10 +18,10 @@ from calib.effects.effect import apply_values
 from calib.effects.user_file import load_effects
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
-from calib.learning.effect_file import effect_file_text
-from calib.learning.joint_curves import learn_joint_curves
-from calib.learning.smooth_joint_error import LEARNED, FormulaModes, SmoothJointError
 from calib.options import FitOptions
+from calib.screening.curves.effect_file import effect_file_text
+from calib.screening.curves.joint_curves import learn_joint_curves
+from calib.screening.curves.smooth_joint_error import LEARNED, FormulaModes, SmoothJointError
 from inspector.cli.parser import main
 from inspector.session import transitions as sessions
 from inspector.session.reopening import dataset_of, reopened
