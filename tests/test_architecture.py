@@ -79,6 +79,7 @@ def test_no_folder_and_no_file_outgrows_what_one_can_hold_in_mind() -> None:
     assert {file: count for file, count in lines.items() if count > MOST_LINES} == {}
 
 
+@pytest.mark.slow
 def test_the_public_face_offers_what_it_lists_and_changes_nothing_around_it() -> None:
     program = """
 import json, os, sys

@@ -53,6 +53,7 @@ def imported_names(path: Path) -> set[str]:
 # ---- imports --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_importing_any_calib_module_loads_nothing_heavy():
     program = f"""
 import importlib, json, pkgutil, sys
@@ -77,6 +78,7 @@ print(json.dumps(loaded))
 IMPORTED_AS = {"open3d-cpu": "open3d", "pillow": "PIL"}  # where a package's name is not its module's
 
 
+@pytest.mark.slow
 def test_packages_import_only_what_pyproject_requires():
     requirements = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
     packages = {re.match(r"[\w.-]+", line)[0] for line in requirements}
@@ -90,6 +92,7 @@ def test_packages_import_only_what_pyproject_requires():
     assert foreign == {}
 
 
+@pytest.mark.slow
 def test_test_files_share_by_support_alone_and_their_folders_are_those_of_packages():
     between = []
     for path in python_files("tests"):
@@ -203,6 +206,7 @@ def test_readmes_python_is_python():
         compile(block, "README.md", "exec")
 
 
+@pytest.mark.slow
 def test_readmes_library_example_runs(tmp_path: Path):
     """As it stands, from a folder with the sample data; it writes a model there."""
     (tmp_path / "sample_data").symlink_to(ROOT / "sample_data")

@@ -180,6 +180,7 @@ def test_no_value_of_an_option_of_serve_is_taken_for_a_path(sandbox: Sandbox):
     assert inspector_call(calls) == f"serve {sandbox.project}/sample_data {' '.join(arguments)}"
 
 
+@pytest.mark.slow
 def test_tests_run_in_order_and_stop_at_the_first_failure(sandbox: Sandbox):
     done, calls = sandbox.run("test")
     checks = [call for call in calls if re.match(r"-m (ruff|mypy|pytest)", call)]
@@ -292,6 +293,7 @@ def test_a_python_out_of_range_is_named_with_what_would_do(sandbox: Sandbox):
 MISSING_EGL = "ImportError: libEGL.so.1: cannot open shared object file: No such file or directory"
 
 
+@pytest.mark.slow
 def test_without_the_right_to_install_it_prints_the_line_to_type(sandbox: Sandbox):
     sandbox.program("apt-get", "#!/bin/sh\nexit 9\n")
     sandbox.program("id", "#!/bin/sh\necho 1000\n")

@@ -294,6 +294,7 @@ def test_observations_are_the_training_poses() -> None:
     assert geometric_model(dataset.robot).parameters[0].name == "a1"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot_name", ["rb5", "panda"])
 def test_a_fit_that_goes_on_from_another_ends_where_it_would_have_ended(robot_name: str) -> None:
     dataset = simulate_dataset(

@@ -52,6 +52,7 @@ def same_request(one: Calibration, other: Calibration) -> bool:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", ASKED[:3], ids=str)
 def test_comparison_fits_the_link_errors_alone_as_was_asked(dataset: Dataset, asked: FitOptions) -> None:
     effects = next(f.members for f in effects_for(dataset) if f.name == "transmission_error")

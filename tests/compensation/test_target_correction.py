@@ -90,6 +90,7 @@ def test_the_true_arm_stands_where_the_nominal_one_was_meant_to(joints: int, sli
     assert all("missed by" in reason for reason in result.reasons if reason)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["jang", "rb5", "panda"])
 @pytest.mark.parametrize("what", ["pose", "position"])
 def test_real_arms_reach_nearly_every_target(name: str, what: str) -> None:
@@ -140,6 +141,7 @@ def with_limits(robot: Robot, low: np.ndarray, high: np.ndarray) -> Robot:
     return replace(robot, joints=tuple(replace(j, min=float(a), max=float(b)) for j, a, b in joints))
 
 
+@pytest.mark.slow
 def test_limits_hold_and_are_named() -> None:
     rng = np.random.default_rng(2)
     q = targets(jang_arm(), rng, 60)
@@ -162,6 +164,7 @@ def test_limits_hold_and_are_named() -> None:
             held_to_the_truth(place, true)
 
 
+@pytest.mark.slow
 def test_a_redundant_arm_goes_round_a_limit() -> None:
     rng = np.random.default_rng(3)
     robot, seen = park_arm("panda"), 0

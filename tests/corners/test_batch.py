@@ -163,6 +163,7 @@ class Counting(Executor):
         return self.futures[-1]
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=40)
 @given(
     count=st.integers(0, 30), in_flight=st.integers(1, 9), workers=st.integers(1, 4), seed=st.integers(0, 99)

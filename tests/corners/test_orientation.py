@@ -33,6 +33,7 @@ def test_exact_planes_give_the_exact_rotation_whatever_their_order(jig, order):
     np.testing.assert_allclose(sorted(turns)[1:], 120.0, atol=2.0)
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_the_errors_and_the_misfit_that_of_three_angles():
     rng = np.random.default_rng(2)
     squared, misfit = [], []

@@ -53,6 +53,7 @@ def test_error_is_near_the_bound_and_the_covariance_says_so(rays: int, count: in
     assert mahalanobis.max() < 25
 
 
+@pytest.mark.slow
 def test_the_given_noise_need_not_be_known_and_three_times_more_is_found_out() -> None:
     ratios, _ = errors([make_scene(np.random.default_rng(seed), 15_000, sigma_mm=0.06) for seed in range(3)])
     assert ratios.max() < 4
@@ -133,6 +134,7 @@ def test_coarse_scans(name: str) -> None:
         assert np.linalg.norm(found.corner.xyz_mm - scene.apex_mm) < 5 * scene.bound_mm
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "rays"), [(1, 50_000), (16, 50_000), (2, 200_000)])
 def test_stray_points_far_from_a_strip_do_not_turn_its_plane(seed: int, rays: int) -> None:
     """Two to six of some hundred points of the strip were stray: errors of 3.2 to 4 bounds."""
@@ -207,6 +209,7 @@ def test_every_intermediate_product_is_kept() -> None:
     assert "faces of" in found.summary()
 
 
+@pytest.mark.slow
 def test_sets_from_the_whole_scan_hardly_ever_pass() -> None:
     """The paper's draw: why the sets are drawn among neighbours here."""
     scene = make_scene(np.random.default_rng(3), 12_000)
@@ -240,6 +243,7 @@ BAD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", BAD)
 @pytest.mark.filterwarnings("error")
 def test_a_scan_without_a_corner_fails_with_a_reason(case: str) -> None:

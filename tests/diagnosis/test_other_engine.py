@@ -103,6 +103,7 @@ def test_springs_and_an_uneven_gear_are_both_named() -> None:
     assert result.verdict == "named"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ["rb5", "panda"])
 def test_a_stiff_arm_lacks_nothing(arm: str) -> None:
     result = diagnose(measured(arm, 3))

@@ -45,6 +45,7 @@ def by_hand(dataset: Dataset) -> Dataset:
     return replace(dataset, poses=poses, points=points, scanner=Scanner(SIGMA_MM / np.sqrt(SHOTS)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rounds", [False, True])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_evidence_is_that_of_the_means(seed: int, rounds: bool) -> None:

@@ -61,6 +61,7 @@ def test_a_hidden_effect_is_named_and_the_held_out_error_falls(effect: str) -> N
         assert result.calibration.sigma_mm < 0.07  # 0.05 mm is the noise
 
 
+@pytest.mark.slow
 def test_two_hidden_effects_are_both_named() -> None:
     result = diagnose(simulated(["transmission_error", "thermal_growth"], seed=5, sigmas=4.0))
     assert set(result.missing) == {"transmission_error", "thermal_growth"}

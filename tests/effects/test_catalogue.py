@@ -82,6 +82,7 @@ def test_the_models_jacobian_is_the_derivative(effect: Effect) -> None:
         np.testing.assert_allclose(jacobian[..., k] * model.scales[k], numeric * model.scales[k], atol=2e-6)
 
 
+@pytest.mark.slow
 def test_with_its_loads_fixed_a_model_of_all_effects_has_an_exact_jacobian() -> None:
     """Link errors included: loads that followed them would be in the map and not in the derivative."""
     rng = np.random.default_rng(3)

@@ -80,6 +80,7 @@ def test_a_drifting_scanner_turns_what_it_sees_as_the_truth_says() -> None:
     assert fit.noise < 1.3  # positions and orientations tell one story
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setups", [1, 2])
 def test_the_jacobian_is_the_derivative_of_the_cost(setups: int) -> None:
     """Frames and seat are eliminated, yet the cost's gradient 2 J^T r has to be exact."""
@@ -90,6 +91,7 @@ def test_the_jacobian_is_the_derivative_of_the_cost(setups: int) -> None:
     check_gradient(residuals, rng)
 
 
+@pytest.mark.slow
 def test_no_other_frame_and_seat_fit_better() -> None:
     """Elimination against a general minimiser over the nine unknowns, with nothing shared."""
     dataset = with_pose_covariances(full_poses(4), np.random.default_rng(4))

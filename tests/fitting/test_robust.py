@@ -106,6 +106,7 @@ def test_one_wrong_pose_loses_its_weight_and_the_arm_stays_true(what: str, seed:
         assert plain(wrong).noise > 2.0
 
 
+@pytest.mark.slow
 def test_a_third_of_all_names_wrong_is_seen_too() -> None:
     dataset, true = arm(3)
     wrong = dataset
@@ -171,6 +172,7 @@ def test_the_constants_give_the_efficiency_that_they_promise(rows: int) -> None:
     assert slope**2 / square == pytest.approx(0.95, abs=0.004)
 
 
+@pytest.mark.slow
 def test_points_without_orientation_are_weighed_by_their_three_rows() -> None:
     dataset = with_pose_covariances(full_poses(21, poses=60), np.random.default_rng(2))
     point = 10  # has a place only
@@ -199,6 +201,7 @@ def test_a_weight_is_one_of_all_six_coordinates() -> None:
     np.testing.assert_allclose(quarter, 0.5 * whole, atol=1e-6 * np.abs(whole).max())
 
 
+@pytest.mark.slow
 def test_the_command_takes_robust_poses_and_names_those_that_count_less(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -58,12 +58,14 @@ def test_the_whole_files_hold_the_points(tmp_path: Path, name: str) -> None:
     np.testing.assert_allclose(scan.points_mm, points, atol=2e-3)
 
 
+@pytest.mark.slow
 @settings(max_examples=400, **FUNCTION_FOLDER)
 @given(name=st.sampled_from([*WRITERS]), mutation=st.sampled_from([*MUTATIONS]), seed=st.integers(0, 2**32))
 def test_a_damaged_file_is_points_or_one_error(tmp_path: Path, name: str, mutation: str, seed: int) -> None:
     load_or_error(tmp_path / name, MUTATIONS[mutation](np.random.default_rng(seed), FILES[name]))
 
 
+@pytest.mark.slow
 @settings(max_examples=30, **FUNCTION_FOLDER)
 @given(name=st.sampled_from([*WRITERS]), mutation=st.sampled_from([*MUTATIONS]), seed=st.integers(0, 2**32))
 @pytest.mark.filterwarnings("error")
@@ -96,6 +98,7 @@ def test_a_million_rows_without_a_value(tmp_path: Path) -> None:
         load_scan(tmp_path / "a.npz")
 
 
+@pytest.mark.slow
 @settings(max_examples=150, **FUNCTION_FOLDER)
 @given(
     name=st.sampled_from(["dataset.toml", "robot.toml", "poses.csv", "points.csv"]),

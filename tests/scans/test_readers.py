@@ -32,6 +32,7 @@ def load(folder: Path, name: str, content: str | bytes) -> Scan:
 # ---- .ply and .pcd, written by Open3D ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".ply", ".pcd"])
 @pytest.mark.parametrize("how", [{"write_ascii": True}, {}, {"compressed": True}])
 @pytest.mark.parametrize("extras", ["", "normals", "normals colours"])

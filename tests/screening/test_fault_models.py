@@ -35,6 +35,7 @@ def simulated(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("robot", "seed"), [("rb5", 1), ("panda", 2), ("rb5", 3)])
 def test_a_dent_is_found_at_its_joint_and_place_and_no_harmonic_is_named_in_its_stead(
     robot: str, seed: int

@@ -43,6 +43,7 @@ SOME = ("joint_compliance", "transmission_error", "tool_sag")
 RIGID = Tolerances(length_mm=0.0, angle_deg=0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS)
 @pytest.mark.parametrize("scans", [False, True])
 def test_without_errors_the_measurement_is_the_nominal_chain(arm: str, scans: bool) -> None:
@@ -64,6 +65,7 @@ def test_without_errors_the_measurement_is_the_nominal_chain(arm: str, scans: bo
         np.testing.assert_array_equal(dataset.points.xyz_mm, simulation.apex_mm)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS)
 def test_scan_poses_show_three_faces_inside_the_field(arm: str) -> None:
     simulation = simulate_dataset(builtin_robot(arm), rng=np.random.default_rng(7), scans=True)
@@ -115,6 +117,7 @@ def test_wanted_apexes_are_reached() -> None:
         reach_apexes(robot, base_T_scanner, [[0.0, 0.0, 4000.0]], rng=rng)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS)
 def test_drawn_compliance_sags_visibly(arm: str) -> None:
     simulation = simulate_dataset(
@@ -185,6 +188,7 @@ def test_every_effect_is_simulated_by_its_name_alone(effect: str) -> None:
     assert json.loads(json.dumps(document)) == document
 
 
+@pytest.mark.slow
 def test_effects_are_as_visible_as_asked() -> None:
     """All alike, one by one, or given with all parameters; the noise is what a sigma means."""
     given = JointScale(np.array([0.0, 1e-4, 0.0, 0.0, 0.0, 0.0]))
@@ -272,6 +276,7 @@ def test_written_simulation_comes_back_with_its_truth(tmp_path: Path) -> None:
     assert document["apex_mm"]["p02"] == simulation.apex_mm[1].tolist()
 
 
+@pytest.mark.slow
 def test_jig_needs_a_tool_row_that_reaches_it() -> None:
     panda, rb5 = (
         simulate_dataset(builtin_robot(arm), rng=np.random.default_rng(0), poses=2, scans=True).dataset.robot

@@ -92,6 +92,7 @@ def test_points_of_another_arm_fail_without_test_poses_too() -> None:
     assert "the model does not describe these data" in finding(found.items, "residual").description
 
 
+@pytest.mark.slow
 def test_what_to_look_at_is_a_warning_and_in_the_json(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

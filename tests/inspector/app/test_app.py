@@ -29,6 +29,8 @@ from tests.support.app import IDLE_S, idle_app, plain, shows
 from tests.support.tiny_dataset import BROKEN, HOSTILE, POSES, write_tiny
 from tests.support.wire_client import WireClient
 
+pytestmark = pytest.mark.slow  # a whole app, running
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -76,7 +78,6 @@ def drawn_figures(page: WireClient) -> list[str]:
 # ---- opening --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_a_folder_of_datasets_opens_at_the_first_and_works_through_it(app: App, page: WireClient) -> None:
     assert set(page.tabs()) == {"Review", *STEPS, *(name for inside in STEPS.values() for name in inside)}
     assert list(STEPS) == [name for name in page.tabs() if name in STEPS]
@@ -88,7 +89,6 @@ def test_a_folder_of_datasets_opens_at_the_first_and_works_through_it(app: App, 
     assert len(drawn_figures(page)) >= 5
 
 
-@pytest.mark.slow
 def test_a_single_dataset_opens_too_and_a_wrong_path_is_one_clear_error(folder: Path, tmp_path: Path) -> None:
     with idle_app(folder / "points") as app:
         assert session(app).calibration is not None
@@ -97,7 +97,6 @@ def test_a_single_dataset_opens_too_and_a_wrong_path_is_one_clear_error(folder: 
             pass
 
 
-@pytest.mark.slow
 def test_poses_without_a_point_are_named_on_the_page_and_may_be_selected(
     folder: Path, tmp_path: Path
 ) -> None:
@@ -114,7 +113,6 @@ def test_poses_without_a_point_are_named_on_the_page_and_may_be_selected(
         assert app.worker.wait_idle(IDLE_S)
 
 
-@pytest.mark.slow
 def test_what_is_ready_is_shown_while_the_rest_is_searched(folder: Path) -> None:
     with serving(folder, port=0) as app, WireClient(app.server.get_port()) as page:
         page.wait(lambda p: "Searching corners: 2" in plain(p), 30)
@@ -126,7 +124,6 @@ def test_what_is_ready_is_shown_while_the_rest_is_searched(folder: Path) -> None
         page.wait(lambda p: f"of {POSES} corners found" in plain(p), 30)
 
 
-@pytest.mark.slow
 def test_the_search_can_be_stopped_and_goes_on_where_it_was(folder: Path) -> None:
     with serving(folder, port=0) as app, WireClient(app.server.get_port()) as page:
         page.wait(lambda p: "Searching corners: 2" in plain(p), 30)
@@ -157,7 +154,6 @@ def outlined(page: WireClient) -> list[str]:
 # ---- one selection everywhere ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_next_and_previous_change_every_place(app: App, page: WireClient) -> None:
     ids = session(app).dataset.poses.ids
     page.set(label="", value=NEXT)

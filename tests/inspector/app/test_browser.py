@@ -46,6 +46,7 @@ def test_without_a_browser_ci_fails_and_others_skip_with_the_reason(
         need_chromium()
 
 
+@pytest.mark.slow
 def test_the_page_opens_and_says_how_far_the_search_has_come(page: Any, app: App) -> None:
     names = [t.inner_text().strip() for t in page.get_by_role("tab").all()]
     assert {"Measure", "Model", "Learn", "Scans", "Planes", "Corner"} <= set(names)
@@ -53,6 +54,7 @@ def test_the_page_opens_and_says_how_far_the_search_has_come(page: Any, app: App
     says(page, f"{POSES - 1} of {POSES} corners found")
 
 
+@pytest.mark.slow
 def test_scans_tab_and_the_scene_show_the_scan(page: Any, app: App) -> None:
     assert app.worker.wait_idle(IDLE_S)
     open_tab(page, "Scans")
@@ -66,6 +68,7 @@ def test_scans_tab_and_the_scene_show_the_scan(page: Any, app: App) -> None:
     assert colours_in(page.screenshot(clip=middle)) > 30
 
 
+@pytest.mark.slow
 def test_next_and_previous_by_button_and_by_key(page: Any) -> None:
     open_tab(page, "Scans")
     page.get_by_role("button", name=NEXT).click()
@@ -80,6 +83,7 @@ def test_next_and_previous_by_button_and_by_key(page: Any) -> None:
     says(page, f"1 of {POSES}")
 
 
+@pytest.mark.slow
 def test_planes_tab_shows_the_filters_counts(page: Any, app: App) -> None:
     open_tab(page, "Planes")
     assert app.state.view is not None
@@ -94,6 +98,7 @@ def test_planes_tab_shows_the_filters_counts(page: Any, app: App) -> None:
     node_drawn(page, f"{ROOT}/groups/discs")
 
 
+@pytest.mark.slow
 def test_corner_tab_shows_the_corner(page: Any, app: App) -> None:
     open_tab(page, "Corner")
     assert app.state.view is not None
@@ -116,6 +121,7 @@ def test_a_failed_scan_is_explained(page: Any, app: App) -> None:
     page.mouse.click(600, 650)
 
 
+@pytest.mark.slow
 def test_compare_tab_has_each_versions_figures_and_draws_the_arm(page: Any, app: App) -> None:
     app.select(0)  # the scan before has no corner, so no jig to lay over it
     assert app.worker.wait_idle(IDLE_S)
@@ -133,6 +139,7 @@ def test_compare_tab_has_each_versions_figures_and_draws_the_arm(page: Any, app:
     says(page, "Distance to the nearest chosen face")
 
 
+@pytest.mark.slow
 def test_redundancy_tab_has_the_heatmap_and_the_groups(page: Any) -> None:
     open_tab(page, "Redundancy")
     says(page, "a6 and aTCP always act together (r = 1): keep a6")
@@ -160,6 +167,7 @@ def test_fit_tab_has_curves_table_and_bars(page: Any, app: App) -> None:
     assert page.locator(".js-plotly-plot .barlayer .point").count() == POSES - 1  # one scan has no corner
 
 
+@pytest.mark.slow
 def test_nothing_is_cut_off_sideways(page: Any) -> None:
     for name in ("Scans", "Planes", "Corner", "Compare", "Redundancy", "Fit"):
         open_tab(page, name)
@@ -190,6 +198,7 @@ def test_dark_mode_turns_the_figures_too(page: Any, app: App) -> None:
     app.dark(False)
 
 
+@pytest.mark.slow
 def test_names_from_files_run_nothing(page: Any, app: App) -> None:
     app.open("points")
     assert app.worker.wait_idle(IDLE_S)
@@ -200,6 +209,7 @@ def test_names_from_files_run_nothing(page: Any, app: App) -> None:
     assert page.locator("b", has_text="p2").count() == 0
 
 
+@pytest.mark.slow
 def test_another_web_page_cannot_drive_it_and_its_own_can(page: Any, chromium: Any, app: App) -> None:
     connect = """([address, version]) => new Promise(done => {
         const socket = new WebSocket(address, [version]);

@@ -38,6 +38,8 @@ from tests.support.app import IDLE_S, idle_app, shows
 from tests.support.tiny_dataset import scanned_cell
 from tests.support.wire_client import WireClient
 
+pytestmark = pytest.mark.slow  # a whole app, running
+
 POSES = 14
 
 
@@ -99,7 +101,6 @@ class Gate:
 # ---- full poses from scans ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(
     app: App, page: WireClient, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -137,7 +138,6 @@ def test_scans_are_fitted_as_full_poses_as_the_command_fits_them(
     )
 
 
-@pytest.mark.slow
 def test_an_effect_and_the_way_back_keep_the_full_poses(app: App, page: WireClient) -> None:
     fit(page, "pose")
     page.wait(lambda p: (c := session(app).calibration) is not None and c.residual == "pose", 30.0)
@@ -164,7 +164,6 @@ def test_an_effect_and_the_way_back_keep_the_full_poses(app: App, page: WireClie
 # ---- nobody waits for names that he did not ask for -----------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_the_page_does_not_wait_for_names_and_they_are_worked_out_once(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -191,7 +190,6 @@ def test_the_page_does_not_wait_for_names_and_they_are_worked_out_once(
         page.wait(lambda p: p.props("Calibrate")["disabled"] is False)
 
 
-@pytest.mark.slow
 def test_another_dataset_meanwhile_is_not_touched(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     gate = Gate(monkeypatch)
     with serving(folder, port=0) as app, WireClient(app.server.get_port()) as page:
@@ -212,7 +210,6 @@ def test_another_dataset_meanwhile_is_not_touched(folder: Path, monkeypatch: pyt
 # ---- where there are no full poses ----------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_faces_that_the_robot_contradicts_are_told_and_full_poses_refused(folder: Path) -> None:
     with idle_app(folder / "contradicted") as app, WireClient(app.server.get_port()) as page:
         first = session(app).calibration
@@ -237,7 +234,6 @@ def test_faces_that_the_robot_contradicts_are_told_and_full_poses_refused(folder
     assert str(refusal.value) == reason
 
 
-@pytest.mark.slow
 def test_points_without_orientations_fall_back_to_positions_where_poses_were_chosen_before(
     folder: Path,
 ) -> None:
@@ -258,7 +254,6 @@ def test_points_without_orientations_fall_back_to_positions_where_poses_were_cho
         assert "found no orientation" in told["props"]["body"]
 
 
-@pytest.mark.slow
 def test_points_with_orientations_need_no_names(folder: Path, tmp_path: Path) -> None:
     made = simulate_dataset(
         builtin_robot("rb5"), rng=np.random.default_rng(4), poses=20, orientation_sigma_rad=1e-4
@@ -284,7 +279,6 @@ def searched(folder: Path) -> Session:
     return opened
 
 
-@pytest.mark.slow
 def test_a_new_corner_makes_old_names_stale(searched: Session) -> None:
     named = sessions.with_face_labels(searched)
     assert named.face_labels is not None
@@ -306,7 +300,6 @@ def test_a_session_names_what_a_fit_of_full_poses_needs_and_nothing_else(searche
     assert "found no orientation" in sessions.no_full_poses(searched)
 
 
-@pytest.mark.slow
 def test_a_saved_fit_of_full_poses_from_scans_opens_again(searched: Session, folder: Path) -> None:
     full = sessions.with_calibration(searched, "pose")
     path = folder / "session.json"

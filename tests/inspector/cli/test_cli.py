@@ -141,6 +141,7 @@ def test_tolerances_holds_and_robust_weights_by_command(
     )
 
 
+@pytest.mark.slow
 def test_one_point_for_all_poses_is_no_calibration_and_is_not_written(
     capsys: pytest.CaptureFixture[str], own_points: Path, tmp_path: Path
 ) -> None:
@@ -288,6 +289,7 @@ def test_simulate_is_reproducible_and_says_where_the_truth_is(
     assert "robot.toml" in refused(capsys, "simulate", tmp_path / "c", "--robot", tmp_path / "robot.toml")
 
 
+@pytest.mark.slow
 def test_check_passes_or_says_why_not(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
     good = run_json(capsys, "check", points_folder)
     assert good["passed"] is True
@@ -397,6 +399,7 @@ def hidden_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_diagnose_has_the_promised_keys_and_names_the_cause(
     capsys: pytest.CaptureFixture[str], hidden_folder: Path
 ) -> None:
@@ -427,6 +430,7 @@ def test_diagnose_has_the_promised_keys_and_names_the_cause(
     assert "Verdict: transmission_error was missing" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_calibrate_with_the_effect_is_the_diagnosis_step(
     capsys: pytest.CaptureFixture[str], hidden_folder: Path
 ) -> None:
@@ -443,6 +447,7 @@ def test_calibrate_with_the_effect_is_the_diagnosis_step(
     assert "approach" in refused(capsys, "calibrate", hidden_folder, "--effect", "backlash")
 
 
+@pytest.mark.slow
 def test_check_tells_what_is_missing_and_still_passes(
     capsys: pytest.CaptureFixture[str], hidden_folder: Path
 ) -> None:
@@ -473,6 +478,7 @@ def test_diagnose_and_check_take_the_options_of_a_fit(
     assert "rust" in refused(capsys, "check", hidden_folder, "--effect", "rust")
 
 
+@pytest.mark.slow
 def test_add_is_the_diagnosis_step_to_the_last_digit(
     capsys: pytest.CaptureFixture[str], hidden_folder: Path, tmp_path: Path
 ) -> None:
@@ -531,6 +537,7 @@ def test_effects_lists_the_catalogue(capsys: pytest.CaptureFixture[str]) -> None
     assert "transmission_error: theta_j += A sin(n q_j)" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_an_effects_file_is_used_and_a_bad_one_is_one_line(
     capsys: pytest.CaptureFixture[str], hidden_folder: Path, tmp_path: Path
 ) -> None:

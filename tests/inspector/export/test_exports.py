@@ -41,6 +41,8 @@ from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.tiny_dataset import HOSTILE
 from tests.support.wire_client import WireClient
 
+pytestmark = pytest.mark.slow  # a whole app, running
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -270,7 +272,6 @@ def taken(page: WireClient, what: str) -> bytes:
     return content
 
 
-@pytest.mark.slow
 def test_the_page_gives_what_the_commands_give(
     app: App, fitted: Calibration, dataset: Dataset, tmp_path: Path
 ) -> None:
@@ -354,7 +355,6 @@ def test_a_session_from_the_page_opens_in_the_same_state(app: App, folder: Path,
             assert HIDDEN in page.text()
 
 
-@pytest.mark.slow
 def test_a_session_of_a_dataset_that_changed_says_so_on_the_page(
     app: App, folder: Path, tmp_path: Path
 ) -> None:

@@ -26,6 +26,8 @@ from tests.support.hidden_dataset import write_hidden
 from tests.support.tiny_dataset import BROKEN, box_stl, write_tiny
 from tests.support.wire_client import WireClient
 
+pytestmark = pytest.mark.slow  # a whole app, running
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -84,7 +86,6 @@ def cylinder_ends_mm(page: WireClient) -> np.ndarray:
     return 1000 * np.column_stack([at, scale[:, 2]])
 
 
-@pytest.mark.slow
 def test_the_arm_is_drawn_in_the_scanners_frame_at_every_pose(app: App, page: WireClient) -> None:
     for pose in (0, 7):
         app.select(pose)
@@ -104,7 +105,6 @@ def test_the_arm_is_drawn_in_the_scanners_frame_at_every_pose(app: App, page: Wi
         assert off == pytest.approx(version(app, LINKS).pose_errors_mm()[pose], abs=1e-3)
 
 
-@pytest.mark.slow
 def test_key_figures_are_those_of_each_version_with_the_noise(app: App, page: WireClient) -> None:
     app.add_effect("transmission_error")
     assert app.worker.wait_idle(IDLE_S)
@@ -210,7 +210,6 @@ def test_a_hostile_page_changes_nothing(app: App, page: WireClient) -> None:
     assert not page.notifications
 
 
-@pytest.mark.slow
 def test_a_link_with_a_mesh_is_drawn_as_it_and_moves_with_its_frame(app: App, page: WireClient) -> None:
     app.open("meshed")
     assert app.worker.wait_idle(IDLE_S)

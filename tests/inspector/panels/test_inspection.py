@@ -30,6 +30,8 @@ from tests.support.app import IDLE_S, idle_app, shows
 from tests.support.tiny_dataset import BROKEN, POSES, write_tiny
 from tests.support.wire_client import WireClient
 
+pytestmark = pytest.mark.slow  # a whole app, running
+
 NOISY, FEW = 6, 8  # poses whose scans are spoilt below
 
 
@@ -66,7 +68,6 @@ def search(app: App, pose: int) -> CornerSearch:
     return found
 
 
-@pytest.mark.slow
 def test_rejected_sets_have_the_colour_of_their_filter_in_the_scene_and_in_the_table(
     app: App, page: WireClient
 ) -> None:
@@ -81,7 +82,6 @@ def test_rejected_sets_have_the_colour_of_their_filter_in_the_scene_and_in_the_t
     shows(page, "sets rejected by filter")
 
 
-@pytest.mark.slow
 def test_a_scan_that_was_not_searched_for_planes_has_no_tables_of_zeros(app: App) -> None:
     assert "40 points" in search(app, FEW).failure
     said = planes_html(view(app, FEW))

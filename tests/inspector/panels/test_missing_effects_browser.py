@@ -57,6 +57,7 @@ def steps_drawn(page: Any, count: int) -> None:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_points_alone_open_on_the_model_with_points_and_arrows(page: Any) -> None:
     first = page.get_by_role("tab", name="Learn", exact=True)
     assert first.get_attribute("aria-selected") == "true"
@@ -65,6 +66,7 @@ def test_points_alone_open_on_the_model_with_points_and_arrows(page: Any) -> Non
     node_drawn(page, f"{ROOT}/residuals/arrows")
 
 
+@pytest.mark.slow
 def test_the_loop_add_fall_undo_redo(page: Any, folder: Path) -> None:
     told = command("diagnose", folder)
     before, after = (numbers.millimetres(step["test_rmse_mm"]) for step in told["steps"])
@@ -86,6 +88,7 @@ def test_the_loop_add_fall_undo_redo(page: Any, folder: Path) -> None:
     steps_drawn(page, 4)
 
 
+@pytest.mark.slow
 def test_find_what_is_missing_ends_with_the_commands_verdict(page: Any, app: App, folder: Path) -> None:
     told = command("diagnose", folder)
     press(page, FIND)
@@ -96,6 +99,7 @@ def test_find_what_is_missing_ends_with_the_commands_verdict(page: Any, app: App
     assert fact(page, "test 3D RMSE") == f"{numbers.millimetres(told['steps'][-1]['test_rmse_mm'])} mm"
 
 
+@pytest.mark.slow
 def test_where_it_fails_selects_the_pose_everywhere(page: Any, app: App) -> None:
     page.get_by_role("tab", name="Where it fails", exact=True).click()
     says(page, "Worst poses, mm")

@@ -133,6 +133,7 @@ def test_a_word_that_is_too_long_for_a_column_is_broken_and_others_are_not() -> 
     assert drawn.count('class="wide"') == 2  # the heading and the short one
 
 
+@pytest.mark.slow
 def test_a_model_put_together_by_hand_is_told_as_such(folder: Path) -> None:
     session = sessions.with_screening(sessions.with_calibration(sessions.open_session(folder / "hidden")))
     session = sessions.with_screening(sessions.with_effect(session, HIDDEN))
@@ -150,6 +151,7 @@ def test_effects_that_are_given_stand_in_the_first_step(folder: Path, tmp_path: 
     assert f"held against what the model of link errors + {HIDDEN} leaves over" in plain(out.read_text())
 
 
+@pytest.mark.slow
 def test_data_without_test_poses_or_declared_noise_make_a_report_too(folder: Path, tmp_path: Path) -> None:
     dataset = load_dataset(folder / "hidden")
     role = np.where(dataset.poses.role == "test", "train", dataset.poses.role)

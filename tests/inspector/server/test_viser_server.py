@@ -18,6 +18,8 @@ from inspector.server import viser_server as server_module
 from inspector.server.viser_server import ServerError, origin_allowed, start_server, tell, url_of
 from tests.support.wire_client import WireClient
 
+pytestmark = pytest.mark.slow  # a whole app, running
+
 
 @pytest.fixture
 def server() -> Iterator[server_module.InspectorServer]:

@@ -74,6 +74,7 @@ def test_everything_comes_back_to_the_last_bit(worked_on: Session, saved: Path, 
     assert load_session(saved).shown == Shown("p0007", "All corners", True, 300.0, 1000.0)
 
 
+@pytest.mark.slow
 def test_a_diagnosis_comes_back_with_its_words(folder: Path, tmp_path: Path) -> None:
     found = sessions.with_diagnosis(sessions.open_session(folder))
     save_session(tmp_path / "s.json", found)
@@ -280,6 +281,7 @@ def test_what_is_no_session_file_is_one_clear_line(tmp_path: Path, content: byte
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_link_out_of_the_served_folder_is_not_followed(saved: Path, folder: Path, tmp_path: Path) -> None:
     other = write_hidden(tmp_path / "elsewhere", "secret")
     served = tmp_path / "served"

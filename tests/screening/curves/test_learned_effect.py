@@ -64,6 +64,7 @@ def test_a_cause_without_a_name_is_learned_nearly_as_well_as_if_it_had_one(seed:
     assert test_rmse_mm(after.calibration) < 1.3 * floor_mm
 
 
+@pytest.mark.slow
 def test_a_short_formula_is_given_where_it_says_as_much(fifth: Dataset) -> None:
     found = diagnose(fifth)
     assert found.verdict == "unexplained"
@@ -108,6 +109,7 @@ def test_the_file_says_what_was_learned_and_is_an_effect_again(fifth: Dataset, t
     assert all(np.array_equal(apply_values(m, state, np.ones(1)).vector, state.vector) for m in others)
 
 
+@pytest.mark.slow
 def test_the_command_writes_it_and_correct_takes_it(fifth: Dataset, tmp_path: Path, capsys) -> None:
     write_dataset(fifth, tmp_path / "cell")
     curves = tmp_path / "my_effect.py"
@@ -139,6 +141,7 @@ def test_nothing_is_written_where_nothing_was_learned(tmp_path: Path, capsys) ->
     assert not curves.exists()
 
 
+@pytest.mark.slow
 def test_a_session_with_learned_curves_opens_again(fifth: Dataset, tmp_path: Path) -> None:
     write_dataset(fifth, tmp_path / "cell")
     session = sessions.with_screening(sessions.with_calibration(sessions.open_session(tmp_path / "cell")))

@@ -212,6 +212,7 @@ def test_a_sliding_joint_has_no_gear_and_carries_no_turn() -> None:
 # ---- loads ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ["rb5", "panda"])
 def test_load_and_deflection_agree_at_rest(arm: str) -> None:
     """All that gives way, together: one more look at the loads changes nothing."""
