@@ -67,13 +67,11 @@ class Simulation:
         visible = {
             effect.name: cell.visible_rms_mm(effect) for effect in self.truth.effects if not effect.is_absent
         }
-        return truth_document(
-            self.truth,
-            self.dataset.robot,
-            visible_rms_mm=visible,
-            dataset=self.dataset.name,
-            apex_mm=dict(zip(poses.ids, self.apex_mm.tolist(), strict=True)),
-        )
+        return truth_document(self.truth, self.dataset.robot) | {
+            "visible_rms_mm": visible,
+            "dataset": self.dataset.name,
+            "apex_mm": dict(zip(poses.ids, self.apex_mm.tolist(), strict=True)),
+        }
 
 
 def measure(

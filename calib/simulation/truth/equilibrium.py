@@ -118,8 +118,8 @@ def jig_side(robot: Robot) -> float:
     return -1.0 if robot.tool.d_mm < -10.0 else 1.0
 
 
-def truth_document(truth: Truth, nominal: Robot, **more: Any) -> dict[str, Any]:
-    """What truth.json holds; angles in degrees as in every file of a dataset, effects in their own units."""
+def truth_document(truth: Truth, nominal: Robot) -> dict[str, Any]:
+    """What truth.json says of the arm; angles in degrees as in every file of a dataset, effects in their own units."""
     table, error = truth.robot.table, truth.robot.table - nominal.table
     rows = [*(f"J{j + 1}" for j in range(nominal.n_joints)), "TCP"]
 
@@ -143,4 +143,4 @@ def truth_document(truth: Truth, nominal: Robot, **more: Any) -> dict[str, Any]:
         document["setups"] = {
             setup: {"base_T_scanner_mm": place.tolist()} for setup, place in truth.scanners.items()
         }
-    return document | more
+    return document
