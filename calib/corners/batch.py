@@ -32,11 +32,11 @@ def find_corners(
 
     `on_progress(done, total, pose_id)` is called after each scan. With an `executor` (threads, processes, Dask's
     `Client.get_executor()`: any `concurrent.futures.Executor`) the scans are processed by it, `in_flight` with it at a
-    time, which should be twice its workers or more; the result is the same to the bit, save the last digits of the
-    covariance where BLAS has another number of threads there (OPENBLAS_NUM_THREADS; Dask's workers have 1). Each job
-    loads its own scan, so no more scans are in memory than jobs run at a time. A scan that cannot be read becomes a
-    failed search with `unreadable` set. Without `intermediate` the searches come back without the arrays that are only
-    shown (some 2 MB a scan of 200,000 points): with the corner, the counts and the reason.
+    time, which should be twice its workers or more; the result is the same to the bit, as each search multiplies on
+    one BLAS thread wherever it runs. Each job loads its own scan, so no more scans are in memory than jobs run at a
+    time. A scan that cannot be read becomes a failed search with `unreadable` set. Without `intermediate` the
+    searches come back without the arrays that are only shown (some 2 MB a scan of 200,000 points): with the corner,
+    the counts and the reason.
 
     Raises DatasetError where the dataset has no scans; CornerError where a process of the executor died.
     """

@@ -104,7 +104,7 @@ def test_the_same_to_the_bit_on_any_executor(dataset: Any, alone: dict[str, Corn
 def test_another_name_changes_nothing_and_more_blas_threads_only_the_covariances_last_digits(
     dataset: Any, alone: dict[str, CornerSearch], tmp_path: Path
 ) -> None:
-    """LAPACK's eigenvectors depend on the number of threads in their last digits; here and on Dask's it is 1."""
+    """LAPACK's eigenvectors may depend on the number of threads in their last digits; a search takes one."""
     copy = tmp_path / "another name.ply"
     copy.write_bytes(dataset.scan_path(0).read_bytes())
     code = (

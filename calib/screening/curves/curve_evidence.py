@@ -62,11 +62,6 @@ class Spectrum:
 
     logs: Array  # (M + 2,)
 
-    @property
-    def bandwidth(self) -> float:
-        """n0"""
-        return float(np.exp(self.logs[-2]))
-
 
 class CurveEvidence:
     """log E of curves against a residual, at any sizes and spectrum."""

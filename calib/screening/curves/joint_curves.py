@@ -23,7 +23,7 @@ from calib.screening.curves.smooth_joint_error import (
 )
 from calib.screening.projected_residual import ProjectedResidual, joint_directions, project_residual
 
-MIN_LOG_EVIDENCE = 8.0  # over no curve at all: noise alone reaches 2.5 in 40 clean arms
+MIN_LOG_EVIDENCE = 8.0  # over no curve at all: noise alone reached 2.5 in 12 clean arms
 _ANGLE_ORDERS: IndexArray = np.arange(1, 49)
 _OTHER_ORDERS: IndexArray = np.arange(1, 9)
 _MOST_OTHERS = 3  # curves over other inputs than a joint's own angle
@@ -39,7 +39,6 @@ class LearnedCurves:
 
     members: tuple[SmoothJointError, ...]
     log_evidence: float  # over no curve, less what choosing their inputs costs
-    bandwidth: float  # errors a turn up to which the curves over angles are rough
 
     @property
     def joints(self) -> tuple[int, ...]:
@@ -91,7 +90,7 @@ def learn_joint_curves(calibration: Calibration) -> LearnedCurves | None:
     noise = float(np.sqrt(evidence.at(spectrum).quadratic / evidence.freedom))
     if not members or not _predict_left_out_poses(left, members, noise):
         return None
-    return LearnedCurves(tuple(members), value - paid, spectrum.bandwidth)
+    return LearnedCurves(tuple(members), value - paid)
 
 
 def _predict_left_out_poses(left: ProjectedResidual, members: list[SmoothJointError], noise: float) -> bool:
