@@ -15,7 +15,7 @@ from calib.diagnosis.decision_rules import (
     rank_candidates,
     untestable_names,
 )
-from calib.diagnosis.sentences import (
+from calib.diagnosis.words.conclusions import (
     AddCurves,
     AddEffect,
     AdviceSentence,
@@ -40,7 +40,9 @@ class Advice:
 
     kind: str  # of KINDS
     effects: tuple[str, ...]  # that it is about, the best first
-    sentences: tuple[AdviceSentence, ...]  # `calib.diagnosis.text.advice_text` puts them into words
+    sentences: tuple[
+        AdviceSentence, ...
+    ]  # `calib.diagnosis.words.conclusion_text.advice_text` puts them into words
 
 
 def asks_for_curves(screening: Screening, tests: ResidualTests) -> bool:

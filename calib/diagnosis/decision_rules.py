@@ -9,7 +9,7 @@ import numpy as np
 from calib.calibration.result import Calibration
 from calib.dataset.stands import stands_of
 from calib.fitting.pose_means import mean_by_pose
-from calib.screening.candidates import Candidate, Screening, Untestable
+from calib.screening.candidates import MIN_RIVAL_OVERLAP, Candidate, Screening, Untestable
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.fault_models import JointFault, best_bump_or_jump
 from calib.screening.residual_tests import ResidualTests
@@ -18,7 +18,6 @@ MAX_P_VALUE = 0.01  # that the Holm-corrected p of an effect has to be below
 MIN_LEAD = 3.0  # in log evidence over the nearest rival
 MIN_LOG_EVIDENCE = 3.0
 MAX_WORSENING = 2.0  # standard errors by which a named effect may not raise the test poses' squared error
-MIN_RIVAL_OVERLAP = 0.5  # share of what one effect explains that its rival could explain too
 
 VERDICTS = ("adequate", "named", "ambiguous", "unexplained", "outliers")
 

@@ -21,7 +21,6 @@ from calib.dataset.stands import without_poses
 from calib.diagnosis.decision_rules import curves_say_more, is_convincing, predicts_worse, verdict_of
 from calib.diagnosis.effect_selection import FitStep, calibrate_with, curves_beside, selected_curves
 from calib.diagnosis.findings import Learned
-from calib.diagnosis.pose_recommendation import DiscriminatingPose, discriminating_poses
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.stepwise import SearchSpace, Tell, search_stepwise
 from calib.effects.catalogue import Family, effects_for, family_of
@@ -29,6 +28,7 @@ from calib.errors import FitError
 from calib.options import FitOptions
 from calib.screening.curves.effect_file import formula_text
 from calib.screening.curves.smooth_joint_error import LEARNED
+from calib.screening.pose_recommendation import DiscriminatingPose, discriminating_poses
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import run_residual_tests
 

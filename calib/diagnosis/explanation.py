@@ -10,11 +10,17 @@ from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import MIN_LEAD, untestable_names
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.findings import Findings, Learned
-from calib.diagnosis.phrases import meaning
-from calib.diagnosis.sentences import (
-    SMALL_CHANGE,
+from calib.diagnosis.words.conclusions import (
     Adequate,
     Ambiguous,
+    Named,
+    Outliers,
+    Unexplained,
+    VerdictSentence,
+)
+from calib.diagnosis.words.phrases import meaning
+from calib.diagnosis.words.sentences import (
+    SMALL_CHANGE,
     CurvesLearned,
     EffectFound,
     EffectRefused,
@@ -25,8 +31,6 @@ from calib.diagnosis.sentences import (
     FaultSuspected,
     FittedValue,
     ModelFitted,
-    Named,
-    Outliers,
     PosesStandOut,
     Reason,
     ResidualOrder,
@@ -34,8 +38,6 @@ from calib.diagnosis.sentences import (
     ResidualSize,
     ResidualTooLarge,
     ResidualWithoutOrder,
-    Unexplained,
-    VerdictSentence,
 )
 from calib.effects.effect import parameters_by_name
 from calib.screening.candidates import Candidate, Screening

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 from calib.calibration.result import Calibration
 from calib.diagnosis.effect_selection import FitStep
-from calib.diagnosis.pose_recommendation import DiscriminatingPose
 from calib.screening.candidates import Candidate, Screening, Untestable
 from calib.screening.curves.smooth_joint_error import SmoothJointError, inputs_of, joints_of
 from calib.screening.fault_models import JointFault
+from calib.screening.pose_recommendation import DiscriminatingPose
 from calib.screening.residual_tests import ResidualTests
 
 

@@ -10,8 +10,8 @@ import pandas as pd
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.diagnosis.explanation import explain
 from calib.diagnosis.findings import Findings
-from calib.diagnosis.sentences import Explanation
-from calib.diagnosis.text import explanation_text
+from calib.diagnosis.words.sentences import Explanation
+from calib.diagnosis.words.text import explanation_text
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from calib.fitting.model import effect_columns
 from calib.screening.evidence import Evidence, FamilyColumns, evaluate_family, holm
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 
+MIN_RIVAL_OVERLAP = 0.5  # share of what one effect explains that its rival could explain too
 _HIDDEN = 0.02  # share of a column that projection has to leave: below it, fitted parameters do the same
 
 

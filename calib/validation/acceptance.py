@@ -17,7 +17,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import Repeats, find_repeats, pooled_sigma_mm
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.text import verdict_text
+from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.effects.catalogue import effects_named
 from calib.effects.effect import Family
 from calib.errors import FitError

@@ -7,8 +7,8 @@ from typing import Any
 
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.findings import Learned
-from calib.diagnosis.phrases import fault_text
 from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.words.phrases import fault_text
 from calib.effects.catalogue import descriptions
 from calib.screening.candidates import Candidate
 from calib.screening.fault_models import JointFault

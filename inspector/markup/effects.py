@@ -11,15 +11,10 @@ from calib.calibration.noise_check import noise_floor_mm
 from calib.calibration.result import Calibration
 from calib.diagnosis.advice import Advice, residual_summary
 from calib.diagnosis.decision_rules import is_convincing
-from calib.diagnosis.phrases import meaning, untestable_texts
-from calib.diagnosis.pose_recommendation import DiscriminatingPose
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.text import (
-    advice_text,
-    reason_texts,
-    residual_summary_text,
-    verdict_text,
-)
+from calib.diagnosis.words.conclusion_text import advice_text, residual_summary_text, verdict_text
+from calib.diagnosis.words.phrases import meaning, untestable_texts
+from calib.diagnosis.words.text import reason_texts
 from calib.effects.effect import (
     Description,
     Effect,
@@ -31,6 +26,7 @@ from calib.effects.effect import (
 )
 from calib.kinematics.robot import Robot
 from calib.screening.candidates import Candidate, Screening, Untestable, Value
+from calib.screening.pose_recommendation import DiscriminatingPose
 from inspector.markup import elements, numbers
 from inspector.markup.palette import BAD, DOUBT, GOOD, NEUTRAL, PROPOSAL
 from inspector.session.session import Session, StepErrors

@@ -13,7 +13,8 @@ from pathlib import Path
 import plotly.graph_objects as go
 
 from calib.calibration.noise_check import check_sigma, noise_floor_mm
-from calib.diagnosis.text import reason_texts, verdict_text
+from calib.diagnosis.words.conclusion_text import verdict_text
+from calib.diagnosis.words.text import reason_texts
 from inspector.figures.plots import error_history
 from inspector.markup import numbers
 from inspector.markup.effects import VERDICTS, last_change

@@ -13,7 +13,7 @@ from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import Combination, identifiable_combinations
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.phrases import untestable_texts
+from calib.diagnosis.words.phrases import untestable_texts
 from calib.measurement.measured_points import failed_searches
 from calib.screening.candidates import Candidate
 from calib.screening.curves.fitted_curves import fitted_curves, learned_members

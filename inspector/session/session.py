@@ -12,7 +12,6 @@ from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.advice import Advice
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
-from calib.diagnosis.pose_recommendation import DiscriminatingPose
 from calib.diagnosis.result import Diagnosis
 from calib.effects.effect import Family
 from calib.identifiability.redundancy import Redundancy
@@ -20,6 +19,7 @@ from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import with_corners
 from calib.screening.candidates import Screening
 from calib.screening.curves.joint_curves import LearnedCurves
+from calib.screening.pose_recommendation import DiscriminatingPose
 from calib.screening.residual_tests import ResidualTests
 
 

@@ -24,7 +24,6 @@ from calib.diagnosis.effect_selection import (
     recalled,
     selected_curves,
 )
-from calib.diagnosis.pose_recommendation import discriminating_poses, nearest_rival
 from calib.diagnosis.result import Diagnosis
 from calib.effects.catalogue import effects_for
 from calib.effects.effect import Family
@@ -37,6 +36,7 @@ from calib.measurement.measured_points import label_faces
 from calib.options import FitOptions
 from calib.screening.candidates import screen
 from calib.screening.curves.smooth_joint_error import LEARNED
+from calib.screening.pose_recommendation import discriminating_poses, nearest_rival
 from calib.screening.residual_tests import run_residual_tests
 from inspector.session.session import Separation, Session
 

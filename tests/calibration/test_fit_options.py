@@ -13,12 +13,12 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import FitStep
-from calib.diagnosis.pose_recommendation import discriminating_poses
 from calib.effects.catalogue import effects_for
 from calib.errors import FitError
 from calib.fitting.observations import conditions_at
 from calib.options import FitOptions
 from calib.screening.candidates import Candidate, screen
+from calib.screening.pose_recommendation import discriminating_poses
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import learning_curve

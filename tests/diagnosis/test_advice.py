@@ -12,9 +12,8 @@ from calib.calibration.result import Calibration
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.advice import Advice, advise, residual_summary
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.phrases import input_text, meaning
-from calib.diagnosis.pose_recommendation import discriminating_poses, nearest_rival
-from calib.diagnosis.text import advice_text, residual_summary_text
+from calib.diagnosis.words.conclusion_text import advice_text, residual_summary_text
+from calib.diagnosis.words.phrases import input_text, meaning
 from calib.effects.catalogue import effects_for
 from calib.effects.compliance import JointCompliance, ToolSag
 from calib.effects.effect import Effect, Parameter
@@ -24,6 +23,7 @@ from calib.effects.state import RobotState
 from calib.effects.thermal import ThermalGrowth
 from calib.kinematics.chain import target_jacobian
 from calib.screening.candidates import Screening, screen
+from calib.screening.pose_recommendation import discriminating_poses, nearest_rival
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests, run_residual_tests
 from calib.simulation.simulate import simulate_dataset

@@ -17,7 +17,7 @@ from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.text import verdict_text
+from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.effects.base import Parameter
 from calib.effects.catalogue import CATALOGUE, effects_named
 from calib.effects.state import RobotState

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.diagnosis import sentences as facts
-from calib.diagnosis.phrases import fault_text, poses_text
-from calib.diagnosis.pose_recommendation import DiscriminatingPose
-from calib.diagnosis.text import advice_text, explanation_text, reason_text, verdict_text
+from calib.diagnosis.words import conclusions
+from calib.diagnosis.words import sentences as facts
+from calib.diagnosis.words.conclusion_text import advice_text, verdict_text
+from calib.diagnosis.words.phrases import fault_text, poses_text
+from calib.diagnosis.words.text import explanation_text, reason_text
 from calib.screening.fault_models import JointFault
+from calib.screening.pose_recommendation import DiscriminatingPose
 from calib.screening.scan_statistic import Channel
 
 DENT = JointFault("bump", 1, 12.4, 1e-3, "rad", place_rad=0.5, width_rad=0.2)
@@ -38,69 +40,69 @@ def test_poses_are_told_in_degrees_and_millimetres() -> None:
     ("verdict", "says"),
     [
         (
-            facts.Adequate(True, ("backlash",)),
+            conclusions.Adequate(True, ("backlash",)),
             "adequate. Nothing in the catalogue is missing beyond noise, as far as these data can tell (backlash: not "
             "testable), and nothing else shows.",
         ),
         (
-            facts.Adequate(False, ()),
+            conclusions.Adequate(False, ()),
             "adequate. These data can test none of the catalogue's effects; what is left is no more than noise, and "
             "nothing else shows.",
         ),
         (
-            facts.Named(("backlash",), None),
+            conclusions.Named(("backlash",), None),
             "backlash was missing, and with it nothing else shows.",
         ),
         (
-            facts.Named(("backlash", "tool_sag"), 7),
+            conclusions.Named(("backlash", "tool_sag"), 7),
             "backlash and tool_sag were missing, and with them nothing else shows. But the 7 test points do not "
             "confirm it: they got worse, though by no more than their scatter. Take it for a "
             "lead, and measure more poses.",
         ),
         (
-            facts.Ambiguous(("backlash",), ("a", "b")),
+            conclusions.Ambiguous(("backlash",), ("a", "b")),
             "ambiguous after backlash. The set above holds the cause if the catalogue does.",
         ),
         (
-            facts.Unexplained((), "implausible", "the points do not belong to these poses"),
+            conclusions.Unexplained((), "implausible", "the points do not belong to these poses"),
             "unexplained. The points do not belong to these poses.",
         ),
         (
-            facts.Unexplained(("backlash",), "fault", ""),
+            conclusions.Unexplained(("backlash",), "fault", ""),
             "unexplained. backlash helps, yet what is left tells of something else, said above. Look at that joint.",
         ),
         (
-            facts.Unexplained((), "order", ""),
+            conclusions.Unexplained((), "order", ""),
             "unexplained. No effect of the catalogue fits: something with a pattern is left. Look at the inputs named "
             "above; a loose part or a hose would show so.",
         ),
         (
-            facts.Unexplained(("a", "b"), "size", ""),
+            conclusions.Unexplained(("a", "b"), "size", ""),
             "unexplained. a and b help, yet more than noise is left, without a pattern against any input.",
         ),
         (
-            facts.Unexplained((), "refused", ""),
+            conclusions.Unexplained((), "refused", ""),
             "unexplained. No effect of the catalogue fits: what was found makes the test poses worse.",
         ),
         (
-            facts.Outliers(("backlash",), ("p1",)),
+            conclusions.Outliers(("backlash",), ("p1",)),
             "outliers. backlash was missing; apart from single poses nothing is left. Measure those poses again before "
             "you leave them out.",
         ),
     ],
 )
-def test_each_verdict_has_its_words(verdict: facts.VerdictSentence, says: str) -> None:
+def test_each_verdict_has_its_words(verdict: conclusions.VerdictSentence, says: str) -> None:
     assert verdict_text(verdict) == says
 
 
 def test_a_verdict_points_to_where_its_reasons_stand() -> None:
-    tied = facts.Ambiguous((), ("a", "b"))
+    tied = conclusions.Ambiguous((), ("a", "b"))
     assert verdict_text(tied, reasons="below").startswith("ambiguous. The set below holds")
     assert verdict_text(tied, tied="a or b") == (
         "ambiguous. These data cannot tell which: a or b. This set holds the cause if the catalogue does."
     )
-    assert "said below" in verdict_text(facts.Unexplained((), "fault", ""), reasons="below")
-    assert "named below" in verdict_text(facts.Unexplained((), "order", ""), reasons="below")
+    assert "said below" in verdict_text(conclusions.Unexplained((), "fault", ""), reasons="below")
+    assert "named below" in verdict_text(conclusions.Unexplained((), "order", ""), reasons="below")
 
 
 def test_an_effect_is_told_with_its_lead_its_test_error_and_its_surest_parameters() -> None:
@@ -122,7 +124,7 @@ def test_the_verdict_comes_last_and_paragraphs_are_apart() -> None:
     order = facts.ResidualOrder(("q2", "time_s"), 1e-3, Channel(joint=1))
     paragraph = (size, order, facts.FaultSuspected(DENT), facts.PosesStandOut(("p1", "p2")))
     reasons = ((facts.EffectRefused("backlash"),), paragraph)
-    first, second, last = explanation_text(facts.Explanation(reasons, facts.Named(("a",), None))).split(
+    first, second, last = explanation_text(facts.Explanation(reasons, conclusions.Named(("a",), None))).split(
         "\n\n"
     )
     assert first.startswith("backlash explains the training poses well")
@@ -138,9 +140,9 @@ def test_the_verdict_comes_last_and_paragraphs_are_apart() -> None:
 
 
 def test_advice_names_the_effect_and_its_lead() -> None:
-    left = facts.ResidualSummary(None, (), True, ())
-    assert advice_text((left, facts.AddEffect("backlash", 8.0, None))) == (
+    left = conclusions.ResidualSummary(None, (), True, ())
+    assert advice_text((left, conclusions.AddEffect("backlash", 8.0, None))) == (
         "What is left: more than noise, without a pattern. backlash is missing: its evidence is 8 (3 would do). Add it."
     )
-    apart = advice_text((left, facts.TellApart(("a", "b", "c"))))
+    apart = advice_text((left, conclusions.TellApart(("a", "b", "c"))))
     assert "a, b and c could each explain it" in apart

@@ -14,9 +14,9 @@ import pytest
 
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.phrases import untestable_texts
-from calib.diagnosis.pose_recommendation import discriminating_poses, nearest_rival
+from calib.diagnosis.words.phrases import untestable_texts
 from calib.screening.candidates import Untestable
+from calib.screening.pose_recommendation import discriminating_poses, nearest_rival
 from inspector.app.app import App
 from inspector.figures.residual_plots import SELECTED
 from inspector.markup import numbers

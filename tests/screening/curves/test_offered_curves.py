@@ -15,8 +15,8 @@ from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.advice import advise
 from calib.diagnosis.decision_rules import is_convincing
 from calib.diagnosis.effect_selection import add_in_turn, curves_beside
-from calib.diagnosis.phrases import fault_text
-from calib.diagnosis.text import advice_text
+from calib.diagnosis.words.conclusion_text import advice_text
+from calib.diagnosis.words.phrases import fault_text
 from calib.effects.effect import apply_values
 from calib.fitting.observations import nominal_state
 from calib.screening.curves.fitted_curves import curve_lines, fitted_curves, learned_members

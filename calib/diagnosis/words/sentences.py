@@ -1,6 +1,6 @@
-"""The sentences that a diagnosis and an advice consist of, as facts: kind, numbers, effects, poses, joints.
+"""The sentences that led to a verdict, as facts: kind, numbers, effects, poses, joints.
 
-`calib.diagnosis.text` puts them into words. Whoever lays them out in another way (the page, the report) reads the
+`text` puts them into words. Whoever lays them out in another way (the page, the report) reads the
 fields; a finished text is never cut.
 """
 
@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 from calib.array_types import BoolArray
 from calib.dataset.stands import ShotCount
-from calib.diagnosis.pose_recommendation import DiscriminatingPose
+from calib.diagnosis.words.conclusions import VerdictSentence
 from calib.fitting.tool_point.placement import ToolShift
 from calib.screening.fault_models import JointFault
+from calib.screening.pose_recommendation import DiscriminatingPose
 from calib.screening.scan_statistic import Channel
 
 SMALL_CHANGE = 0.03  # share of the test poses' error below which a change of it counts for nothing
@@ -153,125 +154,6 @@ class PosesStandOut:
     poses: tuple[str, ...]  # ids
 
 
-@dataclass(frozen=True)
-class ResidualSummary:
-    """What a fit leaves over, in a few words: the most definite of these that there is, else noise."""
-
-    fault: JointFault | None
-    inputs: tuple[str, ...]  # against which it has order
-    too_large: bool
-    outlier_poses: tuple[str, ...]
-
-
-# ---- verdicts -------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Adequate:
-    """Nothing that these data can test is missing."""
-
-    any_tested: bool
-    untestable: tuple[str, ...]  # families, those apart that hardly any data can test
-
-
-@dataclass(frozen=True)
-class Named:
-    """Effects were missing, and with them nothing else shows."""
-
-    effects: tuple[str, ...]
-    contradicting_points: int | None  # of test poses, that got worse within their scatter
-
-
-@dataclass(frozen=True)
-class Ambiguous:
-    """One of several effects is missing."""
-
-    effects: tuple[str, ...]  # that were named before
-    tied: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Unexplained:
-    """Something is left that no effect of the catalogue explains."""
-
-    effects: tuple[str, ...]  # that help
-    reason: str  # "implausible", "curves", "fault", "order", "size" or "refused"
-    doubt: str  # why points and poses do not belong together, for "implausible"
-
-
-@dataclass(frozen=True)
-class Outliers:
-    """Apart from single poses nothing is left."""
-
-    effects: tuple[str, ...]  # that were missing
-    poses: tuple[str, ...]  # ids
-
-
-# ---- advice ---------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class LookAtJoint:
-    """A fault of one joint has more evidence than any effect."""
-
-    fault: JointFault
-
-
-@dataclass(frozen=True)
-class AddEffect:
-    """One effect leads."""
-
-    effect: str
-    log_evidence: float
-    lead: float | None  # over the next, in log evidence
-
-
-@dataclass(frozen=True)
-class AddCurves:
-    """No effect of the ranking explains what is left, curves of the joints do."""
-
-    effect: str
-    joints: tuple[int, ...]  # counted from 1
-    inputs: tuple[str, ...]
-    log_evidence: float  # over noise alone
-
-
-@dataclass(frozen=True)
-class TellApart:
-    """Several effects could each explain it."""
-
-    effects: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class LookCloser:
-    """Something is left that no effect in the ranking explains."""
-
-
-@dataclass(frozen=True)
-class MeasureAgain:
-    """No effect is missing, single poses stand out."""
-
-
-@dataclass(frozen=True)
-class NothingToAdd:
-    """No effect of the ranking would help."""
-
-    any_tested: bool
-    untestable: int  # families, those apart that hardly any data can test
-
-
-VerdictSentence = Adequate | Named | Ambiguous | Unexplained | Outliers
-AdviceSentence = (
-    ResidualSummary
-    | LookAtJoint
-    | AddEffect
-    | AddCurves
-    | TellApart
-    | LookCloser
-    | MeasureAgain
-    | NothingToAdd
-)
 ResidualSentence = (
     ResidualSize | ResidualOrder | ResidualWithoutOrder | ResidualTooLarge | FaultSuspected | PosesStandOut
 )

@@ -10,11 +10,11 @@ from calib.array_types import BoolArray
 from calib.calibration.input_variables import joint_input
 from calib.calibration.result import Calibration
 from calib.dataset.stands import ShotCount
-from calib.diagnosis.pose_recommendation import DiscriminatingPose
 from calib.effects.compliance import stiffness
 from calib.effects.effect import Effect, Parameter, has_meaning, meaning_of
 from calib.screening.candidates import Untestable
 from calib.screening.fault_models import JointFault
+from calib.screening.pose_recommendation import DiscriminatingPose
 
 _CONDITIONS = {
     "payload_kg": "the payload",
@@ -22,6 +22,11 @@ _CONDITIONS = {
     "time_s": "time",
     "order": "the order of measuring",
 }
+
+
+def capitalised(words: str) -> str:
+    """The words with a capital letter first."""
+    return words[:1].upper() + words[1:]
 
 
 def listed(names: Sequence[str]) -> str:

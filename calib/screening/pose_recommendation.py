@@ -12,9 +12,8 @@ from calib import frames
 from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
-from calib.diagnosis.decision_rules import MIN_RIVAL_OVERLAP
 from calib.fitting.observations import conditions_at
-from calib.screening.candidates import Candidate, Screening
+from calib.screening.candidates import MIN_RIVAL_OVERLAP, Candidate, Screening
 
 
 @dataclass(frozen=True)

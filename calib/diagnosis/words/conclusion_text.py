@@ -1,0 +1,143 @@
+"""The words of a verdict and of an advice: the terminal, the page, the report and the JSON documents take them from here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from calib.diagnosis.words import conclusions as facts
+from calib.diagnosis.words.phrases import capitalised, curves_text, fault_text, input_text, listed
+
+_SHOWN_INPUTS = 3
+
+
+def verdict_text(verdict: facts.VerdictSentence, *, reasons: str = "above", tied: str = "") -> str:
+    """The verdict alone, a sentence or two.
+
+    Args:
+        reasons: where the reader finds what led to it, "above" or "below".
+        tied: how a list of effects that cannot be told apart is told ("a, b or c"), where the reader has not seen it.
+    """
+    named = " and ".join(verdict.effects) if not isinstance(verdict, facts.Adequate) else ""
+    several = not isinstance(verdict, facts.Adequate) and len(verdict.effects) > 1
+    match verdict:
+        case facts.Adequate():
+            return f"adequate. {_adequate(verdict)}, and nothing else shows."
+        case facts.Named():
+            return (
+                f"{named} {'were' if several else 'was'} missing, and with {'them' if several else 'it'} nothing else "
+                f"shows.{_contradiction(verdict.contradicting_points)}"
+            )
+        case facts.Ambiguous():
+            after = f" after {named}" if named else ""
+            which = f"These data cannot tell which: {tied}. This set" if tied else f"The set {reasons}"
+            return f"ambiguous{after}. {which} holds the cause if the catalogue does."
+        case facts.Unexplained(reason="implausible"):
+            return f"unexplained. {capitalised(verdict.doubt)}."
+        case facts.Unexplained():
+            begin = (
+                f"{named} {'help' if several else 'helps'}, yet "
+                if named
+                else "No effect of the catalogue fits: "
+            )
+            return f"unexplained. {begin}{_unexplained(verdict.reason, reasons)}"
+        case facts.Outliers():
+            missing = f"{named} {'were' if several else 'was'} missing; " if named else ""
+            return (
+                f"outliers. {missing}apart from single poses nothing is left. Measure those poses again before you leave "
+                "them out."
+            )
+
+
+def _adequate(verdict: facts.Adequate) -> str:
+    """What `adequate` covers: a family that these data cannot test is not found absent."""
+    if not verdict.any_tested:
+        return "These data can test none of the catalogue's effects; what is left is no more than noise"
+    names = ", ".join(verdict.untestable)
+    covers = f", as far as these data can tell ({names}: not testable)" if names else ""
+    return f"Nothing in the catalogue is missing beyond noise{covers}"
+
+
+def _contradiction(points: int | None) -> str:
+    """A warning where the test poses, within their scatter, speak against what was named."""
+    if points is None:
+        return ""
+    return (
+        f" But the {points} test points do not confirm it: they got worse, though by no more than their scatter. Take it "
+        "for a lead, and measure more poses."
+    )
+
+
+def _unexplained(reason: str, reasons: str) -> str:
+    return {
+        "fault": f"what is left tells of something else, said {reasons}. Look at that joint.",
+        "order": (
+            f"something with a pattern is left. Look at the inputs named {reasons}; a loose part or a hose would show so."
+        ),
+        "curves": f"what is left follows the learned curves that are told {reasons}; no effect of the catalogue makes them.",
+        "size": "more than noise is left, without a pattern against any input.",
+        "refused": "what was found makes the test poses worse.",
+    }[reason]
+
+
+def advice_text(sentences: Iterable[facts.AdviceSentence]) -> str:
+    """What is left, and what to do next."""
+    return " ".join(map(_advice_sentence, sentences))
+
+
+def _advice_sentence(sentence: facts.AdviceSentence) -> str:
+    match sentence:
+        case facts.ResidualSummary():
+            return residual_summary_text(sentence)
+        case facts.LookAtJoint(fault):
+            return (
+                f"Outside the catalogue a simpler story says more than any effect: {fault_text(fault)}. Look at that joint "
+                "before you add anything."
+            )
+        case facts.TellApart(effects):
+            return (
+                f"{listed(effects)} could each explain it: their evidence lies within 3, these data cannot tell which. "
+                "Measure what tells them apart, or add one and see which goes on to help."
+            )
+        case facts.AddEffect(effect, log_evidence, lead):
+            leads = "" if lead is None else f" and leads the next by {lead:.0f}"
+            return f"{effect} is missing: its evidence is {log_evidence:.0f} (3 would do){leads}. Add it."
+        case facts.AddCurves(effect, joints, inputs, log_evidence):
+            return (
+                f"{curves_text(joints, inputs, log_evidence)} {effect} adds what was learned; it names no cause. "
+                "Watch whether the test poses follow."
+            )
+        case facts.LookCloser():
+            return (
+                "No effect in the ranking explains it. Look at it in the tab Where it fails; a loose part, a hose or a "
+                "slip would show so. An effect of your own can be tested with --effects-file."
+            )
+        case facts.MeasureAgain():
+            return "No effect is missing. Measure those poses again before you leave them out."
+        case facts.NothingToAdd(any_tested=False):
+            return "These data can test none of the catalogue's effects, so none can be found missing."
+        case facts.NothingToAdd():
+            count = sentence.untestable
+            known = (
+                f", as far as these data can tell: they cannot test {count} of the effects" if count else ""
+            )
+            return f"No effect of the ranking would help: nothing more is missing{known}."
+
+
+def residual_summary_text(summary: facts.ResidualSummary) -> str:
+    """ "What is left: noise." """
+    return f"What is left: {_summarised(summary)}."
+
+
+def _summarised(summary: facts.ResidualSummary) -> str:
+    """What a fit leaves, in a few words: noise, a pattern and against what, or more than noise."""
+    if summary.fault is not None:
+        return fault_text(summary.fault)
+    if summary.inputs:
+        more = len(summary.inputs) - _SHOWN_INPUTS
+        named = ", ".join(input_text(name) for name in summary.inputs[:_SHOWN_INPUTS])
+        return f"a pattern against {named}" + (f" and {more} more" if more > 0 else "")
+    if summary.too_large:
+        return "more than noise, without a pattern"
+    if summary.outlier_poses:
+        return f"noise, apart from single poses ({', '.join(summary.outlier_poses)})"
+    return "noise"

@@ -1,0 +1,157 @@
+"""The words of a diagnosis: with `conclusion_text` the one place where facts become sentences.
+
+The terminal, the page, the report and the JSON documents all take their sentences from here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from calib.diagnosis.words import sentences as facts
+from calib.diagnosis.words.conclusion_text import verdict_text
+from calib.diagnosis.words.phrases import capitalised, curves_text, fault_text, poses_text, shots_text
+
+_SHOWN_VALUES = 4  # fitted parameters of an effect that are told; the others are counted
+_NOISE_SOURCES = {
+    "repeats": "by repeated measurements",
+    "dataset": "as dataset.toml declares it, believed to 25 %",
+    "fit": "which no one declared",
+}
+
+
+def explanation_text(explanation: facts.Explanation) -> str:
+    """Several short paragraphs, the verdict last."""
+    return "\n\n".join([*reason_texts(explanation), f"Verdict: {verdict_text(explanation.verdict)}"])
+
+
+def reason_texts(explanation: facts.Explanation) -> list[str]:
+    """What led to the verdict, a paragraph each."""
+    return [" ".join(map(reason_text, paragraph)) for paragraph in explanation.reasons]
+
+
+def reason_text(reason: facts.Reason) -> str:
+    """One sentence or a few that led to a verdict."""
+    match reason:
+        case facts.ModelFitted():
+            return _model_fitted(reason)
+        case facts.ToolShift():
+            return f"{capitalised(reason.words)}."
+        case facts.EffectFound():
+            return _effect_found(reason)
+        case facts.CurvesLearned():
+            named = f"Learned as {reason.effect}, " + (
+                f"in short {reason.formula}, " if reason.formula else ""
+            )
+            return f"{curves_text(reason.joints, reason.inputs, reason.log_evidence)} {named}{_learned(reason.change)}."
+        case facts.EffectsTied():
+            return _effects_tied(reason)
+        case facts.EffectRefused(effect):
+            return (
+                f"{effect} explains the training poses well, but with it the test poses are predicted worse: it was not "
+                "added. Either it stands in for another cause, or the test poses differ from the others."
+            )
+        case facts.FaultLeads(fault, margin):
+            return (
+                f"Outside the catalogue a simpler story says more than any effect in it, by {margin:g} in log evidence at "
+                f"least: {fault_text(fault)}. No effect was named in its place."
+            )
+        case facts.ResidualSize(residual_mm, noise_mm, noise_from):
+            return (
+                f"What is left is {residual_mm:.4g} mm a coordinate; the noise is {noise_mm:.4g} mm, "
+                f"{_NOISE_SOURCES[noise_from]}."
+            )
+        case facts.ResidualOrder(inputs, p_value, channel):
+            axis, motion = f"the {channel.name} of the scanner's frame", f"the motion of {channel.name}"
+            where = axis if channel.joint is None else motion
+            return (
+                f"It has order against {', '.join(inputs)} (p = {p_value:.2g}), most in {where} against {inputs[0]}: "
+                "it is not noise."
+            )
+        case facts.ResidualWithoutOrder(count, closest, p_value):
+            return f"It shows no order against any of {count} inputs (closest: {closest}, p = {p_value:.2g})."
+        case facts.ResidualTooLarge():
+            return "It is more than noise."
+        case facts.FaultSuspected(fault):
+            return f"It looks as if {fault_text(fault)} (log evidence {fault.log_evidence:.0f})."
+        case facts.PosesStandOut(poses):
+            return f"Single poses stand out: {', '.join(poses)}."
+
+
+def _model_fitted(model: facts.ModelFitted) -> str:
+    with_effects = f" with {' and '.join(model.families)}" if model.families else ""
+    noise = (
+        "; no noise is declared"
+        if model.noise_ratio is None
+        else f", {model.noise_ratio:.2g} times the declared noise"
+    )
+    errors = (
+        f"; the training poses are off by {model.train_rmse_mm:.4g} mm (3D RMSE), the test poses by "
+        f"{model.test_rmse_mm:.4g} mm"
+        if model.train_rmse_mm is not None and model.test_rmse_mm is not None
+        else ""
+    )
+    return (
+        f"The five-parameter model{with_effects} was fitted to {model.points} measured points of {model.robot} with the "
+        f"scanner's place unknown. It leaves {model.sigma_mm:.4g} mm a coordinate{noise}{errors}.{shots_text(model.shots)}"
+    )
+
+
+def _effect_found(found: facts.EffectFound) -> str:
+    lead = (
+        f" and leads the next, {found.runner_up}, by {found.lead:.0f} in log evidence (more than 3 is asked for)"
+        if found.runner_up and found.lead is not None
+        else ""
+    )
+    change = "" if found.change is None else f". {_error_change(found.change)}"
+    note = f" Note: {found.note}." if found.note else ""
+    return (
+        f"Missing: {found.effect}. It explains {100 * found.explained_share:.0f} % of what was left "
+        f"(p = {found.p_value:.1g}){lead}{change}. {_fitted_values(found.values)}{note}"
+    )
+
+
+def _error_change(change: facts.ErrorChange) -> str:
+    before_mm, after_mm = change.before_mm, change.after_mm
+    if not change.of_test_poses:
+        return (
+            f"With it the training poses fall from {before_mm:.4g} to {after_mm:.4g} mm; "
+            "no test poses confirm it"
+        )
+    share = after_mm / before_mm - 1.0 if before_mm > 0.0 else 0.0
+    go = "hardly change," if abs(share) < facts.SMALL_CHANGE else ("fall" if share < 0.0 else "rise")
+    return f"With it the test poses, which it never saw, {go} from {before_mm:.4g} to {after_mm:.4g} mm"
+
+
+def _fitted_values(values: Sequence[facts.FittedValue]) -> str:
+    if not values:
+        return "None of its parameters is known to better than half its size by itself; together they are."
+    more = len(values) - _SHOWN_VALUES
+    told = [
+        f"{v.name} = {v.value:.3g} +- {v.sigma:.1g} {v.unit}{f' ({v.meaning})' if v.meaning else ''}"
+        for v in values[:_SHOWN_VALUES]
+    ]
+    return f"Fitted: {'; '.join(told)}{f', and {more} more' if more > 0 else ''}."
+
+
+def _learned(change: facts.ErrorChange | None) -> str:
+    if change is None:
+        return "it names no cause"
+    poses = "test poses, which it never saw," if change.of_test_poses else "training poses"
+    return f"it brings the {poses} from {change.before_mm:.4g} to {change.after_mm:.4g} mm; it names no cause"
+
+
+def _effects_tied(tied: facts.EffectsTied) -> str:
+    words = (
+        f"Something is missing, and these data cannot tell which of {', '.join(tied.effects)}: their log evidences lie "
+        "within 3 of each other."
+    )
+    if tied.overlaps:
+        overlaps = ", ".join(f"{effect}: {100 * share:.0f} %" for effect, share in tied.overlaps)
+        words += f" Of what {tied.best} explains, others could explain as much ({overlaps})."
+    if tied.confirm:
+        measures = "; ".join(f"for {effect}, {measure}" for effect, measure in tied.confirm)
+        words += f" To tell them apart, measure: {measures}."
+    if tied.poses:
+        poses = poses_text(tied.poses, tied.is_revolute)
+        words += f" Poses at which they differ most, joints in degrees: {poses}."
+    return words
