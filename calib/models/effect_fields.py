@@ -15,8 +15,8 @@ from typing import Any, get_args, get_origin, get_type_hints
 import numpy as np
 
 from calib.effects.catalogue import CATALOGUE
+from calib.effects.catalogue.compliance import JointComplianceUnknownMasses
 from calib.effects.checked_apply import is_users
-from calib.effects.compliance import JointComplianceUnknownMasses
 from calib.effects.effect import Effect, Family, family_name
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import CalibError

@@ -23,9 +23,9 @@ from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Poses
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.robot_checks import refuse_beyond
+from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Effect
 from calib.effects.state import RobotState, Seen
-from calib.effects.user_file import load_effects
 from calib.errors import CalibError, ModelFileError
 from calib.fitting.model import Model
 from calib.kinematics.robot import Robot

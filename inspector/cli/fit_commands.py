@@ -20,8 +20,8 @@ from calib.diagnosis.effect_selection import FitStep, add_in_turn
 from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.phrases import untestable_line
 from calib.effects.catalogue import effects_named
+from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Family
-from calib.effects.user_file import load_effects
 from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import nominal_state
 from calib.measurement.measured_points import require_corners, with_corners

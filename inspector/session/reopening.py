@@ -12,8 +12,8 @@ from calib.dataset.files.fingerprint import changed, content_hash, fingerprint
 from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.dataset.stands import without_poses
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect, calibrate_with, recalled, relearned
+from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Family
-from calib.effects.user_file import load_effects
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
 from calib.options import FitOptions

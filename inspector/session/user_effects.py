@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from calib.dataset.dataset import Dataset
+from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Family
-from calib.effects.user_file import load_effects
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
 

@@ -15,12 +15,12 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.words.conclusion_text import advice_text, residual_summary_text
 from calib.diagnosis.words.phrases import input_text, meaning
 from calib.effects.catalogue import effects_for
-from calib.effects.compliance import JointCompliance, ToolSag
+from calib.effects.catalogue.compliance import JointCompliance, ToolSag
+from calib.effects.catalogue.joints import JointScale, TransmissionError
+from calib.effects.catalogue.scanner import ScannerDrift
+from calib.effects.catalogue.thermal import ThermalGrowth
 from calib.effects.effect import Effect, Parameter
-from calib.effects.joints import JointScale, TransmissionError
-from calib.effects.scanner import ScannerDrift
 from calib.effects.state import RobotState
-from calib.effects.thermal import ThermalGrowth
 from calib.kinematics.chain import target_jacobian
 from calib.screening.candidates import Screening, screen
 from calib.screening.pose_recommendation import discriminating_poses, nearest_rival

@@ -20,8 +20,8 @@ from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.effects.base import Parameter
 from calib.effects.catalogue import CATALOGUE, effects_named
+from calib.effects.catalogue.user_file import check_effects, load_effects
 from calib.effects.state import RobotState
-from calib.effects.user_file import check_effects, load_effects
 from calib.errors import CalibError, FitError
 from calib.fitting.observations import nominal_state
 from calib.screening.candidates import Screening, screen

@@ -15,9 +15,9 @@ from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
+from calib.effects.catalogue.user_file import check_effects, load_effects
 from calib.effects.effect import CatalogueEffect, Effect, Family, Parameter
 from calib.effects.state import RobotState
-from calib.effects.user_file import check_effects, load_effects
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
 from calib.kinematics.chain import target_jacobian

@@ -24,11 +24,11 @@ from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.effect_selection import add_in_turn
 from calib.effects.catalogue import CATALOGUE, effects_for, effects_named
+from calib.effects.catalogue.joints import StrainWave
+from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import apply_values
-from calib.effects.joints import StrainWave
 from calib.effects.link_errors import LinkErrors
 from calib.effects.state import RobotState
-from calib.effects.user_file import load_effects
 from calib.errors import CalibError, FitError, ModelFileError
 from calib.fitting.observations import nominal_state
 from calib.models.effect_fields import MEMBER_KINDS, member_document, member_from
@@ -142,7 +142,7 @@ def test_a_number_beyond_the_arm_or_beyond_memory_is_refused() -> None:
 def test_every_effect_of_this_program_can_be_saved() -> None:
     """A class that is not in `MEMBER_KINDS` would make a file that nothing reads."""
     found = set()
-    for package in (calib.effects, calib.screening.curves):
+    for package in (calib.effects, calib.effects.catalogue, calib.screening.curves):
         for info in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
             for value in vars(import_module(info.name)).values():
                 if (

@@ -14,8 +14,8 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import add_in_turn
+from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import apply_values
-from calib.effects.user_file import load_effects
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
 from calib.options import FitOptions

@@ -5,9 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from calib.dataset.dataset import Dataset
-from calib.effects.compliance import BaseCompliance, GravityBacklash, JointCompliance, LinkBending, ToolSag
-from calib.effects.effect import CatalogueEffect, Description, Effect, Family, describe
-from calib.effects.joints import (
+from calib.effects.catalogue.compliance import (
+    BaseCompliance,
+    GravityBacklash,
+    JointCompliance,
+    LinkBending,
+    ToolSag,
+)
+from calib.effects.catalogue.joints import (
     AxisWobble,
     Backlash,
     JointCoupling,
@@ -15,8 +20,9 @@ from calib.effects.joints import (
     StrainWave,
     TransmissionError,
 )
-from calib.effects.scanner import IncidenceBias, ScannerDistortion, ScannerDrift, ScannerScale
-from calib.effects.thermal import ThermalGrowth
+from calib.effects.catalogue.scanner import IncidenceBias, ScannerDistortion, ScannerDrift, ScannerScale
+from calib.effects.catalogue.thermal import ThermalGrowth
+from calib.effects.effect import CatalogueEffect, Description, Effect, Family, describe
 from calib.errors import CalibError
 
 CATALOGUE: tuple[type[CatalogueEffect], ...] = (
