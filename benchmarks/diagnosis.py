@@ -89,6 +89,7 @@ def run(trial: Trial) -> dict[str, object]:
         "arm": dataset.robot.name,
         "verdict": diagnosis.verdict,
         "missing": diagnosis.missing,
+        "suspected": diagnosis.suspected,
         "ambiguous": diagnosis.ambiguous_set,
         "first": candidates[0].name if candidates else "",
         "structured": diagnosis.residual_tests.structured,
@@ -234,7 +235,8 @@ def tell_pairs(rows: pd.DataFrame) -> None:
     )
     failed = rows[[not hit for hit in exact]]
     for row in failed.head(12).itertuples():
-        print(f"     {' + '.join(row.effects)}: {row.verdict}, {row.missing} {row.ambiguous or ''}")
+        told = f"{row.missing} {row.suspected or ''} {row.ambiguous or ''}"
+        print(f"     {' + '.join(row.effects)}: {row.verdict}, {told}")
 
 
 def tell_outside(rows: pd.DataFrame) -> None:
@@ -246,7 +248,7 @@ def tell_outside(rows: pd.DataFrame) -> None:
         for (effect,), of_effect in of_size.groupby("effects"):
             here = of_effect["verdict"].isin(["named", "adequate"])
             names = Counter(" + ".join(m) for m in of_effect["missing"] if m)
-            told = f"  names: {', '.join(f'{k} {v}' for k, v in names.most_common(4))}" if names else ""
+            told = f"  claimed: {', '.join(f'{k} {v}' for k, v in names.most_common(4))}" if names else ""
             print(f"     {effect:16s} {share(here)}   {counted(of_effect['verdict'])}{told}")
 
 

@@ -82,11 +82,17 @@ def _without_candidate(screening: Screening, tests: ResidualTests) -> Advice:
     """What the residual tests suggest where no effect is convincing."""
     left = residual_summary(tests)
     if tests.fault or tests.structured or tests.too_large:
-        return Advice("unknown", (), (left, LookCloser()))
+        return Advice("unknown", (), (left, LookCloser(_named_in(screening))))
     if tests.outlier_poses:
         return Advice("outliers", (), (left, MeasureAgain()))
     blind = untestable_names(screening.untestable)
     return Advice("done", (), (left, NothingToAdd(bool(screening.candidates), len(blind))))
+
+
+def _named_in(screening: Screening) -> tuple[str, ...]:
+    """The effects in the model that a screening is of, without learned curves, which name no cause."""
+    names = screening.projected.residuals.model.family_names
+    return tuple(name for name in names if name != LEARNED)
 
 
 def residual_summary(tests: ResidualTests) -> ResidualSummary:

@@ -17,6 +17,9 @@ from calib.screening.residual_tests import ResidualTests
 MAX_P_VALUE = 0.01  # that the Holm-corrected p of an effect has to be below
 MIN_LEAD = 3.0  # in log evidence over the nearest rival
 MIN_LOG_EVIDENCE = 3.0
+MAX_SIGMAS_LEFT = (
+    1.4  # residual over noise beside an open set, up to which the effects named before it are claimed
+)
 MAX_WORSENING = 2.0  # standard errors by which a named effect may not raise the test poses' squared error
 
 VERDICTS = ("adequate", "named", "ambiguous", "unexplained", "outliers")
@@ -86,6 +89,24 @@ def verdict_of(
     if residual_tests.outlier_poses:
         return "outliers"
     return "named" if named else "adequate"
+
+
+def carries_its_names(verdict: str, beside_open_set: ResidualTests | None = None) -> bool:
+    """Whether the effects that a search added are claimed; else they are only suspected.
+
+    Where a cause stays unexplained, it may have made them look as they do. Where one of a tied set is the next cause,
+    what is left with the best of that set in the model has to be noise.
+
+    Args:
+        beside_open_set: tests of what a fit leaves with the best of the tied set in the model, where there is one.
+    """
+    if verdict == "unexplained":
+        return False
+    if beside_open_set is None:
+        return True
+    tests = beside_open_set
+    too_large = tests.noise_from != "fit" and tests.residual_mm > MAX_SIGMAS_LEFT * tests.noise_mm
+    return not (tests.fault or tests.structured or too_large)
 
 
 def curves_say_more(curves: LearnedCurves, fault: JointFault) -> bool:

@@ -18,11 +18,17 @@ from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.stands import without_poses
-from calib.diagnosis.decision_rules import curves_say_more, is_convincing, predicts_worse, verdict_of
+from calib.diagnosis.decision_rules import (
+    carries_its_names,
+    curves_say_more,
+    is_convincing,
+    predicts_worse,
+    verdict_of,
+)
 from calib.diagnosis.effect_selection import FitStep, calibrate_with, curves_beside, selected_curves
 from calib.diagnosis.findings import Learned
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.stepwise import SearchSpace, Tell, search_stepwise
+from calib.diagnosis.stepwise import Search, SearchSpace, Tell, search_stepwise
 from calib.effects.catalogue import Family, effects_for, family_of
 from calib.errors import FitError
 from calib.options import FitOptions
@@ -30,7 +36,7 @@ from calib.screening.curves.effect_file import formula_text
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.pose_recommendation import DiscriminatingPose, discriminating_poses
 from calib.screening.projected_residual import project_residual
-from calib.screening.residual_tests import run_residual_tests
+from calib.screening.residual_tests import ResidualTests, run_residual_tests
 
 MAX_OUTLIER_SHARE = 0.1  # share of poses that may stand out and still be called outliers
 
@@ -92,11 +98,14 @@ def _diagnosis(space: SearchSpace, max_steps: int, tell: Tell) -> Diagnosis:
     residual_tests = run_residual_tests(space.dataset, project_residual(search.calibration))
     if search.ambiguous:  # then the residual holds the cause that was left open: a fault would be a guess
         residual_tests = replace(residual_tests, fault=None)
-    missing = tuple(candidate.name for candidate in search.chosen)
+    added = tuple(candidate.name for candidate in search.chosen)
     doubted = bool(search.refused or search.leading_fault or search.implausible)
+    verdict = verdict_of(added, search.ambiguous, doubted, residual_tests)
+    claimed = carries_its_names(verdict, _tests_beside_open_set(space, search))
     return Diagnosis(
-        verdict=verdict_of(missing, search.ambiguous, doubted, residual_tests),
-        missing=missing,
+        verdict=verdict,
+        missing=added if claimed else (),
+        suspected=() if claimed else added,
         ambiguous_set=search.ambiguous,
         steps=search.steps,
         screenings=search.screenings,
@@ -106,9 +115,18 @@ def _diagnosis(space: SearchSpace, max_steps: int, tell: Tell) -> Diagnosis:
     )
 
 
+def _tests_beside_open_set(space: SearchSpace, search: Search) -> ResidualTests | None:
+    """What is left with the best of the tied set in the model; None without one, or where nothing was added before."""
+    best = next((c for c in search.screenings[-1].candidates if c.name in search.ambiguous), None)
+    if best is None or not search.chosen:
+        return None
+    fit = space.fit((*search.chosen, best), search.calibration)
+    return run_residual_tests(space.dataset, project_residual(fit))
+
+
 def _of_all_poses(found: Diagnosis, rest: Diagnosis, outliers: tuple[str, ...]) -> Diagnosis:
     """The diagnosis without the outliers, where that is clean and loses no effect; else the first one."""
-    clean = rest.verdict in ("adequate", "named", "outliers") and set(found.missing) <= set(rest.missing)
+    clean = rest.verdict in ("adequate", "named", "outliers") and set(found.named) <= set(rest.missing)
     if not clean:
         return found
     all_outliers = tuple(dict.fromkeys([*outliers, *rest.residual_tests.outlier_poses]))

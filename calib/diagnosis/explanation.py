@@ -55,7 +55,7 @@ def explain(findings: Findings) -> Explanation:
     if first.tool_shift is not None:
         opening = (*opening, first.tool_shift)
     single: list[Reason] = [
-        _effect_found(before, after, screening)
+        _effect_found(before, after, screening, claimed=after.effect in findings.missing)
         for before, after, screening in steps
         if after.effect != LEARNED
     ]
@@ -86,11 +86,12 @@ def _model_fitted(calibration: Calibration) -> ModelFitted:
     )
 
 
-def _effect_found(before: FitStep, after: FitStep, screening: Screening) -> EffectFound:
+def _effect_found(before: FitStep, after: FitStep, screening: Screening, *, claimed: bool) -> EffectFound:
     candidate = after.candidate
     assert candidate is not None  # only the first step has none
     return EffectFound(
         effect=candidate.name,
+        claimed=claimed,
         explained_share=candidate.explained_share,
         p_value=candidate.p_holm,
         runner_up=next((c.name for c in screening.candidates if c.name != candidate.name), ""),
@@ -176,11 +177,11 @@ def _verdict(findings: Findings) -> VerdictSentence:
     if findings.verdict == "named":
         return Named(missing, _contradicting_points(findings))
     if findings.verdict == "ambiguous":
-        return Ambiguous(missing, findings.ambiguous_set)
+        return Ambiguous(missing, findings.ambiguous_set, findings.suspected)
     if findings.verdict == "outliers":
         return Outliers(missing, findings.residual_tests.outlier_poses)
     doubt = implausibility_reason(findings.steps[0].calibration)
-    return Unexplained(missing, _what_is_unexplained(findings, doubt), doubt)
+    return Unexplained(findings.suspected, _what_is_unexplained(findings, doubt), doubt)
 
 
 def _what_is_unexplained(findings: Findings, doubt: str) -> str:

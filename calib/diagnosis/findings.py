@@ -39,7 +39,7 @@ class Findings:
     """The verdict on a dataset and all that led to it; `Diagnosis` puts it into words."""
 
     verdict: str  # of decision_rules.VERDICTS
-    missing: tuple[str, ...]  # effects, in the order added
+    missing: tuple[str, ...]  # effects that are claimed, in the order added
     ambiguous_set: tuple[str, ...]  # effects that these data cannot tell apart
     steps: tuple[FitStep, ...]  # the link errors, then one for each effect that was added
     screenings: tuple[Screening, ...]  # one a step: of every effect that is not in its model
@@ -47,12 +47,20 @@ class Findings:
     refused: str = ""  # an effect that would have been named, but made the test poses worse
     leading_fault: JointFault | None = None  # outside the catalogue, with more evidence than the next effect
     learned: Learned | None = None  # then its fit is the last step
+    suspected: tuple[
+        str, ...
+    ] = ()  # effects that were added and are not claimed, see `decision_rules.claims_of`
     discriminating_poses: tuple[DiscriminatingPose, ...] = ()  # at which the ambiguous set differs most
 
     @property
     def calibration(self) -> Calibration:
         """The last fit, all named effects in it."""
         return self.steps[-1].calibration
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The effects that the search added, claimed or suspected; learned curves are none."""
+        return (*self.missing, *self.suspected)
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:

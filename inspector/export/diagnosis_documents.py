@@ -24,6 +24,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "stands": stands_document(diagnosis.calibration),
         "verdict": diagnosis.verdict,
         "missing": diagnosis.missing,
+        "suspected": diagnosis.suspected,
         "ambiguous_set": diagnosis.ambiguous_set,
         "refused": diagnosis.refused or None,
         "steps": [_step(step) for step in diagnosis.steps],

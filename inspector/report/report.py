@@ -44,7 +44,8 @@ METHOD = (
     "are only predicted.",
     "An effect is named only if it beats noise (F test, Holm's correction, p below 0.01, and log evidence above 3), "
     "leads the next by more than 3 in log evidence, and does not make the test poses worse. What is left at the end "
-    "is tested for order against every input, corrected for all that was looked at (Westfall and Young).",
+    "is tested for order against every input, corrected for all that was looked at (Westfall and Young); where more "
+    "than noise is left, the effects in the model are suspected, not claimed.",
     "A parameter's sigma assumes a complete model: where more than noise is left, it is too small.",
 )
 REFERENCES = (

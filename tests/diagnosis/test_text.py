@@ -69,7 +69,8 @@ def test_poses_are_told_in_degrees_and_millimetres() -> None:
         ),
         (
             conclusions.Unexplained(("backlash",), "fault", ""),
-            "unexplained. backlash helps, yet what is left tells of something else, said above. Look at that joint.",
+            "unexplained. backlash helps, yet what is left tells of something else, said above. Look at that joint. "
+            "backlash is suspected, not shown: what causes the rest may cause its part too. Do not open a gear for it.",
         ),
         (
             conclusions.Unexplained((), "order", ""),
@@ -78,7 +79,14 @@ def test_poses_are_told_in_degrees_and_millimetres() -> None:
         ),
         (
             conclusions.Unexplained(("a", "b"), "size", ""),
-            "unexplained. a and b help, yet more than noise is left, without a pattern against any input.",
+            "unexplained. a and b help, yet more than noise is left, without a pattern against any input. a "
+            "and b are suspected, not shown: what causes the rest may cause their part too. Do not open a gear for "
+            "them.",
+        ),
+        (
+            conclusions.Ambiguous((), ("a", "b"), ("backlash",)),
+            "ambiguous. The set above holds the cause if the catalogue does. backlash is suspected, not shown: what "
+            "causes the rest may cause its part too. Do not open a gear for it.",
         ),
         (
             conclusions.Unexplained((), "refused", ""),
@@ -108,7 +116,15 @@ def test_a_verdict_points_to_where_its_reasons_stand() -> None:
 def test_an_effect_is_told_with_its_lead_its_test_error_and_its_surest_parameters() -> None:
     values = tuple(facts.FittedValue(f"backlash.J{j}.b", 1e-3, 1e-5, "rad", "0.057°") for j in range(1, 7))
     found = facts.EffectFound(
-        "backlash", 0.81, 1e-9, "tool_sag", 12.3, facts.ErrorChange(True, 0.2, 0.1), values, "unknown masses"
+        "backlash",
+        True,
+        0.81,
+        1e-9,
+        "tool_sag",
+        12.3,
+        facts.ErrorChange(True, 0.2, 0.1),
+        values,
+        "unknown masses",
     )
     said = reason_text(found)
     assert said.startswith(
@@ -142,7 +158,8 @@ def test_the_verdict_comes_last_and_paragraphs_are_apart() -> None:
 def test_advice_names_the_effect_and_its_lead() -> None:
     left = conclusions.ResidualSummary(None, (), True, ())
     assert advice_text((left, conclusions.AddEffect("backlash", 8.0, None))) == (
-        "What is left: more than noise, without a pattern. backlash is missing: its evidence is 8 (3 would do). Add it."
+        "What is left: more than noise, without a pattern. backlash explains it best: its evidence is 8 (3 would "
+        "do). Add it; it is the cause if noise alone is left in the end."
     )
     apart = advice_text((left, conclusions.TellApart(("a", "b", "c"))))
     assert "a, b and c could each explain it" in apart

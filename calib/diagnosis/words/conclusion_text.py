@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from calib.diagnosis.words import conclusions as facts
 from calib.diagnosis.words.phrases import capitalised, curves_text, fault_text, input_text, listed
@@ -30,7 +30,10 @@ def verdict_text(verdict: facts.VerdictSentence, *, reasons: str = "above", tied
         case facts.Ambiguous():
             after = f" after {named}" if named else ""
             which = f"These data cannot tell which: {tied}. This set" if tied else f"The set {reasons}"
-            return f"ambiguous{after}. {which} holds the cause if the catalogue does."
+            return (
+                f"ambiguous{after}. {which} holds the cause if the catalogue does."
+                f"{suspicion_text(verdict.suspected)}"
+            )
         case facts.Unexplained(reason="implausible"):
             return f"unexplained. {capitalised(verdict.doubt)}."
         case facts.Unexplained():
@@ -39,13 +42,25 @@ def verdict_text(verdict: facts.VerdictSentence, *, reasons: str = "above", tied
                 if named
                 else "No effect of the catalogue fits: "
             )
-            return f"unexplained. {begin}{_unexplained(verdict.reason, reasons)}"
+            left = _unexplained(verdict.reason, reasons)
+            return f"unexplained. {begin}{left}{suspicion_text(verdict.effects)}"
         case facts.Outliers():
             missing = f"{named} {'were' if several else 'was'} missing; " if named else ""
             return (
                 f"outliers. {missing}apart from single poses nothing is left. Measure those poses again before you leave "
                 "them out."
             )
+
+
+def suspicion_text(effects: Sequence[str]) -> str:
+    """A further sentence on effects that were added and are not claimed; "" where there are none."""
+    if not effects:
+        return ""
+    several = len(effects) > 1
+    return (
+        f" {listed(effects)} {'are' if several else 'is'} suspected, not shown: what causes the rest may cause "
+        f"{'their' if several else 'its'} part too. Do not open a gear for {'them' if several else 'it'}."
+    )
 
 
 def _adequate(verdict: facts.Adequate) -> str:
@@ -100,16 +115,20 @@ def _advice_sentence(sentence: facts.AdviceSentence) -> str:
             )
         case facts.AddEffect(effect, log_evidence, lead):
             leads = "" if lead is None else f" and leads the next by {lead:.0f}"
-            return f"{effect} is missing: its evidence is {log_evidence:.0f} (3 would do){leads}. Add it."
+            return (
+                f"{effect} explains it best: its evidence is {log_evidence:.0f} (3 would do){leads}. Add it; it is the "
+                "cause if noise alone is left in the end."
+            )
         case facts.AddCurves(effect, joints, inputs, log_evidence):
             return (
                 f"{curves_text(joints, inputs, log_evidence)} {effect} adds what was learned; it names no cause. "
                 "Watch whether the test poses follow."
             )
-        case facts.LookCloser():
+        case facts.LookCloser(suspected):
             return (
                 "No effect in the ranking explains it. Look at it in the tab Where it fails; a loose part, a hose or a "
                 "slip would show so. An effect of your own can be tested with --effects-file."
+                f"{suspicion_text(suspected)}"
             )
         case facts.MeasureAgain():
             return "No effect is missing. Measure those poses again before you leave them out."

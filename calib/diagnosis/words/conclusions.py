@@ -42,13 +42,14 @@ class Ambiguous:
 
     effects: tuple[str, ...]  # that were named before
     tied: tuple[str, ...]
+    suspected: tuple[str, ...] = ()  # effects that were added before and are not claimed
 
 
 @dataclass(frozen=True)
 class Unexplained:
     """Something is left that no effect of the catalogue explains."""
 
-    effects: tuple[str, ...]  # that help
+    effects: tuple[str, ...]  # that help, and are only suspected
     reason: str  # "implausible", "curves", "fault", "order", "size" or "refused"
     doubt: str  # why points and poses do not belong together, for "implausible"
 
@@ -100,6 +101,8 @@ class TellApart:
 @dataclass(frozen=True)
 class LookCloser:
     """Something is left that no effect in the ranking explains."""
+
+    suspected: tuple[str, ...] = ()  # effects in the model, which are not claimed then
 
 
 @dataclass(frozen=True)

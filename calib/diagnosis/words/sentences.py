@@ -58,6 +58,7 @@ class EffectFound:
     """An effect that was added, the case for it and what it came to."""
 
     effect: str
+    claimed: bool  # else it is only suspected
     explained_share: float  # of the leftover sum of squares
     p_value: float  # Holm-corrected
     runner_up: str  # the next candidate, "" where there was none

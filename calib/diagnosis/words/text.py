@@ -105,7 +105,7 @@ def _effect_found(found: facts.EffectFound) -> str:
     change = "" if found.change is None else f". {_error_change(found.change)}"
     note = f" Note: {found.note}." if found.note else ""
     return (
-        f"Missing: {found.effect}. It explains {100 * found.explained_share:.0f} % of what was left "
+        f"{'Missing' if found.claimed else 'Suspected'}: {found.effect}. It explains {100 * found.explained_share:.0f} % of what was left "
         f"(p = {found.p_value:.1g}){lead}{change}. {_fitted_values(found.values)}{note}"
     )
 

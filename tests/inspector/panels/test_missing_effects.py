@@ -268,7 +268,7 @@ def test_unlisted_effects_are_told_or_ignored(app: App, page: WireClient) -> Non
 
 
 def test_what_is_left_is_judged_after_each_change_without_find(app: App, page: WireClient) -> None:
-    shows(page, "What is left: a pattern against", f"{HIDDEN} is missing", "Add it.")
+    shows(page, "What is left: a pattern against", f"{HIDDEN} explains it best", "Add it;")
     page.click(ADD)
     shows(page, f"+ {HIDDEN}: the test error fell", "What is left: noise.", "nothing more is missing")
     residual_tests = session(app).residual_tests

@@ -1,0 +1,113 @@
+"""What a diagnosis claims is missing, and what it only suspects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from calib.calibration.calibrate import calibrate
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.diagnosis.advice import advise
+from calib.diagnosis.decision_rules import carries_its_names
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.words.conclusion_text import advice_text
+from calib.diagnosis.words.text import reason_texts
+from calib.effects.base import Parameter
+from calib.effects.catalogue import effects_for, effects_named
+from calib.effects.effect import families_from
+from calib.effects.state import RobotState
+from calib.screening.candidates import screen
+from calib.screening.residual_tests import ResidualTests, run_residual_tests
+from calib.simulation.simulate import simulate_dataset
+from inspector.export.diagnosis_documents import diagnosis_document
+
+
+def simulated(effects: list[tuple[str, float]], seed: int = 3) -> Dataset:
+    return simulate_dataset(
+        builtin_robot("rb5"), rng=np.random.default_rng(seed), effects=effects, conditions=True, poses=64
+    ).dataset
+
+
+def with_unknown_cause(dataset: Dataset, size_mm: float = 0.3) -> Dataset:
+    """The measured points moved along the scanner's x with joint 2: no effect of the catalogue does that."""
+    points = dataset.points
+    assert points is not None
+    along = size_mm * np.sin(3.0 * dataset.poses.q[points.pose, 1])
+    return dataset.with_points(
+        replace(points, xyz_mm=points.xyz_mm + along[:, None] * np.array([1.0, 0.0, 0.0]))
+    )
+
+
+def test_names_beside_an_unexplained_rest_are_suspected_everywhere_and_claimed_nowhere() -> None:
+    found = diagnose(with_unknown_cause(simulated([("joint_compliance", 5.0)])))
+    assert found.verdict == "unexplained"
+    assert found.missing == ()
+    assert "joint_compliance" in found.suspected
+    assert [step.effect for step in found.steps if step.candidate] == [None, *found.suspected][1:]
+    assert found.calibration.sigma_mm < found.steps[0].calibration.sigma_mm  # they stay in the model
+    said = found.summary()
+    assert "Suspected: joint_compliance. It explains" in said
+    assert "Missing: " not in said
+    assert "suspected, not shown" in said
+    assert "Do not open a gear for" in said
+    document = diagnosis_document(found)
+    assert (document["missing"], document["suspected"]) == ((), found.suspected)
+
+
+def test_advice_at_the_same_end_says_the_same() -> None:
+    dataset = with_unknown_cause(simulated([("joint_compliance", 5.0)]))
+    fit = calibrate(dataset, effects=effects_named(dataset, ["joint_compliance"]))
+    screening = screen(fit, effects_for(dataset))
+    silent = replace(screening, candidates=tuple(replace(c, p_holm=1.0) for c in screening.candidates))
+    advice = advise(silent, run_residual_tests(dataset, screening.projected))
+    assert advice.kind == "unknown"
+    assert "joint_compliance is suspected, not shown" in advice_text(advice.sentences)
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """Every length of the arm grows with temperature: the catalogue's thermal growth under another name."""
+
+    parameters = (Parameter("kappa_per_k", unit="1/K", scale=1e-5),)
+    name = "expansion"
+
+    def apply(self, state: RobotState, *, kappa_per_k: float) -> RobotState:
+        from calib.effects.catalogue.thermal import ThermalGrowth
+
+        own = ThermalGrowth()
+        return own.apply(state, **{own.parameters[0].name: kappa_per_k})
+
+
+def test_a_clear_first_effect_stays_claimed_beside_a_tied_second() -> None:
+    dataset = simulated([("joint_compliance", 8.0), ("thermal_growth", 3.0)])
+    found = diagnose(dataset, user_effects=families_from((Expansion(),)))
+    assert found.verdict == "ambiguous"
+    assert set(found.ambiguous_set) == {"thermal_growth", "expansion"}
+    assert (found.missing, found.suspected) == (("joint_compliance",), ())
+    worse = diagnose(with_unknown_cause(dataset), user_effects=families_from((Expansion(),)))
+    assert worse.missing == ()
+    assert "joint_compliance" in worse.suspected
+    assert any("Suspected: joint_compliance" in words for words in reason_texts(worse.explanation))
+
+
+def left(residual_mm: float, noise_from: str = "dataset") -> ResidualTests:
+    return ResidualTests(0.5, 0.05, noise_from, residual_mm, (), ())
+
+
+@pytest.mark.parametrize(
+    ("verdict", "beside", "claimed"),
+    [
+        ("named", None, True),
+        ("outliers", None, True),
+        ("unexplained", None, False),
+        ("ambiguous", None, True),
+        ("ambiguous", left(0.069), True),
+        ("ambiguous", left(0.071), False),
+        ("ambiguous", left(0.071, "fit"), True),
+    ],
+)
+def test_what_is_claimed(verdict: str, beside: ResidualTests | None, claimed: bool) -> None:
+    assert carries_its_names(verdict, beside) is claimed
