@@ -1,8 +1,9 @@
 """Does the diagnosis name what is hidden, and only that? `python benchmarks/diagnosis.py [--singles N] [--nulls N] ...`
 
-Every dataset is simulated by calib/true_*.py, which shares no code with the diagnosis: RB5 and Panda in turn, 64 poses
-to train on and 16 held out, 0.05 mm noise an axis, payload, temperature, time and approach varied and written down. The
-size of an effect is what a geometric fit leaves of it, rms a coordinate in sigmas of the noise. Brackets: Wilson, 95 %.
+Every dataset is simulated by calib/simulation/truth, which shares no code with the diagnosis: RB5 and Panda in turn, 64
+poses to train on and 16 held out, 0.05 mm noise an axis, payload, temperature, time and approach varied and written
+down. The size of an effect is what a geometric fit leaves of it, rms a coordinate in sigmas of the noise. Brackets:
+Wilson, 95 %.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pandas as pd
+import second_engine
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -266,9 +268,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--pairs", type=int, default=30, help="datasets with two effects of 3 sigma")
     parser.add_argument("--outside", type=int, default=4, help="datasets for each cause and size")
+    parser.add_argument("--second-engine", action="store_true", help="the classes of second_engine.py alone")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--rows", type=Path, help="also write every trial to this CSV file")
     options = parser.parse_args(arguments)
+    if options.second_engine:
+        second_engine.main(["--jobs", str(options.processes)])
+        return
     asked = trials(options.singles, options.nulls, options.pairs, options.outside)
     start = time.perf_counter()
     found = []
