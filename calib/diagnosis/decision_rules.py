@@ -78,10 +78,34 @@ def predicts_worse(before: Calibration, after: Calibration, *, scatter: float = 
     return bool(change.mean() > scatter * change.std(ddof=1) / np.sqrt(len(change)))
 
 
+def is_refused(
+    candidate: Candidate, screening: Screening, before: Calibration, after: Calibration, *, further: bool
+) -> bool:
+    """Whether a candidate of a screening is not to be added, since poses that its fit did not see speak against it.
+
+    A first effect may not raise the test poses' error beyond its scatter. A further one stands beside an effect whose
+    own law may be a little off, which leaves order enough for a second name: it has to lower the error of poses left
+    out one by one, and may not raise that of the test poses at all.
+
+    Args:
+        before: the fit that the screening is of.
+        after: the fit with the candidate.
+        further: whether an effect was found before.
+    """
+    if not further:
+        return predicts_worse(before, after)
+    return candidate.cv_rmse_mm >= screening.cv_rmse_mm or predicts_worse(before, after, scatter=0.0)
+
+
 def verdict_of(
     named: Sequence[str], ambiguous: Sequence[str], doubted: bool, residual_tests: ResidualTests
 ) -> str:
-    """One of `VERDICTS`. `doubted`: an effect was refused, a fault has more evidence, or the data are implausible."""
+    """One of `VERDICTS`.
+
+    Args:
+        doubted: whether the only effect was refused, a fault has more evidence, or the data are implausible. Where a
+            further effect was refused, what is left decides.
+    """
     if ambiguous:
         return "ambiguous"
     if doubted or residual_tests.fault is not None or residual_tests.structured or residual_tests.too_large:

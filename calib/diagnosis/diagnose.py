@@ -99,7 +99,8 @@ def _diagnosis(space: SearchSpace, max_steps: int, tell: Tell) -> Diagnosis:
     if search.ambiguous:  # then the residual holds the cause that was left open: a fault would be a guess
         residual_tests = replace(residual_tests, fault=None)
     added = tuple(candidate.name for candidate in search.chosen)
-    doubted = bool(search.refused or search.leading_fault or search.implausible)
+    only_refused = bool(search.refused) and not search.chosen
+    doubted = only_refused or bool(search.leading_fault or search.implausible)
     verdict = verdict_of(added, search.ambiguous, doubted, residual_tests)
     claimed = carries_its_names(verdict, _tests_beside_open_set(space, search))
     return Diagnosis(
@@ -141,13 +142,16 @@ def _of_all_poses(found: Diagnosis, rest: Diagnosis, outliers: tuple[str, ...]) 
 def _with_learned_curves(found: Diagnosis, tell: Tell) -> Diagnosis:
     """Where something is left that no effect explains: curves of the joints, if they predict poses left out better.
 
-    They never take a name's place: not where effects are tied or one was refused, and not where a jump of one joint,
-    which no curve holds, has more evidence. A fault of one joint stays told unless all joints' curves say more.
+    They never take a name's place: not where effects are tied or the only one was refused, and not where a jump of
+    one joint, which no curve holds, has more evidence. A fault of one joint stays told unless all joints' curves say
+    more.
     """
     before, fault = found.calibration, found.leading_fault or found.residual_tests.fault
-    if found.verdict != "unexplained" or found.refused or implausibility_reason(before):
+    only_refused = found.refused and not found.named
+    if found.verdict != "unexplained" or only_refused or implausibility_reason(before):
         return found
-    if found.leading_fault is None and any(map(is_convincing, found.screenings[-1].candidates)):
+    unnamed = found.leading_fault is None and not found.refused
+    if unnamed and any(map(is_convincing, found.screenings[-1].candidates)):
         return found  # as many effects as were asked for, and one more has a name
     tell("learning what the joints' curves explain")
     curves = curves_beside(before, fault)

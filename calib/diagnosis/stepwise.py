@@ -19,8 +19,8 @@ from calib.diagnosis.decision_rules import (
     MIN_LEAD,
     MIN_LOG_EVIDENCE,
     is_convincing,
+    is_refused,
     leading_fault,
-    predicts_worse,
     rank_candidates,
 )
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect, calibrate_with, first_step
@@ -113,7 +113,7 @@ def _next_step(space: SearchSpace, search: Search, tell: Tell) -> Search:
         best, margin = ahead
     tell(f"adding {best.name}")
     trial = space.fit((*search.chosen, best), before)
-    if predicts_worse(before, trial):
+    if is_refused(best, screening, before, trial, further=bool(search.chosen)):
         return replace(search, ended=True, refused=best.name)
     chosen, calibration = _revised(space, (*search.chosen, best), trial, before)
     return search.extended(best, margin, chosen, calibration, space.screen(calibration))

@@ -17,7 +17,7 @@ from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
 from calib.effects.effect import Effect, Family, full_name
 from calib.fitting.model import effect_columns
-from calib.screening.evidence import Evidence, FamilyColumns, evaluate_family, holm
+from calib.screening.evidence import Evidence, FamilyColumns, evaluate_family, holm, most_columns
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 
 MIN_RIVAL_OVERLAP = 0.5  # share of what one effect explains that its rival could explain too
@@ -124,6 +124,10 @@ def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
                 )
             )
             continue
+        narrowest = min(int(np.count_nonzero(group.any(axis=0))) for group in groups if np.any(group))
+        if narrowest > most_columns(projected.freedom):
+            untestable.append(_too_wide(projected, family, narrowest))
+            continue
         tested.append(family)
         columns.append(groups)
         positive = tuple(all(p.positive for p in member.parameters) for member in family.members)
@@ -139,6 +143,17 @@ def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
     candidates.sort(key=lambda c: (-c.log_evidence, c.p_value))
     plain = cross_validated_rmse_mm(projected, np.zeros((len(projected.residual), 0)), np.zeros(0))
     return Screening(projected, tuple(candidates), tuple(untestable), plain)
+
+
+def _too_wide(projected: ProjectedResidual, family: Family, columns: int) -> Untestable:
+    """A family of which one member alone has more parameters than the equations bear."""
+    poses = len(projected.residuals.observed.used_poses[0])
+    more = int(np.ceil((2 * columns - projected.freedom) / 3))
+    return Untestable(
+        family.name,
+        f"it has {columns} parameters at least, and the fit leaves {projected.freedom} equations to judge them by",
+        f"{poses + more} training poses or more",
+    )
 
 
 def _visible(projected: ProjectedResidual, member: Effect) -> Array:

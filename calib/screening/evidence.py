@@ -63,12 +63,14 @@ def evaluate_family(family: FamilyColumns) -> Evidence:
         nothing = tuple(np.zeros(g.shape[1]) for g in family.groups)
         return Evidence(1.0, 0.0, np.zeros(len(bounds)), nothing, np.zeros_like(family.residual), 0)
     p_value, rank = _gate(y, rest, triangle, bounds, family.freedom)
-    together = np.ones(len(bounds), dtype=bool)
-    shared_value, shared_scale = _best_scale(
-        y, rest, triangle, np.zeros(triangle.shape[1]), together, bounds, family.freedom
-    )
-    tried = [(shared_value, np.full(len(bounds), shared_scale))]
-    if len(bounds) > 1:
+    tried = []
+    if triangle.shape[1] <= most_columns(family.freedom):
+        together = np.ones(len(bounds), dtype=bool)
+        shared_value, shared_scale = _best_scale(
+            y, rest, triangle, np.zeros(triangle.shape[1]), together, bounds, family.freedom
+        )
+        tried.append((shared_value, np.full(len(bounds), shared_scale)))
+    if len(bounds) > 1 or not tried:
         sparse_scales, sparse_value = _choose_members(y, rest, triangle, bounds, family.freedom)
         tried.append((sparse_value, sparse_scales))
     widths = [b - a for a, b in bounds]
@@ -82,6 +84,11 @@ def evaluate_family(family: FamilyColumns) -> Evidence:
     explained = np.concatenate(family.groups, axis=1) @ weights
     coefficients = tuple(weights[a:b] for a, b in bounds)
     return Evidence(p_value, max(value, 0.0), scales, coefficients, explained, rank)
+
+
+def most_columns(freedom: int) -> int:
+    """The most columns of an effect for so many degrees of freedom: with more there is little left to judge it by."""
+    return freedom // 2
 
 
 def evidence_of(residual: Array, columns: Array, freedom: int) -> float:
@@ -228,7 +235,7 @@ def _choose_members(
 ) -> tuple[Array, float]:
     """Members added one by one while the evidence grows, scales polished; the evidence after paying for the choice."""
     count = len(bounds)
-    cost = float(np.log(count))
+    cost, most = float(np.log(count)), most_columns(freedom)
     scales, value = np.zeros(count), 0.0
 
     def best(member: int) -> tuple[float, float]:
@@ -242,8 +249,9 @@ def _choose_members(
     widths = {b - a for a, b in bounds}
 
     def each() -> list[tuple[float, float, int]]:
-        """`best` of every member that is not chosen yet."""
-        free = np.flatnonzero(scales == 0.0).tolist()
+        """`best` of every member that is not chosen yet and that the equations bear."""
+        room = most - sum(b - a for (a, b), scale in zip(bounds, scales, strict=True) if scale > 0.0)
+        free = [g for g, (a, b) in enumerate(bounds) if scales[g] == 0.0 and b - a <= room]
         if len(widths) > 1 or not free:
             return [(*best(g), g) for g in free]
         width = min(widths)

@@ -11,8 +11,9 @@ from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.advice import advise
-from calib.diagnosis.decision_rules import carries_its_names
+from calib.diagnosis.decision_rules import carries_its_names, is_refused, verdict_of
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.effect_selection import SelectedEffect, calibrate_with
 from calib.diagnosis.words.conclusion_text import advice_text
 from calib.diagnosis.words.text import reason_texts
 from calib.effects.base import Parameter
@@ -111,3 +112,63 @@ def left(residual_mm: float, noise_from: str = "dataset") -> ResidualTests:
 )
 def test_what_is_claimed(verdict: str, beside: ResidualTests | None, claimed: bool) -> None:
     assert carries_its_names(verdict, beside) is claimed
+
+
+def test_a_further_effect_has_to_help_poses_that_its_fit_did_not_see() -> None:
+    dataset = simulated([("transmission_error", 3.0)])
+    before = calibrate(dataset)
+    screening = screen(before, effects_for(dataset))
+    best = screening.candidates[0]
+    after = calibrate_with(dataset, (SelectedEffect.of(best),), start=before)
+    useless = replace(best, cv_rmse_mm=screening.cv_rmse_mm)
+    for further in (False, True):
+        assert not is_refused(best, screening, before, after, further=further)
+        assert is_refused(best, screening, after, before, further=further)  # the test poses get much worse
+        assert is_refused(useless, screening, before, after, further=further) is further
+    is_test = before.after.is_test[before.after.pose]
+    grows = np.argsort(np.linalg.norm(before.after.error_mm[is_test], axis=1)) % 2 == 0
+    error_mm = before.after.error_mm.copy()
+    error_mm[is_test] *= np.where(grows, 1.1, 0.95)[:, None]  # worse on average, within the scatter
+    little = replace(before, after=replace(before.after, error_mm=error_mm))
+    assert not is_refused(best, screening, before, little, further=False)
+    assert is_refused(best, screening, before, little, further=True)
+
+
+def test_where_a_further_effect_is_refused_what_is_left_decides() -> None:
+    clean = left(0.05)
+    assert verdict_of(("backlash",), (), False, clean) == "named"
+    assert verdict_of((), (), True, clean) == "unexplained"
+
+
+def twenty_four_poses(seed: int) -> Dataset:
+    return simulate_dataset(
+        builtin_robot("panda"), rng=np.random.default_rng(seed), effects=[("transmission_error", 4.0)],
+        conditions=True, poses=24,
+    ).dataset  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_members_that_the_equations_do_not_bear_stay_out_and_the_dataset_is_diagnosed(seed: int) -> None:
+    """All members of transmission error together take more equations than 19 training poses give."""
+    assert diagnose(twenty_four_poses(seed)).verdict in ("named", "ambiguous", "unexplained")
+
+
+@dataclass(frozen=True)
+class Wave:
+    """Twenty harmonics of one joint as one effect."""
+
+    parameters = tuple(Parameter(f"a{k}", unit="rad", scale=1e-4) for k in range(1, 21))
+    name = "wave"
+
+    def apply(self, state: RobotState, **values: float) -> RobotState:
+        waves = [value * np.sin((k + 1) * state.q_rad[:, 1]) for k, value in enumerate(values.values())]
+        return state.add_joint_error(1, sum(waves, np.zeros(len(state.q_rad))))
+
+
+def test_an_effect_wider_than_the_equations_bear_is_listed_with_what_would_help() -> None:
+    dataset = twenty_four_poses(1)
+    screening = screen(calibrate(dataset), families_from((Wave(),)))
+    assert screening.candidates == ()
+    (wave,) = screening.untestable
+    assert wave.why.startswith("it has 20 parameters at least, and the fit leaves")
+    assert wave.would_help.endswith("training poses or more")

@@ -47,8 +47,8 @@ def reason_text(reason: facts.Reason) -> str:
             return _effects_tied(reason)
         case facts.EffectRefused(effect):
             return (
-                f"{effect} explains the training poses well, but with it the test poses are predicted worse: it was not "
-                "added. Either it stands in for another cause, or the test poses differ from the others."
+                f"{effect} explains the training poses well, but with it poses that the fit did not see are predicted "
+                "worse: it was not added. Either it stands in for another cause, or the test poses differ from the others."
             )
         case facts.FaultLeads(fault, margin):
             return (
