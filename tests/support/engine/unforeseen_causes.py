@@ -43,8 +43,12 @@ def creeping_joint(cell: Cell, rng: Rng) -> Cause:
 
 def product_of_joints(cell: Cell, rng: Rng) -> Cause:
     """A joint errs with the product of its angle and another's."""
-    other = int(rng.permutation(np.flatnonzero(cell.turns))[0])
-    return _one_joint("product_of_joints", lambda c, here, j: c.q[:, j] * c.q[:, other], cell, rng)
+    first, second = rng.permutation(np.flatnonzero(cell.turns))[:2]
+
+    def product(c: Cell, here: Posture, j: int) -> Array:
+        return c.q[:, j] * c.q[:, second if j == first else first]
+
+    return _one_joint("product_of_joints", product, cell, rng)
 
 
 def loose_tool(cell: Cell, rng: Rng) -> Cause:
