@@ -30,6 +30,7 @@ from calib.diagnosis.words.sentences import (
     FaultLeads,
     FaultSuspected,
     FittedValue,
+    MassesOff,
     ModelFitted,
     PosesStandOut,
     Reason,
@@ -42,6 +43,7 @@ from calib.diagnosis.words.sentences import (
 from calib.effects.effect import parameters_by_name
 from calib.screening.candidates import Candidate, Screening
 from calib.screening.curves.smooth_joint_error import LEARNED
+from calib.screening.nuisance import TOLD_EVIDENCE
 from calib.screening.residual_tests import ResidualTests
 
 POSES_TOLD = 3
@@ -155,6 +157,8 @@ def _effects_tied(findings: Findings) -> EffectsTied:
 def residual_sentences(tests: ResidualTests) -> tuple[ResidualSentence, ...]:
     """What a fit leaves, with the figures that it was judged by."""
     out: list[ResidualSentence] = [ResidualSize(tests.residual_mm, tests.noise_mm, tests.noise_from)]
+    if tests.masses_evidence > TOLD_EVIDENCE:
+        out.append(MassesOff(tests.masses_evidence))
     if tests.structured:
         first = tests.inputs[0]
         out.append(ResidualOrder(tests.structured, first.p_value, first.channel))

@@ -160,7 +160,7 @@ def _visible(projected: ProjectedResidual, member: Effect) -> Array:
     """(R, K) a member's visible columns, for coefficients of usual size; zero where fitted parameters do the same."""
     scales = np.array([p.scale for p in member.parameters])
     raw = member_columns(projected, member) * scales
-    visible = projected.project(raw)
+    visible = projected.visible(raw)
     size = np.linalg.norm(raw, axis=0)
     hidden = np.linalg.norm(visible, axis=0) <= np.maximum(_HIDDEN * size, 1e-9)
     visible[:, hidden] = 0.0
@@ -241,8 +241,12 @@ def cross_validated_rmse_mm(projected: ProjectedResidual, columns: Array, spread
     e_i = (1 - H_ii)^-1 r_i for each pose's block of the hat matrix H of fitted directions and candidate; exact for a
     linear model with fixed sizes of the candidate's coefficients.
     """
-    residual = projected.residual
-    shrunk = columns * spread
+    residual, shrunk = projected.residual, columns * spread
+    nuisance = projected.nuisance
+    if nuisance is not None:  # back to where each row is of one pose, with the nuisance as further columns
+        uncertain = nuisance.directions * nuisance.sizes
+        residual = nuisance.coloured(residual)
+        shrunk = np.concatenate([uncertain, nuisance.coloured(shrunk)], axis=1)
     inner = np.linalg.inv(np.eye(shrunk.shape[1]) + shrunk.T @ shrunk)
     left = residual - shrunk @ (inner @ (shrunk.T @ residual))
     observed = projected.residuals.observed

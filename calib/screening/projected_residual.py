@@ -16,6 +16,7 @@ from calib.errors import FitError
 from calib.fitting.model import point_by_state
 from calib.fitting.observations import Observations, with_scanner_frames
 from calib.fitting.position_residuals import PositionResiduals
+from calib.screening.nuisance import Nuisance, load_columns
 
 _KNOWN = (
     0.1  # a direction counts as fitted where the data determine it a tenth as well as the prior, or better
@@ -35,9 +36,10 @@ class ProjectedResidual:
     states: Mapping[str, RobotState]  # by target, of the used poses
     by_state: Mapping[str, Array]  # by target (N, 3, S): the point's derivative by the state
     base_to_residual: Array  # (M, 3, 3)
-    residual: Array  # (R,) projected
+    residual: Array  # (R,) projected, white beside the nuisance
     basis: Array  # (R, rank) orthonormal: fitted parameters and frames
     freedom: int
+    nuisance: Nuisance | None = None  # what is uncertain about the effects in the model
 
     @property
     def state(self) -> RobotState:
@@ -50,14 +52,19 @@ class ProjectedResidual:
         return float(np.sqrt(self.residual @ self.residual / self.freedom))
 
     def project(self, columns: Array) -> Array:
-        """Columns (R, K) without what the fit could have absorbed."""
+        """White noise (R, K) without what the fit could have absorbed."""
         return np.asarray(columns - self.basis @ (self.basis.T @ columns))
+
+    def visible(self, columns: Array) -> Array:
+        """Columns (R, K) without what the fit could have absorbed, and small along the nuisance."""
+        left = self.project(columns)
+        return left if self.nuisance is None else self.nuisance.whitened(left)
 
     def motion_columns(self, direction: Array, motion: Array) -> Array:
         """(R, K) projected columns of motions (N, K) at the used poses; a unit motion moves the points (M, 3) so."""
         row = self.residuals.observed.used_poses[1]
         moved = direction[:, :, None] * motion[row][:, None, :]
-        return self.project(moved.reshape(-1, motion.shape[1]))
+        return self.visible(moved.reshape(-1, motion.shape[1]))
 
 
 def project_residual(calibration: Calibration) -> ProjectedResidual:
@@ -84,6 +91,11 @@ def project_residual(calibration: Calibration) -> ProjectedResidual:
             "nothing to judge a further cause by; measure more poses"
         )
     residual = at.residual - basis @ (basis.T @ at.residual)
+    base_to_residual = residuals.base_to_residual(x)
+    loads = load_columns(residuals, x, base_to_residual)
+    nuisance = Nuisance.of(loads - basis @ (basis.T @ loads), residual, freedom)
+    if nuisance is not None:
+        residual = nuisance.whitened(residual)
     poses = observed.used_poses[0]
     targets = list(map(str, np.unique(observed.points.target)))
     states = {target: model.state(x, poses, observed.seen(target)) for target in targets}
@@ -92,10 +104,11 @@ def project_residual(calibration: Calibration) -> ProjectedResidual:
         x=x,
         states=states,
         by_state={target: point_by_state(state, target)[1] for target, state in states.items()},
-        base_to_residual=residuals.base_to_residual(x),
+        base_to_residual=base_to_residual,
         residual=residual,
         basis=basis,
         freedom=freedom,
+        nuisance=nuisance,
     )
 
 

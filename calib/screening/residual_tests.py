@@ -50,6 +50,7 @@ class ResidualTests:
     inputs: tuple[InputTest, ...]  # the most order first
     outlier_poses: tuple[str, ...]
     fault: JointFault | None = None  # outside the catalogue, that the residual shows
+    masses_evidence: float = 0.0  # log evidence that masses differ from robot.toml by what is allowed for
 
     @property
     def structured(self) -> tuple[str, ...]:
@@ -79,6 +80,7 @@ def run_residual_tests(
         inputs=_structure(projected, outliers[row], noise),
         outlier_poses=tuple(poses.ids[i] for i in np.flatnonzero(outliers)),
         fault=best_supported_fault(_without(projected, outliers[row]), FAULT_EVIDENCE),
+        masses_evidence=0.0 if projected.nuisance is None else projected.nuisance.log_evidence,
     )
 
 

@@ -40,6 +40,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
             "inputs": [_input_test(test) for test in residual_tests.inputs],
             "outlier_poses": residual_tests.outlier_poses,
             "fault": _fault(residual_tests.fault),
+            "masses_log_evidence": residual_tests.masses_evidence,
         },
         "simpler": _fault(diagnosis.leading_fault),
         "measure_next": [

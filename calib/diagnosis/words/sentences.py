@@ -142,6 +142,13 @@ class ResidualTooLarge:
 
 
 @dataclass(frozen=True)
+class MassesOff:
+    """A part of what is left follows from masses that differ from robot.toml, and was allowed for."""
+
+    log_evidence: float
+
+
+@dataclass(frozen=True)
 class FaultSuspected:
     """What is left looks like a fault outside the catalogue."""
 
@@ -156,7 +163,13 @@ class PosesStandOut:
 
 
 ResidualSentence = (
-    ResidualSize | ResidualOrder | ResidualWithoutOrder | ResidualTooLarge | FaultSuspected | PosesStandOut
+    ResidualSize
+    | MassesOff
+    | ResidualOrder
+    | ResidualWithoutOrder
+    | ResidualTooLarge
+    | FaultSuspected
+    | PosesStandOut
 )
 Reason = (
     ModelFitted

@@ -60,6 +60,12 @@ def reason_text(reason: facts.Reason) -> str:
                 f"What is left is {residual_mm:.4g} mm a coordinate; the noise is {noise_mm:.4g} mm, "
                 f"{_NOISE_SOURCES[noise_from]}."
             )
+        case facts.MassesOff(log_evidence):
+            return (
+                "Beside that, a part follows from masses or centres of mass that differ from robot.toml (log evidence "
+                f"{log_evidence:.0f}): it was allowed for before anything else was looked for. Better masses in robot.toml "
+                "would take it away."
+            )
         case facts.ResidualOrder(inputs, p_value, channel):
             axis, motion = f"the {channel.name} of the scanner's frame", f"the motion of {channel.name}"
             where = axis if channel.joint is None else motion

@@ -1,0 +1,137 @@
+"""What is uncertain about the effects already in a model, beyond their parameters: masses and where they hang.
+
+An effect of load that is in the model predicts by the masses of robot.toml. Where these are off, it leaves order that
+other effects can follow. Each uncertain quantity is one column: the change of the prediction by one prior sigma of it.
+The residual is then judged as if the noise had these directions too: its covariance is 1 + N N^T, with the noise's
+variance as unit and N (R, K) what projection leaves of the columns. They are never a cause of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.dataset.dataset import Poses
+from calib.effects.state import Seen
+from calib.fitting.model import Model, point_by_state
+from calib.fitting.position_residuals import PositionResiduals
+from calib.kinematics.robot import Joint, Robot, Vector
+
+MASS_SHARE = 0.3  # prior sigma of a link's and of a payload's mass over itself
+UNLISTED_KG = 0.3  # prior sigma of a tool's mass that robot.toml does not list, such as cables
+CENTRE_MM = 30.0  # prior sigma of a coordinate of a centre of mass
+TOLD_EVIDENCE = 3.0  # log evidence from which they are said to explain a part of what is left
+_FEWEST_FREE = 10  # degrees of freedom outside the columns, from which these alone tell the noise
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """Orthonormal directions that are uncertain, and by how much.
+
+    `log_evidence` compares a residual with these directions in its noise against one without.
+    """
+
+    directions: Array  # (R, K) projected
+    sizes: Array  # (K,) prior sigmas along them, the noise's being 1
+    log_evidence: float
+
+    @classmethod
+    def of(cls, columns: Array, residual: Array, freedom: int) -> Nuisance | None:
+        """Of projected columns (R, K), in the units of a projected residual (R,); None where nothing shows."""
+        u, s, _ = np.linalg.svd(columns, full_matrices=False)
+        shown = s > 1e-9 * np.sqrt(len(residual))
+        u, s = u[:, shown], s[shown]
+        if not len(s):
+            return None
+        along = u.T @ residual
+        total = float(residual @ residual)
+        free = freedom - len(s)
+        noise2 = (total - float(along @ along)) / free if free >= _FEWEST_FREE else total / freedom
+        sizes = s / np.sqrt(max(noise2, 1e-300))
+        shrunk = total - float(np.sum(along**2 * (1.0 - 1.0 / (1.0 + sizes**2))))
+        gain = -0.5 * float(np.sum(np.log1p(sizes**2))) - 0.5 * freedom * float(np.log(shrunk / total))
+        return cls(u, sizes, gain)
+
+    def whitened(self, columns: Array) -> Array:
+        """Projected columns (R, K), or a residual (R,), in units in which noise and nuisance together are white."""
+        less = 1.0 - 1.0 / np.sqrt(1.0 + self.sizes**2)
+        return np.asarray(columns - self.directions @ _scaled(less, self.directions.T @ columns))
+
+    def coloured(self, columns: Array) -> Array:
+        """The inverse of `whitened`."""
+        more = np.sqrt(1.0 + self.sizes**2) - 1.0
+        return np.asarray(columns + self.directions @ _scaled(more, self.directions.T @ columns))
+
+
+def _scaled(factors: Array, rows: Array) -> Array:
+    return factors[:, None] * rows if rows.ndim > 1 else factors * rows
+
+
+def load_columns(residuals: PositionResiduals, x: Array, base_to_residual: Array) -> Array:
+    """(R, K) change of the whitened residual by one prior sigma of each mass and each centre of mass; K may be 0."""
+    model, observed = residuals.model, residuals.observed
+    robot = model.loads_of
+    none = np.zeros((3 * len(observed.points), 0))
+    if robot is None or not model.added_effects:
+        return none
+    poses, row = observed.used_poses
+    heavy = replace(robot, joints=tuple(_heavier(joint) for joint in robot.joints))
+    changes = list(_uncertain(robot, poses))
+    targets = list(map(str, np.unique(observed.points.target)))
+    out = np.zeros((len(observed.points), 3, len(changes)))
+    for target in targets:
+        seen = observed.seen(target)
+        state = model.state(x, poses, seen)
+        if np.array_equal(_vector(model, heavy, x, poses, seen), state.vector):
+            return none  # no effect of load is in the model
+        by_state = point_by_state(state, target)[1]
+        of_target = observed.points.target == target
+        for k, (changed, at) in enumerate(changes):
+            difference = _vector(model, changed, x, at, seen) - state.vector
+            touched = np.flatnonzero(difference.any(axis=0))
+            column = np.sum(by_state[..., touched] * difference[:, None, touched], axis=-1)
+            out[of_target, :, k] = column[row[of_target]]
+    return np.asarray((base_to_residual @ out).reshape(-1, len(changes)))
+
+
+def _vector(model: Model, loads_of: Robot, x: Array, poses: Poses, seen: Seen | None) -> Array:
+    return replace(model, loads_of=loads_of).state(x, poses, seen).vector
+
+
+def _uncertain(robot: Robot, poses: Poses) -> Iterator[tuple[Robot, Poses]]:
+    """The robot, or the payload, with one uncertain quantity off by its prior sigma."""
+    for k, joint in enumerate(robot.joints):
+        if joint.mass_kg:
+            yield _with_joint(robot, k, _heavier(joint)), poses
+            for com_mm in _shifted(joint.com_mm or (0.0, 0.0, 0.0)):
+                yield _with_joint(robot, k, replace(joint, com_mm=com_mm)), poses
+    tool = robot.tool
+    tool_point_mm = (
+        tool.a_mm * float(np.cos(tool.theta_rad)),
+        tool.a_mm * float(np.sin(tool.theta_rad)),
+        tool.d_mm,
+    )
+    mass_kg = (1.0 + MASS_SHARE) * (tool.mass_kg or 0.0) + UNLISTED_KG
+    hangs_at_mm = tool.com_mm if tool.mass_kg else tool_point_mm
+    yield replace(robot, tool=replace(tool, mass_kg=mass_kg, com_mm=hangs_at_mm)), poses
+    if poses.payload_kg is not None and np.any(poses.payload_kg):
+        yield robot, replace(poses, payload_kg=(1.0 + MASS_SHARE) * poses.payload_kg)
+        for com_mm in _shifted(tool.payload_com_mm or tool_point_mm):
+            yield replace(robot, tool=replace(tool, payload_com_mm=com_mm)), poses
+
+
+def _heavier(joint: Joint) -> Joint:
+    return replace(joint, mass_kg=(1.0 + MASS_SHARE) * joint.mass_kg) if joint.mass_kg else joint
+
+
+def _with_joint(robot: Robot, k: int, joint: Joint) -> Robot:
+    return replace(robot, joints=(*robot.joints[:k], joint, *robot.joints[k + 1 :]))
+
+
+def _shifted(place_mm: Vector) -> Iterator[Vector]:
+    """A place moved along x, y and z of its frame."""
+    x, y, z = place_mm
+    yield from ((x + CENTRE_MM, y, z), (x, y + CENTRE_MM, z), (x, y, z + CENTRE_MM))
