@@ -1,100 +1,94 @@
-"""What to do next with a model built by hand: add the effect that leads, measure more, look closer, or stop.
+"""What to do next with a model: the move that the automatic search would make from it, or the verdict.
 
-The same thresholds as `calib.diagnosis.decision_rules`, for any fit: the tests of what is left come first, then the
-ranking, then the curves of the joints, where they were learned.
+Whoever follows it, one move after the other, ends with the model and the verdict of `diagnose`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from calib.diagnosis.decision_rules import (
-    curves_say_more,
-    is_convincing,
-    leading_fault,
-    rank_candidates,
-    untestable_names,
-)
-from calib.diagnosis.words.conclusions import (
+from calib.diagnosis.conclusion import (
     AddCurves,
-    AddEffect,
-    AdviceSentence,
-    LookAtJoint,
-    LookCloser,
-    MeasureAgain,
-    NothingToAdd,
-    ResidualSummary,
-    TellApart,
+    SearchAgain,
+    closing_move,
+    concluded,
+    with_discriminating_poses,
 )
-from calib.screening.candidates import Screening
-from calib.screening.curves.joint_curves import LearnedCurves
+from calib.diagnosis.decision_rules import curves_say_more
+from calib.diagnosis.effect_selection import FitStep
+from calib.diagnosis.moves import AddEffect, DropEffect, Stop, Tell, next_move
+from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.search_space import SearchSpace
+from calib.diagnosis.words import conclusions as words
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.residual_tests import ResidualTests
 
-KINDS = ("add", "ambiguous", "done", "outliers", "unknown")
+Move = AddEffect | DropEffect | SearchAgain | AddCurves
 
 
 @dataclass(frozen=True)
 class Advice:
-    """The next step, and why."""
+    """A move, and why."""
 
-    kind: str  # of KINDS
-    effects: tuple[str, ...]  # that it is about, the best first
-    sentences: tuple[
-        AdviceSentence, ...
-    ]  # `calib.diagnosis.words.conclusion_text.advice_text` puts them into words
+    move: Move
+    sentences: tuple[words.AdviceSentence, ...]  # `calib.diagnosis.words` puts them into words
 
-
-def asks_for_curves(screening: Screening, tests: ResidualTests) -> bool:
-    """Whether something is left and no effect of the ranking is convincing: then curves may explain it."""
-    left = bool(tests.fault or tests.structured or tests.too_large)
-    return left and not any(map(is_convincing, screening.candidates))
-
-
-def advise(screening: Screening, tests: ResidualTests, curves: LearnedCurves | None = None) -> Advice:
-    """What the ranking and the residual tests of one fit suggest; and curves, where they were learned from it."""
-    convincing = any(map(is_convincing, screening.candidates))
-    if not convincing and curves is not None:
-        return _with_curves(tests, curves)
-    if not convincing:
-        return _without_candidate(screening, tests)
-    fault = leading_fault(screening)
-    if fault is not None:
-        return Advice("unknown", (), (LookAtJoint(fault),))
-    # What an effect explains may also look like a fault: where an effect is convincing, the order is reported.
-    left = residual_summary(replace(tests, fault=None))
-    best, lead, tied = rank_candidates(screening)
-    if tied:
-        names = tuple(candidate.name for candidate in tied)
-        return Advice("ambiguous", names, (left, TellApart(names)))
-    return Advice("add", (best.name,), (left, AddEffect(best.name, best.log_evidence, lead)))
+    @property
+    def effect(self) -> str:
+        """That it adds or takes out; "" where it does neither."""
+        match self.move:
+            case AddCurves():
+                return LEARNED
+            case SearchAgain():
+                return ""
+        return self.move.name
 
 
-def _with_curves(tests: ResidualTests, curves: LearnedCurves) -> Advice:
-    """To add the curves; a fault of one joint stays told unless all joints say more."""
-    unsaid = tests.fault is not None and curves_say_more(curves, tests.fault)
-    left = residual_summary(replace(tests, fault=None) if unsaid else tests)
-    add = AddCurves(LEARNED, curves.joints, curves.inputs, curves.log_evidence)
-    return Advice("add", (LEARNED,), (left, add))
+def advice_or_verdict(
+    space: SearchSpace,
+    steps: Sequence[FitStep],
+    tests: ResidualTests,
+    dropped: Collection[str] = (),
+    tell: Tell = lambda words: None,
+) -> Advice | Diagnosis:
+    """What the search would do next with the last step's model; the verdict on it where that is nothing.
+
+    Args:
+        space: of the fits.
+        steps: that led to the model; the last with its screening.
+        tests: of what the last fit leaves over.
+        dropped: effects that were taken out as superfluous.
+        tell: called before each stage.
+    """
+    of_step = space.without(steps[-1].left_out)
+    move = next_move(of_step, steps[-1], dropped, tell)
+    if not isinstance(move, Stop):
+        return advice_on(move, tests)
+    found = concluded(space, steps, move, tests)
+    closing = closing_move(space, found, tell)
+    return with_discriminating_poses(found) if closing is None else advice_on(closing, tests)
 
 
-def _without_candidate(screening: Screening, tests: ResidualTests) -> Advice:
-    """What the residual tests suggest where no effect is convincing."""
-    left = residual_summary(tests)
-    if tests.fault or tests.structured or tests.too_large:
-        return Advice("unknown", (), (left, LookCloser(_named_in(screening))))
-    if tests.outlier_poses:
-        return Advice("outliers", (), (left, MeasureAgain()))
-    blind = untestable_names(screening.untestable)
-    return Advice("done", (), (left, NothingToAdd(bool(screening.candidates), len(blind))))
+def advice_on(move: Move, tests: ResidualTests) -> Advice:
+    """What speaks for a move."""
+    match move:
+        case AddEffect():
+            # What an effect explains may also look like a fault: where one is convincing, the order is reported.
+            left = residual_summary(replace(tests, fault=None))
+            return Advice(move, (left, words.AddEffect(move.name, move.candidate.log_evidence, move.lead)))
+        case DropEffect():
+            return Advice(move, (residual_summary(tests), words.RemoveEffect(move.name)))
+        case SearchAgain():
+            return Advice(move, (residual_summary(tests), words.LeaveOut(move.poses, move.found.missing)))
+        case AddCurves():
+            curves = move.curves
+            unsaid = tests.fault is not None and curves_say_more(curves, tests.fault)
+            left = residual_summary(replace(tests, fault=None) if unsaid else tests)
+            said = words.AddCurves(LEARNED, curves.joints, curves.inputs, curves.log_evidence)
+            return Advice(move, (left, said))
 
 
-def _named_in(screening: Screening) -> tuple[str, ...]:
-    """The effects in the model that a screening is of, without learned curves, which name no cause."""
-    names = screening.projected.residuals.model.family_names
-    return tuple(name for name in names if name != LEARNED)
-
-
-def residual_summary(tests: ResidualTests) -> ResidualSummary:
+def residual_summary(tests: ResidualTests) -> words.ResidualSummary:
     """What a fit leaves, in short."""
-    return ResidualSummary(tests.fault, tests.structured, tests.too_large, tests.outlier_poses)
+    return words.ResidualSummary(tests.fault, tests.structured, tests.too_large, tests.outlier_poses)

@@ -15,11 +15,11 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.effects.catalogue import available_family, effects_for
+from calib.effects.catalogue import available_family
 from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError, FitError
 from calib.options import FitOptions
-from calib.screening.candidates import Candidate, Screening, screen
+from calib.screening.candidates import Candidate, Screening
 from calib.screening.curves.joint_curves import LearnedCurves, learn_joint_curves
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.fault_models import JointFault
@@ -52,6 +52,7 @@ class FitStep:
     candidate: Candidate | None = None  # the case for that effect, as it stood before it was added
     log_evidence_margin: float | None = None  # its lead over the next candidate, where there was one
     left_out: tuple[str, ...] = ()  # ids of measured poses that this fit did without
+    screening: Screening | None = None  # of every effect that is not in its model, once that was asked for
 
 
 def first_step(calibration: Calibration) -> FitStep:
@@ -59,12 +60,8 @@ def first_step(calibration: Calibration) -> FitStep:
     return FitStep(" + ".join([GEOMETRY, *calibration.model.family_names]), (), calibration)
 
 
-def proposed(screening: Screening | None, name: str) -> SelectedEffect:
-    """The effect as the screening proposes it. Raises CalibError where it is no candidate, or nothing of it shows."""
-    return SelectedEffect.of(_candidate(screening, name))
-
-
-def _candidate(screening: Screening | None, name: str) -> Candidate:
+def candidate_of(screening: Screening | None, name: str) -> Candidate:
+    """An effect as the screening proposes it. Raises CalibError where it is no candidate, or nothing of it shows."""
     ranked = {} if screening is None else {c.name: c for c in screening.candidates}
     if name not in ranked:
         raise CalibError(
@@ -108,7 +105,7 @@ def selected_curves(curves: LearnedCurves) -> SelectedEffect:
     return SelectedEffect(LEARNED, curves.members, sigmas)
 
 
-def curves_to_add(calibration: Calibration) -> SelectedEffect:
+def curves_to_add(calibration: Calibration) -> LearnedCurves:
     """Curves of the joints, learned from what a fit leaves over. Raises CalibError where there are none to learn."""
     if not calibration.options.prior:
         raise CalibError(
@@ -120,7 +117,7 @@ def curves_to_add(calibration: Calibration) -> SelectedEffect:
             f"effect {LEARNED}: curves of the joints explain no more of what is left over than noise would, so "
             "there is nothing to add"
         )
-    return selected_curves(curves)
+    return curves
 
 
 def calibrate_with(
@@ -137,43 +134,6 @@ def calibrate_with(
         prior_sigmas |= effect.prior_sigmas
     members = [member for effect in selected for member in effect.members]
     return calibrate(dataset, options, effects=[*effects, *members], prior_sigmas=prior_sigmas, start=start)
-
-
-def add_in_turn(
-    dataset: Dataset,
-    names: Sequence[str],
-    options: FitOptions = FitOptions(),
-    *,
-    effects: Sequence[Effect] = (),
-    user_effects: Sequence[Family] = (),
-) -> tuple[FitStep, ...]:
-    """The fit without them, then one more for each name: screened after the last fit, added, fitted together.
-
-    Args:
-        names: families to add, in this order.
-        options: what is asked of every fit.
-        effects: in the model from the start, whole.
-        user_effects: families beyond the catalogue.
-
-    Raises:
-        CalibError: an unknown name, one that these data cannot test, or one of which nothing shows.
-    """
-    families = (*effects_for(dataset), *user_effects)
-    for name in names:
-        if name != LEARNED:
-            available_family(dataset, name, user_effects)
-    steps = [first_step(calibrate_with(dataset, (), options, effects=effects))]
-    for name in dict.fromkeys(names):
-        last = steps[-1]
-        if name == LEARNED:
-            candidate, added = None, curves_to_add(last.calibration)
-        else:
-            candidate = _candidate(screen(last.calibration, families), name)
-            added = SelectedEffect.of(candidate)
-        selected = (*last.selected, added)
-        fit = calibrate_with(dataset, selected, options, effects=effects, start=last.calibration)
-        steps.append(FitStep(f"+ {name}", selected, fit, name, candidate))
-    return tuple(steps)
 
 
 def recalled(
@@ -209,8 +169,8 @@ def relearned(selected: Sequence[SelectedEffect], steps: Sequence[FitStep]) -> t
 
     Raises CalibError where they are worth no more than noise now.
     """
+    if all(effect.name != LEARNED for effect in selected):
+        return tuple(selected)
     before = {effect.name: effect for step in steps for effect in step.selected}
-    return tuple(
-        before.get(LEARNED) or curves_to_add(steps[-1].calibration) if effect.name == LEARNED else effect
-        for effect in selected
-    )
+    curves = before.get(LEARNED) or selected_curves(curves_to_add(steps[-1].calibration))
+    return tuple(curves if effect.name == LEARNED else effect for effect in selected)

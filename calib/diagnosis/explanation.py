@@ -59,7 +59,7 @@ def explain(findings: Findings) -> Explanation:
     single: list[Reason] = [
         _effect_found(before, after, screening, claimed=after.effect in findings.missing)
         for before, after, screening in steps
-        if after.effect != LEARNED
+        if after.candidate is not None
     ]
     if findings.ambiguous_set:
         single.append(_effects_tied(findings))
@@ -90,7 +90,7 @@ def _model_fitted(calibration: Calibration) -> ModelFitted:
 
 def _effect_found(before: FitStep, after: FitStep, screening: Screening, *, claimed: bool) -> EffectFound:
     candidate = after.candidate
-    assert candidate is not None  # only the first step has none
+    assert candidate is not None
     return EffectFound(
         effect=candidate.name,
         claimed=claimed,
@@ -105,13 +105,12 @@ def _effect_found(before: FitStep, after: FitStep, screening: Screening, *, clai
 
 
 def _curves_learned(step: FitStep, learned: Learned) -> CurvesLearned:
-    assert step.log_evidence_margin is not None  # of curves it is the evidence over noise
     return CurvesLearned(
         effect=LEARNED,
         joints=learned.joints,
         inputs=learned.inputs,
         formula=learned.formula,
-        log_evidence=step.log_evidence_margin,
+        log_evidence=step.log_evidence_margin,  # over noise; not known of curves of a saved session
         change=_error_change(learned.before, learned.after),
     )
 

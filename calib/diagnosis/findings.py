@@ -41,8 +41,9 @@ class Findings:
     verdict: str  # of decision_rules.VERDICTS
     missing: tuple[str, ...]  # effects that are claimed, in the order added
     ambiguous_set: tuple[str, ...]  # effects that these data cannot tell apart
-    steps: tuple[FitStep, ...]  # the link errors, then one for each effect that was added
-    screenings: tuple[Screening, ...]  # one a step: of every effect that is not in its model
+    steps: tuple[
+        FitStep, ...
+    ]  # the link errors, then one for each effect that was added; each with its screening
     residual_tests: ResidualTests  # what the last fit left over
     refused: str = ""  # an effect that would have been named, but made the test poses worse
     leading_fault: JointFault | None = None  # outside the catalogue, with more evidence than the next effect
@@ -61,6 +62,11 @@ class Findings:
     def named(self) -> tuple[str, ...]:
         """The effects that the search added, claimed or suspected; learned curves are none."""
         return (*self.missing, *self.suspected)
+
+    @property
+    def screenings(self) -> tuple[Screening, ...]:
+        """One a step: of every effect that is not in its model."""
+        return tuple(step.screening for step in self.steps if step.screening is not None)
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:

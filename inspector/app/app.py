@@ -222,6 +222,10 @@ class App:
         """Show what is known of the candidate that is chosen now."""
         self.worker.submit("candidate", lambda: self.model.compare())
 
+    def follow(self) -> None:
+        """Do what the advice says."""
+        self.worker.submit("follow", lambda: self.model.follow())
+
     def add_effect(self, name: str) -> None:
         """Add an effect to the model; a second press for the same effect adds nothing."""
         self.worker.submit(("add", name), lambda: self.model.add(name))

@@ -196,10 +196,9 @@ class ModelController:
         yield
         tested = yield from self._beside(lambda: sessions.with_residual_tests(session), session)
         if tested is not None and self._session.screening is session.screening:
-            known = replace(self._session, residual_tests=tested.residual_tests, curves=tested.curves)
-            known = replace(known, advice=tested.advice)
-            self._state.keep(known)
-            self._panels.missing_effects.advise(self._session)
+            known = replace(self._session, residual_tests=tested.residual_tests)
+            self._state.keep(replace(known, advice=tested.advice, diagnosis=tested.diagnosis))
+            self._panels.missing_effects.judge(self._session)
             self._panels.residuals.update(self._state.now)
 
     def _ranked(self, session: Session) -> Session:
@@ -236,6 +235,13 @@ class ModelController:
             yield from self.rank()
         self._change(sessions.with_effect(self._session, name))
         yield
+        yield from self.rank()
+
+    def follow(self) -> LongWork:
+        """Do what the advice says; nothing happens where there is none any more."""
+        if self._session.advice is not None:
+            self._change(sessions.with_advice_followed(self._session))
+            yield
         yield from self.rank()
 
     def remove(self, name: str) -> LongWork:

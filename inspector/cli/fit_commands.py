@@ -16,7 +16,8 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
 from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.effect_selection import FitStep, add_in_turn
+from calib.diagnosis.effect_selection import FitStep
+from calib.diagnosis.search_space import add_in_turn
 from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.phrases import untestable_line
 from calib.effects.catalogue import effects_named

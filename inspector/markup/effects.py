@@ -10,7 +10,10 @@ import numpy as np
 from calib.calibration.noise_check import noise_floor_mm
 from calib.calibration.result import Calibration
 from calib.diagnosis.advice import Advice, residual_summary
+from calib.diagnosis.conclusion import AddCurves, SearchAgain
 from calib.diagnosis.decision_rules import is_convincing
+from calib.diagnosis.effect_selection import SelectedEffect
+from calib.diagnosis.moves import AddEffect, DropEffect
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import advice_text, residual_summary_text, verdict_text
 from calib.diagnosis.words.phrases import meaning, untestable_texts
@@ -34,7 +37,9 @@ from inspector.session.session import Session, StepErrors
 NOT_YET = "Not calibrated yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
 SMALL = 0.01  # share of an error below which a change of it counts as none
 VERDICTS = {"adequate": GOOD, "named": GOOD, "ambiguous": DOUBT, "unexplained": BAD, "outliers": DOUBT}
-ADVICE = {"add": PROPOSAL, "ambiguous": DOUBT, "done": GOOD, "outliers": DOUBT, "unknown": BAD}
+LOOK_CLOSER = (
+    " Look at it in the tab Where it fails; an effect of your own can be tested with --effects-file."
+)
 
 
 def named(screening: Screening, name: str) -> Candidate | None:
@@ -50,7 +55,7 @@ def state_html(session: Session, undo: int, redo: int) -> str:
     test = last.test_rmse_mm
     floor = noise_floor_mm(session.calibration)
     rows: list[tuple[str, object]] = [
-        ("model", " + ".join(["link errors", *(added.name for added in session.effects)])),
+        ("model", " + ".join(["link errors", *map(effect_label, session.effects)])),
         ("training 3D RMSE", f"{numbers.millimetres(last.train_rmse_mm)} mm"),
         ("test 3D RMSE", f"{numbers.millimetres(test)} mm" if math.isfinite(test) else "no test poses"),
         ("noise alone, 3D", "not declared" if floor is None else f"{numbers.millimetres(floor)} mm"),
@@ -90,6 +95,7 @@ def verdict_html(diagnosis: Diagnosis | None) -> str:
     either = numbers.listing(diagnosis.ambiguous_set, "or")
     verdict = verdict_text(diagnosis.explanation.verdict, tied=either)
     more = " What would tell them apart is said below." if either else ""
+    more += LOOK_CLOSER if diagnosis.verdict == "unexplained" and diagnosis.learned is None else ""
     return elements.alert(f"{left} Verdict: {verdict}{more}", colour=VERDICTS[diagnosis.verdict])
 
 
@@ -104,7 +110,28 @@ def reasons_html(diagnosis: Diagnosis | None) -> str:
 
 def advice_html(advice: Advice) -> str:
     """What is left, and what to do next."""
-    return elements.alert(advice_text(advice.sentences), colour=ADVICE[advice.kind])
+    return elements.alert(advice_text(advice.sentences), colour=PROPOSAL)
+
+
+def follow_label(advice: Advice) -> str:
+    """What the button beside an advice does."""
+    match advice.move:
+        case AddEffect():
+            return f"Add {effect_label(SelectedEffect.of(advice.move.candidate))}"
+        case AddCurves():
+            return f"Add {effect_label(advice.move.found.steps[-1].selected[-1])}"
+        case DropEffect():
+            return f"Remove {advice.effect}"
+        case SearchAgain():
+            return f"Leave out {', '.join(advice.move.poses)}"
+
+
+def effect_label(effect: SelectedEffect) -> str:
+    """An effect with the joints that carry it."""
+    joints = sorted({joint + 1 for m in effect.members if (joint := getattr(m, "joint", None)) is not None})
+    if not joints:
+        return effect.name
+    return f"{effect.name} (joint{'s' if len(joints) > 1 else ''} {', '.join(map(str, joints))})"
 
 
 def ranking_html(screening: Screening, chosen: str, own: set[str]) -> str:

@@ -47,7 +47,10 @@ class MissingEffectsPanel:
         self._doing = gui.add_html("")
         self._advice = gui.add_html("")
         self.follow = gui.add_button(
-            "Add", icon=viser.Icon.PLUS, visible=False, hint="as the ranking advises"
+            "Follow",
+            icon=viser.Icon.ARROW_RIGHT,
+            visible=False,
+            hint="what the automatic search would do next",
         )
         self._history = hidden_plot(gui, 0.6)
         self._reasons = gui.add_html("")
@@ -60,8 +63,7 @@ class MissingEffectsPanel:
         self._untestable = gui.add_html("")
         self.find.on_click(lambda _: actions.find(self.find.label == FIND))
         self.choice.on_update(lambda e: actions.candidate() if by_page(e) else None)
-        self._advised = ""  # the effect that the button beside the advice adds
-        self.follow.on_click(lambda _: self._follow())
+        self.follow.on_click(lambda _: actions.follow())
         self.add.on_click(lambda _: actions.add_effect(str(self.choice.value)))
         self.change.on_click(lambda e: self._pressed(str(e.target.value)))
 
@@ -90,32 +92,22 @@ class MissingEffectsPanel:
         self.say("")
         self._own.content = elements.alert(own, colour=BAD) if own else ""
         self._state.content = html.state_html(session, undo, redo)
-        self.advise(session)
+        self.judge(session)
         self.update_figure(view)
-        self._reasons.content = html.reasons_html(session.diagnosis)
         self.update_choice(view)
         screening = session.screening
         self._untestable.content = html.untestable_html(screening.untestable) if screening else ""
 
-    def advise(self, session: Session) -> None:
-        """The verdict of a diagnosis; without one what is left over, and what to do next, with its button.
-
-        With it is known whether curves of the joints can be added.
-        """
+    def judge(self, session: Session) -> None:
+        """What to do next, with its button; or the verdict, and how it was found."""
         self._offer(session)
-        self._advised = ""
+        self._reasons.content = html.reasons_html(session.diagnosis)
         self._advice.content = html.verdict_html(session.diagnosis)
-        advice = session.advice
-        if session.diagnosis is None and session.screening is not None and advice is not None:
+        advice = session.advice if session.diagnosis is None and session.screening is not None else None
+        self.follow.visible = advice is not None
+        if advice is not None:
             self._advice.content = html.advice_html(advice)
-            self._advised = advice.effects[0] if advice.kind == "add" else ""
-        self.follow.visible = bool(self._advised)
-        if self._advised:
-            self.follow.label = f"Add {self._advised}"
-
-    def _follow(self) -> None:
-        if self._advised:
-            self._actions.add_effect(self._advised)
+            self.follow.label = html.follow_label(advice)
 
     def update_figure(self, view: View) -> None:
         """The history of the error, and the learned curves where the model has some."""

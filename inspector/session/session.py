@@ -11,6 +11,7 @@ from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.advice import Advice
+from calib.diagnosis.conclusion import AddCurves
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.result import Diagnosis
 from calib.effects.effect import Family
@@ -57,11 +58,10 @@ class Session:
     pose_errors: PoseErrors | None = None  # where the calibration is off; known with the screening
     separations: Mapping[str, Separation] = field(default_factory=dict)  # by candidate, as far as asked for
     residual_tests: ResidualTests | None = None  # known soon after the screening
-    curves: LearnedCurves | None = (
-        None  # where no named effect explains what is left; with the residual tests
-    )
-    advice: Advice | None = None  # what to do next with this model; known with the residual tests
-    diagnosis: Diagnosis | None = None  # where it led to this calibration
+    advice: Advice | None = None  # the move that leads on from this model; known with the residual tests
+    diagnosis: Diagnosis | None = None  # the verdict on this model, where no move leads on
+    searched: bool = False  # whether the automatic search led to this model
+    dropped: frozenset[str] = frozenset()  # effects taken out because others explain what they do
     steps: tuple[FitStep, ...] = ()  # the link errors, then each change of the model
     user_effects: tuple[Family, ...] = ()  # the user's effects beyond the catalogue
     versions: tuple[Version, ...] = ()  # of this calibration's model, side by side, once that was asked for
@@ -70,6 +70,12 @@ class Session:
     def history(self) -> tuple[StepErrors, ...]:
         """The errors of the nominal robot, then those after each step; () before the first fit."""
         return (_nominal(self.steps[0].calibration), *map(_errors_after, self.steps)) if self.steps else ()
+
+    @property
+    def curves(self) -> LearnedCurves | None:
+        """Curves of the joints that may be added, where no named effect explains what is left."""
+        move = self.advice.move if self.advice is not None else None
+        return move.curves if isinstance(move, AddCurves) else None
 
     @property
     def links_alone(self) -> Calibration | None:

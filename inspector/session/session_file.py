@@ -122,7 +122,7 @@ def session_text(session: Session, *, beside: Path, shown: Shown = NOTHING_SHOWN
         "format": KIND,
         "version": VERSION,
         "dataset": {"name": dataset.name, "folder": _relative(dataset.folder, beside), "files": files},
-        "diagnosed": session.diagnosis is not None,
+        "diagnosed": session.searched,
         "history": _history(session),
         "shown": msgspec.to_builtins(shown),
     }

@@ -11,21 +11,20 @@ from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
 from calib.corners.batch import search_file
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.advice import advise, asks_for_curves
+from calib.diagnosis.advice import Advice, advice_or_verdict
+from calib.diagnosis.conclusion import AddCurves, SearchAgain
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import (
     GEOMETRY,
     FitStep,
     SelectedEffect,
     calibrate_with,
-    curves_beside,
-    curves_to_add,
-    proposed,
+    candidate_of,
     recalled,
-    selected_curves,
 )
+from calib.diagnosis.moves import AddEffect, DropEffect, applied
 from calib.diagnosis.result import Diagnosis
-from calib.effects.catalogue import effects_for
+from calib.diagnosis.search_space import SearchSpace, step_after, with_candidate, with_curves
 from calib.effects.effect import Family
 from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import Observations
@@ -34,7 +33,6 @@ from calib.identifiability.structural import redundancy
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import label_faces
 from calib.options import FitOptions
-from calib.screening.candidates import screen
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.pose_recommendation import discriminating_poses, nearest_rival
 from calib.screening.residual_tests import run_residual_tests
@@ -112,30 +110,37 @@ def with_screening(session: Session) -> Session:
 def with_ranking(session: Session) -> Session:
     """The first half of `with_screening`: where the calibration is off, and what each effect would make of it."""
     calibration = _calibrated(session)
-    screening = screen(calibration, (*effects_for(session.measured), *session.user_effects))
-    pose_errors = pose_errors_of(calibration)
+    step = search_space(session).ranked(replace(session.steps[-1], screening=None))
     return replace(
         session,
-        screening=screening,
-        pose_errors=pose_errors,
+        screening=step.screening,
+        steps=(*session.steps[:-1], step),
+        pose_errors=pose_errors_of(calibration),
         residual_tests=None,
-        curves=None,
         advice=None,
+        diagnosis=None,
         separations={},
     )
 
 
 def with_residual_tests(session: Session) -> Session:
-    """The second half: tests of the residual, curves where no named effect explains it, and advice.
+    """The second half: tests of the residual, and what to do next: the search's next move, or the verdict.
 
     Nothing new where they are known or nothing was ranked.
     """
     if session.screening is None or session.residual_tests is not None:
         return session
-    calibration, screening = _calibrated(session), session.screening
-    tests = run_residual_tests(calibration.dataset, screening.projected)
-    curves = curves_beside(calibration, tests.fault) if asks_for_curves(screening, tests) else None
-    return replace(session, residual_tests=tests, curves=curves, advice=advise(screening, tests, curves))
+    calibration = _calibrated(session)
+    tests = run_residual_tests(calibration.dataset, session.screening.projected)
+    said = advice_or_verdict(search_space(session), session.steps, tests, session.dropped)
+    tested = replace(session, residual_tests=tests)
+    return replace(tested, advice=said) if isinstance(said, Advice) else replace(tested, diagnosis=said)
+
+
+def search_space(session: Session) -> SearchSpace:
+    """What the automatic search would have in common with the model on show."""
+    options = _calibrated(session).options
+    return SearchSpace.of(session.measured, options, user_effects=session.user_effects)
 
 
 def separation(session: Session, name: str) -> Separation | None:
@@ -184,16 +189,26 @@ def with_user_effects(session: Session, effects: tuple[Family, ...]) -> Session:
 
 
 def with_effect(session: Session, name: str) -> Session:
-    """Add an effect as the screening proposes it, or the curves that were learned, and fit everything again."""
+    """Add an effect as the screening proposes it, or curves that are learned, and fit everything again.
+
+    Members of the effects inside are chosen anew beside it, as the automatic search does.
+    """
     if any(added.name == name for added in session.effects):
         raise CalibError(f"effect {name} is in the model already")
-    if name != LEARNED:
-        added = proposed(session.screening, name)
-    elif session.curves is not None:
-        added = selected_curves(session.curves)
-    else:
-        added = curves_to_add(_calibrated(session))
-    return _changed(session, (*session.effects, added), f"+ {name}")
+    move = session.advice.move if session.advice is not None and session.advice.effect == name else None
+    session = replace(session, dropped=session.dropped - {name})
+    last = session.steps[-1]
+    if isinstance(move, AddEffect):
+        return with_steps(session, (*session.steps, applied(last, move)))
+    if isinstance(move, AddCurves):
+        step = move.found.steps[-1]
+        return _judged(with_steps(session, (*session.steps, step)), move.found)
+    space = search_space(session).without(last.left_out)
+    if name == LEARNED:
+        return with_steps(session, (*session.steps, with_curves(space, last)))
+    candidate = candidate_of(session.screening, name)
+    step = step_after(last, name, *with_candidate(space, last, candidate), candidate)
+    return with_steps(session, (*session.steps, step))
 
 
 def without_effect(session: Session, name: str) -> Session:
@@ -202,7 +217,24 @@ def without_effect(session: Session, name: str) -> Session:
     if len(kept) == len(session.effects):
         inside = ", ".join(added.name for added in session.effects) or "only the link errors"
         raise CalibError(f"effect {name} is not in the model; there is {inside}")
+    move = session.advice.move if session.advice is not None and session.advice.effect == name else None
+    if isinstance(move, DropEffect):
+        session = replace(session, dropped=session.dropped | {name})
+        return with_steps(session, (*session.steps, applied(session.steps[-1], move)))
     return _changed(session, kept, f"− {name}")
+
+
+def with_advice_followed(session: Session) -> Session:
+    """The move that leads on. Raises CalibError where there is none."""
+    if session.advice is None:
+        raise CalibError("there is nothing to follow: no move leads on from this model")
+    move = session.advice.move
+    match move:
+        case SearchAgain():
+            return with_found(session, move.found)
+        case DropEffect():
+            return without_effect(session, move.name)
+    return with_effect(session, session.advice.effect)
 
 
 def with_diagnosis(session: Session, on_step: Callable[[str], None] | None = None) -> Session:
@@ -215,8 +247,13 @@ def with_diagnosis(session: Session, on_step: Callable[[str], None] | None = Non
 
 def with_found(session: Session, found: Diagnosis) -> Session:
     """Take over a diagnosis of what is measured, and the model that it leads to."""
+    return replace(_judged(with_steps(session, found.steps), found), searched=True)
+
+
+def _judged(session: Session, found: Diagnosis) -> Session:
+    """The verdict on the model on show."""
     return replace(
-        with_steps(session, found.steps),
+        session,
         screening=found.screenings[-1],
         pose_errors=pose_errors_of(found.calibration),
         residual_tests=found.residual_tests,
@@ -237,10 +274,9 @@ def _calibrated(session: Session) -> Calibration:
 
 
 def _changed(session: Session, effects: tuple[SelectedEffect, ...], label: str) -> Session:
-    before = _calibrated(session)
-    start = start_of(session.steps[-1], effects)
-    result = calibrate_with(session.measured, effects, before.options, start=start)
-    return with_steps(session, (*session.steps, FitStep(label, effects, result)))
+    last = session.steps[-1]
+    result = search_space(session).without(last.left_out).fit(effects, start_of(last, effects))
+    return with_steps(session, (*session.steps, FitStep(label, effects, result, left_out=last.left_out)))
 
 
 def start_of(last: FitStep, effects: Sequence[SelectedEffect]) -> Calibration | None:
@@ -253,7 +289,5 @@ def start_of(last: FitStep, effects: Sequence[SelectedEffect]) -> Calibration | 
 
 def _untested(session: Session) -> Session:
     """A new fit, of which nothing more is known yet."""
-    unknown = replace(
-        session, screening=None, pose_errors=None, residual_tests=None, curves=None, advice=None
-    )
-    return replace(unknown, diagnosis=None, separations={}, versions=())
+    unknown = replace(session, screening=None, pose_errors=None, residual_tests=None, advice=None)
+    return replace(unknown, diagnosis=None, searched=False, separations={}, versions=())

@@ -9,9 +9,14 @@ import pytest
 
 from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
+from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.advice import Advice, advise, residual_summary
+from calib.diagnosis.advice import Advice, advice_or_verdict, residual_summary
+from calib.diagnosis.conclusion import SearchAgain
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.moves import AddEffect, Stop, next_move
+from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.search_space import SearchSpace, first_fit
 from calib.diagnosis.words.conclusion_text import advice_text, residual_summary_text
 from calib.diagnosis.words.phrases import input_text, meaning
 from calib.effects.catalogue import effects_for
@@ -51,8 +56,11 @@ def clean() -> tuple[Calibration, Screening, ResidualTests]:
     return fitted(seed=8)
 
 
-def said(advice: Advice) -> str:
-    return advice_text(advice.sentences)
+def judged(dataset: Dataset, *, max_effects: int = 3) -> Advice | Diagnosis:
+    """What is to be done with the link errors alone."""
+    space = SearchSpace.of(dataset, max_effects=max_effects)
+    first = space.ranked(first_fit(space))
+    return advice_or_verdict(space, [first], run_residual_tests(dataset, project_residual(first.calibration)))
 
 
 def left(residual_tests: ResidualTests) -> str:
@@ -60,38 +68,25 @@ def left(residual_tests: ResidualTests) -> str:
 
 
 def test_the_effect_that_leads_is_to_be_added(hidden: tuple[Calibration, Screening, ResidualTests]) -> None:
-    _, screening, residual_tests = hidden
-    advice = advise(screening, residual_tests)
-    assert (advice.kind, advice.effects) == ("add", ("transmission_error",))
-    assert "a pattern against" in said(advice)
+    advice = judged(hidden[0].dataset)
+    assert isinstance(advice, Advice)
+    assert isinstance(advice.move, AddEffect)
+    assert advice.effect == "transmission_error"
+    assert "a pattern against" in advice_text(advice.sentences)
+    assert "transmission_error is missing" in advice_text(advice.sentences)
 
 
 def test_noise_is_the_end(clean: tuple[Calibration, Screening, ResidualTests]) -> None:
-    _, screening, residual_tests = clean
-    assert advise(screening, residual_tests).kind == "done"
-    assert left(residual_tests) == "What is left: noise."
-
-
-def test_the_end_says_what_could_not_be_tested(clean: tuple[Calibration, Screening, ResidualTests]) -> None:
-    _, screening, residual_tests = clean
-    only_scale = tuple(u for u in screening.untestable if u.name == "scanner_scale")
-    assert only_scale
-    assert said(advise(replace(screening, untestable=only_scale), residual_tests)).endswith(
-        "nothing more is missing."
-    )
-    blind = (*only_scale, replace(only_scale[0], name="backlash", never=False))
-    assert "cannot test 1 of the effects" in said(
-        advise(replace(screening, untestable=blind), residual_tests)
-    )
-    assert "can test none" in said(
-        advise(replace(screening, candidates=(), untestable=blind), residual_tests)
-    )
+    found = judged(clean[0].dataset)
+    assert isinstance(found, Diagnosis)
+    assert found.verdict == "adequate"
+    assert left(clean[2]) == "What is left: noise."
 
 
 def test_each_result_of_the_residual_tests_has_its_words(
     clean: tuple[Calibration, Screening, ResidualTests],
 ) -> None:
-    _, screening, residual_tests = clean
+    residual_tests = clean[2]
     first = replace(residual_tests.inputs[0], input="torque4", p_value=1e-4)
     pattern = replace(residual_tests, inputs=(first, *residual_tests.inputs[1:]))
     large = replace(residual_tests, lack_of_fit_p=1e-6)
@@ -99,18 +94,43 @@ def test_each_result_of_the_residual_tests_has_its_words(
     assert left(pattern) == "What is left: a pattern against gravity's torque on joint 4."
     assert "more than noise" in left(large)
     assert "p07" in left(lone)
-    assert [advise(screening, r).kind for r in (pattern, large, lone)] == ["unknown", "unknown", "outliers"]
 
 
 def test_causes_that_are_alike_are_not_decided(hidden: tuple[Calibration, Screening, ResidualTests]) -> None:
-    _, screening, residual_tests = hidden
-    best = screening.candidates[0]
+    space = SearchSpace.of(hidden[0].dataset)
+    best = hidden[1].candidates[0]
     twin = replace(
         best, family=replace(best.family, name="twin"), log_evidence=best.log_evidence - 1.0, overlaps={}
     )
     doubled = replace(best, overlaps={"twin": 0.9})
-    advice = advise(replace(screening, candidates=(doubled, twin)), residual_tests)
-    assert (advice.kind, advice.effects) == ("ambiguous", ("transmission_error", "twin"))
+    step = replace(first_fit(space), screening=replace(hidden[1], candidates=(doubled, twin)))
+    move = next_move(space, step)
+    assert isinstance(move, Stop)
+    assert [candidate.name for candidate in move.ambiguous] == ["transmission_error", "twin"]
+
+
+def test_as_many_effects_as_were_asked_for_are_added(
+    hidden: tuple[Calibration, Screening, ResidualTests],
+) -> None:
+    found = judged(hidden[0].dataset, max_effects=0)
+    assert isinstance(found, Diagnosis)
+    assert (found.verdict, found.missing) == ("unexplained", ())
+
+
+def test_poses_that_stand_out_are_to_be_left_out(
+    clean: tuple[Calibration, Screening, ResidualTests],
+) -> None:
+    dataset = clean[0].dataset
+    assert dataset.points is not None
+    xyz_mm = dataset.points.xyz_mm.copy()
+    xyz_mm[7] += [0.0, 2.0, 0.0]
+    pose = dataset.poses.ids[dataset.points.pose[7]]
+    advice = judged(dataset.with_points(replace(dataset.points, xyz_mm=xyz_mm)))
+    assert isinstance(advice, Advice)
+    assert isinstance(advice.move, SearchAgain)
+    assert advice.move.poses == (pose,)
+    assert advice.move.found.verdict == "outliers"
+    assert "Leave it out, and measure it again" in advice_text(advice.sentences)
 
 
 def test_the_page_and_the_diagnosis_judge_alike() -> None:

@@ -10,8 +10,9 @@ import pytest
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.effect_selection import SelectedEffect, add_in_turn, calibrate_with, proposed, recalled
+from calib.diagnosis.effect_selection import SelectedEffect, calibrate_with, candidate_of, recalled
 from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.search_space import add_in_turn
 from calib.effects.catalogue import family_of
 from calib.errors import CalibError
 from calib.options import FitOptions
@@ -70,13 +71,13 @@ def test_what_cannot_be_added_is_refused_before_the_work(dataset: Dataset, name:
         recalled(dataset, name, {f"{name}.x": 1.0})
 
 
-def test_only_candidates_are_proposed(found: Diagnosis) -> None:
+def test_only_candidates_are_candidate_of(found: Diagnosis) -> None:
     ranked = found.screenings[0]
-    assert proposed(ranked, HIDDEN) == SelectedEffect.of(ranked.candidates[0])
+    assert candidate_of(ranked, HIDDEN) is ranked.candidates[0]
     with pytest.raises(CalibError, match="not among the candidates: transmission_error"):
-        proposed(ranked, "rust")
+        candidate_of(ranked, "rust")
     with pytest.raises(CalibError, match="none is ranked yet"):
-        proposed(None, HIDDEN)
+        candidate_of(None, HIDDEN)
 
 
 @pytest.mark.parametrize(

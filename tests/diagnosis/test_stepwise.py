@@ -330,7 +330,7 @@ def test_what_cannot_be_tested_is_not_called_absent() -> None:
     result = diagnose(blind)
     assert result.verdict == "adequate"
     assert "(backlash, thermal_growth: not testable)" in verdict_text(result.explanation.verdict)
-    none = replace(result, screenings=(screening_of_nothing(result),))
+    none = replace(result, steps=(replace(result.steps[0], screening=screening_of_nothing(result)),))
     assert "can test none" in verdict_text(none.explanation.verdict)
 
 

@@ -22,7 +22,7 @@ from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.effect_selection import add_in_turn
+from calib.diagnosis.search_space import add_in_turn
 from calib.effects.catalogue import CATALOGUE, effects_for, effects_named
 from calib.effects.catalogue.joints import StrainWave
 from calib.effects.catalogue.user_file import load_effects

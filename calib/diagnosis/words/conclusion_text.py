@@ -103,16 +103,6 @@ def _advice_sentence(sentence: facts.AdviceSentence) -> str:
     match sentence:
         case facts.ResidualSummary():
             return residual_summary_text(sentence)
-        case facts.LookAtJoint(fault):
-            return (
-                f"Outside the catalogue a simpler story says more than any effect: {fault_text(fault)}. Look at that joint "
-                "before you add anything."
-            )
-        case facts.TellApart(effects):
-            return (
-                f"{listed(effects)} could each explain it: their evidence lies within 3, these data cannot tell which. "
-                "Measure what tells them apart, or add one and see which goes on to help."
-            )
         case facts.AddEffect(effect, log_evidence, lead):
             leads = "" if lead is None else f" and leads the next by {lead:.0f}"
             return (
@@ -124,22 +114,21 @@ def _advice_sentence(sentence: facts.AdviceSentence) -> str:
                 f"{curves_text(joints, inputs, log_evidence)} {effect} adds what was learned; it names no cause. "
                 "Watch whether the test poses follow."
             )
-        case facts.LookCloser(suspected):
+        case facts.RemoveEffect(effect):
+            return f"{effect} is superfluous now: the other effects explain what it does. Remove it."
+        case facts.LeaveOut(poses, effects):
             return (
-                "No effect in the ranking explains it. Look at it in the tab Where it fails; a loose part, a hose or a "
-                "slip would show so. An effect of your own can be tested with --effects-file."
-                f"{suspicion_text(suspected)}"
+                f"Without {listed(poses)} nothing but noise is left{_beside(effects)}. Leave {_them(poses)} out, and measure "
+                f"{_them(poses)} again."
             )
-        case facts.MeasureAgain():
-            return "No effect is missing. Measure those poses again before you leave them out."
-        case facts.NothingToAdd(any_tested=False):
-            return "These data can test none of the catalogue's effects, so none can be found missing."
-        case facts.NothingToAdd():
-            count = sentence.untestable
-            known = (
-                f", as far as these data can tell: they cannot test {count} of the effects" if count else ""
-            )
-            return f"No effect of the ranking would help: nothing more is missing{known}."
+
+
+def _beside(effects: tuple[str, ...]) -> str:
+    return f" beside {listed(effects)}" if effects else ""
+
+
+def _them(poses: tuple[str, ...]) -> str:
+    return "them" if len(poses) > 1 else "it"
 
 
 def residual_summary_text(summary: facts.ResidualSummary) -> str:

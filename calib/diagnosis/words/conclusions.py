@@ -66,13 +66,6 @@ class Outliers:
 
 
 @dataclass(frozen=True)
-class LookAtJoint:
-    """A fault of one joint has more evidence than any effect."""
-
-    fault: JointFault
-
-
-@dataclass(frozen=True)
 class AddEffect:
     """One effect leads."""
 
@@ -92,40 +85,19 @@ class AddCurves:
 
 
 @dataclass(frozen=True)
-class TellApart:
-    """Several effects could each explain it."""
+class RemoveEffect:
+    """An effect is superfluous: the others explain what it does."""
 
-    effects: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class LookCloser:
-    """Something is left that no effect in the ranking explains."""
-
-    suspected: tuple[str, ...] = ()  # effects in the model, which are not claimed then
+    effect: str
 
 
 @dataclass(frozen=True)
-class MeasureAgain:
-    """No effect is missing, single poses stand out."""
+class LeaveOut:
+    """Without a few poses that stand out nothing is left over."""
 
-
-@dataclass(frozen=True)
-class NothingToAdd:
-    """No effect of the ranking would help."""
-
-    any_tested: bool
-    untestable: int  # families, those apart that hardly any data can test
+    poses: tuple[str, ...]  # ids
+    effects: tuple[str, ...]  # in the model that is found without them
 
 
 VerdictSentence = Adequate | Named | Ambiguous | Unexplained | Outliers
-AdviceSentence = (
-    ResidualSummary
-    | LookAtJoint
-    | AddEffect
-    | AddCurves
-    | TellApart
-    | LookCloser
-    | MeasureAgain
-    | NothingToAdd
-)
+AdviceSentence = ResidualSummary | AddEffect | AddCurves | RemoveEffect | LeaveOut

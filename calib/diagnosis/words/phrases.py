@@ -44,13 +44,14 @@ def shots_text(count: ShotCount | None) -> str:
     )
 
 
-def curves_text(joints: Sequence[int], inputs: Sequence[str], log_evidence: float) -> str:
+def curves_text(joints: Sequence[int], inputs: Sequence[str], log_evidence: float | None) -> str:
     """What curves of joints (counted from 1) over inputs are worth, a sentence."""
+    worth = "" if log_evidence is None else f" (log evidence {log_evidence:.0f} over noise)"
     several = len(joints) > 1
     return (
         f"It follows {'curves' if several else 'a curve'} of joint{'s' if several else ''} "
-        f"{listed([str(joint) for joint in joints])} over {listed(inputs)} that no effect of the catalogue makes (log "
-        f"evidence {log_evidence:.0f} over noise)."
+        f"{listed([str(joint) for joint in joints])} over {listed(inputs)} that no effect of the catalogue "
+        f"makes{worth}."
     )
 
 

@@ -76,7 +76,7 @@ class CurvesLearned:
     joints: tuple[int, ...]  # counted from 1
     inputs: tuple[str, ...]
     formula: str | None
-    log_evidence: float  # over noise alone
+    log_evidence: float | None  # over noise alone; None where a saved session brought the curves
     change: ErrorChange | None
 
 

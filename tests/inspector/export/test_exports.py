@@ -22,7 +22,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.points_csv import load_points
 from calib.dataset.files.robot_toml import load_robot
-from calib.diagnosis.effect_selection import add_in_turn
+from calib.diagnosis.search_space import add_in_turn
 from calib.frames import apply
 from calib.models.exported_table import exported_table
 from calib.models.model_file import load_model

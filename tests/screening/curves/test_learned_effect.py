@@ -13,7 +13,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.effect_selection import add_in_turn
+from calib.diagnosis.search_space import add_in_turn
 from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import apply_values
 from calib.errors import CalibError

@@ -12,9 +12,11 @@ import pytest
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.advice import advise
+from calib.diagnosis.advice import advice_on
+from calib.diagnosis.conclusion import AddCurves
 from calib.diagnosis.decision_rules import is_convincing
-from calib.diagnosis.effect_selection import add_in_turn, curves_beside
+from calib.diagnosis.effect_selection import curves_beside
+from calib.diagnosis.search_space import add_in_turn
 from calib.diagnosis.words.conclusion_text import advice_text
 from calib.diagnosis.words.phrases import fault_text
 from calib.effects.effect import apply_values
@@ -52,7 +54,7 @@ def test_curves_are_offered_where_no_name_explains_what_is_left(ranked: Session)
     assert ranked.curves is not None
     assert ranked.advice is not None
     assert not any(map(is_convincing, ranked.screening.candidates))
-    assert (ranked.advice.kind, ranked.advice.effects) == ("add", (LEARNED,))
+    assert ranked.advice.effect == LEARNED
     said = advice_text(ranked.advice.sentences)
     assert "a curve of joint 1 over q1" in said
     assert LEARNED in said
@@ -66,8 +68,10 @@ def test_adding_them_takes_what_was_learned_and_removing_offers_them_again(ranke
     assert added.curves is None
     again = sessions.with_screening(added)
     assert again.curves is None  # they are in the model already
-    assert again.advice is not None
-    assert again.advice.effects == ()
+    assert again.advice is None
+    assert again.diagnosis is not None
+    assert again.diagnosis.verdict == "unexplained"
+    assert again.diagnosis.learned is not None
     removed = sessions.with_screening(sessions.without_effect(again, LEARNED))
     assert removed.calibration is not None
     np.testing.assert_allclose(removed.calibration.fit.x, ranked.calibration.fit.x, rtol=1e-9)
@@ -75,14 +79,11 @@ def test_adding_them_takes_what_was_learned_and_removing_offers_them_again(ranke
     assert removed.curves.log_evidence == pytest.approx(ranked.curves.log_evidence)
 
 
-def test_a_convincing_name_comes_before_curves(tmp_path: Path, ranked: Session) -> None:
+def test_a_convincing_name_comes_before_curves(tmp_path: Path) -> None:
     named = sessions.with_screening(sessions.with_calibration(sessions.open_session(write_hidden(tmp_path))))
     assert named.curves is None
     assert named.advice is not None
-    assert named.advice.effects == ("transmission_error",)
-    assert named.screening is not None
-    assert named.residual_tests is not None
-    assert advise(named.screening, named.residual_tests, ranked.curves) == named.advice
+    assert named.advice.effect == "transmission_error"
 
 
 def test_a_jump_with_more_evidence_is_no_curve_and_a_dent_may_be_one(ranked: Session) -> None:
@@ -96,18 +97,19 @@ def test_a_jump_with_more_evidence_is_no_curve_and_a_dent_may_be_one(ranked: Ses
 
 
 def test_a_fault_of_one_joint_stays_told_unless_all_joints_say_more(ranked: Session) -> None:
-    assert ranked.screening is not None
     assert ranked.residual_tests is not None
+    assert ranked.advice is not None
     assert ranked.curves is not None
-    fault = ranked.residual_tests.fault
+    move, fault = ranked.advice.move, ranked.residual_tests.fault
+    assert isinstance(move, AddCurves)
     assert fault is not None
-    told = advice_text(advise(ranked.screening, ranked.residual_tests, ranked.curves).sentences)
+    told = advice_text(advice_on(move, ranked.residual_tests).sentences)
     assert fault_text(fault) in told  # the curve is of that joint alone
     (member,) = ranked.curves.members
     both = replace(
         ranked.curves, members=(member, replace(member, joint=4)), log_evidence=fault.log_evidence + 10.0
     )
-    told = advice_text(advise(ranked.screening, ranked.residual_tests, both).sentences)
+    told = advice_text(advice_on(replace(move, curves=both), ranked.residual_tests).sentences)
     assert fault_text(fault) not in told
     assert "a pattern against" in told
 

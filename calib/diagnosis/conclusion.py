@@ -1,0 +1,224 @@
+"""What a search that has ended concludes, and the two moves that may still follow its verdict.
+
+Where a few poses stand out from a fit that is otherwise clean, the search is done once more without them; where
+something is left that no effect explains, curves of the joints are learned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.calibration.plausibility import implausibility_reason
+from calib.calibration.result import Calibration
+from calib.diagnosis.decision_rules import carries_its_names, curves_say_more, is_convincing, predicts_worse, verdict_of
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect, curves_beside, selected_curves
+from calib.diagnosis.findings import Learned
+from calib.diagnosis.moves import Stop, Tell
+from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.search_space import SearchSpace, step_after
+from calib.diagnosis.stepwise import search_stepwise, way_to
+from calib.errors import FitError
+from calib.screening.curves.effect_file import formula_text
+from calib.screening.curves.joint_curves import LearnedCurves
+from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError
+from calib.screening.pose_recommendation import DiscriminatingPose, discriminating_poses
+from calib.screening.projected_residual import project_residual
+from calib.screening.residual_tests import ResidualTests, run_residual_tests
+
+MAX_OUTLIER_SHARE = 0.1  # share of poses that may stand out and still be called outliers
+
+
+@dataclass(frozen=True)
+class SearchAgain:
+    """The search once more, without poses that stand out, leads to a clean verdict."""
+
+    found: Diagnosis
+    poses: tuple[str, ...]  # ids of those left out
+
+
+@dataclass(frozen=True)
+class AddCurves:
+    """Curves of the joints predict poses that were left out better than the model without them."""
+
+    found: Diagnosis
+    curves: LearnedCurves
+
+
+ClosingMove = SearchAgain | AddCurves
+
+
+def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:
+    """The search, its conclusion, and the moves that follow it."""
+    found = _searched(space, tell)
+    while (move := closing_move(space, found, tell)) is not None:
+        found = move.found
+    return with_discriminating_poses(found)
+
+
+def _searched(space: SearchSpace, tell: Tell) -> Diagnosis:
+    search = search_stepwise(space, tell)
+    tell("judging what is left")
+    return concluded(space, search.steps, search.stop)
+
+
+def concluded(
+    space: SearchSpace, steps: Sequence[FitStep], stop: Stop, tests: ResidualTests | None = None
+) -> Diagnosis:
+    """The verdict on a model from which no move leads on, and what its fit leaves over.
+
+    Args:
+        space: of the fits.
+        steps: that led to the model, by whatever way; told is the straight one.
+        stop: why there is no further move.
+        tests: of the last fit, where they were done already.
+    """
+    last = steps[-1]
+    space = space.without(last.left_out)
+    if any(effect.name == LEARNED for effect in last.selected):
+        return _with_curves_inside(space, steps, stop)
+    if tests is None:
+        tests = run_residual_tests(last.calibration.dataset, project_residual(last.calibration))
+    if stop.ambiguous:  # then the residual holds the cause that was left open: a fault would be a guess
+        tests = replace(tests, fault=None)
+    added = tuple(effect.name for effect in last.selected)
+    ambiguous = tuple(candidate.name for candidate in stop.ambiguous)
+    doubted = bool(stop.refused or stop.leading_fault or stop.implausible)
+    verdict = verdict_of(added, ambiguous, doubted, tests)
+    claimed = carries_its_names(verdict, _tests_beside_open_set(space, last, stop))
+    return Diagnosis(
+        verdict=verdict,
+        missing=added if claimed else (),
+        suspected=() if claimed else added,
+        ambiguous_set=ambiguous,
+        steps=way_to(space, steps),
+        residual_tests=tests,
+        refused=stop.refused,
+        leading_fault=stop.leading_fault,
+    )
+
+
+def _tests_beside_open_set(space: SearchSpace, last: FitStep, stop: Stop) -> ResidualTests | None:
+    """What is left with the best of the tied set in the model; None without one, or where nothing was added before."""
+    if not stop.ambiguous or not last.selected:
+        return None
+    fit = space.fit((*last.selected, SelectedEffect.of(stop.ambiguous[0])), last.calibration)
+    return run_residual_tests(fit.dataset, project_residual(fit))
+
+
+def closing_move(space: SearchSpace, found: Diagnosis, tell: Tell) -> ClosingMove | None:
+    """What may follow a verdict; None where it stands."""
+    if found.learned is not None:
+        return None
+    outliers = found.residual_tests.outlier_poses
+    again = not found.steps[-1].left_out and outliers
+    if again and len(outliers) <= max(2, MAX_OUTLIER_SHARE * _measured_poses(found.calibration)):
+        # Only now, with the effects in: a few wrong points bend the fit and hide or feign a pattern in all others.
+        tell("once more without the poses that stand out")
+        rest = _searched(space.without(outliers), tell)
+        clean = rest.verdict in ("adequate", "named", "outliers")
+        if clean and set(found.named) <= set(rest.missing):
+            return SearchAgain(_of_all_poses(rest, outliers), outliers)
+    return _curves_to_add(space.without(found.steps[-1].left_out), found, tell)
+
+
+def _measured_poses(calibration: Calibration) -> int:
+    """How many poses have points; those of one stand count once."""
+    points = calibration.fitted_dataset.points
+    assert points is not None
+    return len(np.unique(points.pose))
+
+
+def _of_all_poses(rest: Diagnosis, outliers: tuple[str, ...]) -> Diagnosis:
+    """The diagnosis without the outliers, told of all poses."""
+    all_outliers = tuple(dict.fromkeys([*outliers, *rest.residual_tests.outlier_poses]))
+    return replace(
+        rest,
+        verdict="outliers",
+        residual_tests=replace(rest.residual_tests, outlier_poses=all_outliers),
+        steps=tuple(replace(step, left_out=outliers) for step in rest.steps),
+    )
+
+
+def _curves_to_add(space: SearchSpace, found: Diagnosis, tell: Tell) -> AddCurves | None:
+    """Where something is left that no effect explains: curves of the joints, if they predict poses left out better.
+
+    They never take a name's place: not where effects are tied or one was refused, and not where a jump of one joint,
+    which no curve holds, has more evidence. A fault of one joint stays told unless all joints' curves say more.
+    """
+    last, fault = found.steps[-1], found.leading_fault or found.residual_tests.fault
+    before = last.calibration
+    if found.verdict != "unexplained" or found.refused or implausibility_reason(before):
+        return None
+    if found.leading_fault is None and any(map(is_convincing, found.screenings[-1].candidates)):
+        return None  # as many effects as were asked for, and one more has a name
+    tell("learning what the joints' curves explain")
+    curves = curves_beside(before, fault)
+    if curves is None:
+        return None
+    selected = (*last.selected, selected_curves(curves))
+    after = space.fit(selected, before)
+    # A cause may be right and the test poses a little worse by chance; curves name none and have to earn their place.
+    if predicts_worse(before, after, scatter=0.0) or before.after.train is None or after.after.train is None:
+        return None
+    if fault is not None and curves_say_more(curves, fault):
+        found = replace(found, residual_tests=replace(found.residual_tests, fault=None), leading_fault=None)
+    step = step_after(last, LEARNED, selected, after, lead=curves.log_evidence)
+    return AddCurves(_with_learned(found, step, curves.members), curves)
+
+
+def _with_learned(found: Diagnosis, step: FitStep, members: Sequence[SmoothJointError]) -> Diagnosis:
+    """A diagnosis with the step that added curves."""
+    before, after = found.calibration, step.calibration
+    assert before.after.train is not None
+    assert after.after.train is not None
+    values = dict(zip((p.name for p in after.fit.parameters), after.fit.x.tolist(), strict=True))
+    learned = Learned(
+        members=tuple(members),
+        formula=formula_text(tuple(members), values),
+        share=1.0 - (after.after.train.rmse_mm / before.after.train.rmse_mm) ** 2,
+        before=before,
+        after=after,
+    )
+    # What is not in the model is judged by what the named effects left over, before the curves took it away.
+    step = replace(step, screening=found.steps[-1].screening)
+    return replace(found, steps=(*found.steps, step), learned=learned)
+
+
+def _with_curves_inside(space: SearchSpace, steps: Sequence[FitStep], stop: Stop) -> Diagnosis:
+    """The conclusion on a model with curves: that on the model without them, and the step that adds them."""
+    last = steps[-1]
+    names = tuple(effect for effect in last.selected if effect.name != LEARNED)
+    curves = next(effect for effect in last.selected if effect.name == LEARNED)
+    alone = next((step for step in reversed(steps) if _same(step, names, last.left_out)), None)
+    if alone is None:
+        alone = FitStep("", names, space.fit(names, None), left_out=last.left_out)
+    found = concluded(
+        space, [*(step for step in steps if step is not last and step is not alone), alone], stop
+    )
+    # What no name explains is held by the curves, so no name is claimed.
+    found = replace(found, verdict="unexplained", missing=(), suspected=found.named)
+    step = step_after(
+        found.steps[-1], LEARNED, (*found.steps[-1].selected, curves), last.calibration,
+        lead=last.log_evidence_margin,
+    )  # fmt: skip
+    return _with_learned(found, step, [m for m in curves.members if isinstance(m, SmoothJointError)])
+
+
+def _same(step: FitStep, selected: Sequence[object], left_out: Sequence[str]) -> bool:
+    return step.selected == tuple(selected) and step.left_out == tuple(left_out)
+
+
+def with_discriminating_poses(found: Diagnosis) -> Diagnosis:
+    """With the poses at which the effects of an ambiguous set differ most; none where none can be fitted."""
+    return replace(found, discriminating_poses=_discriminating_poses(found))
+
+
+def _discriminating_poses(found: Diagnosis) -> tuple[DiscriminatingPose, ...]:
+    tied = [c for c in found.screenings[-1].candidates if c.name in found.ambiguous_set]
+    try:
+        return discriminating_poses(found.calibration, tied)
+    except FitError:  # too few poses to fit one of them
+        return ()

@@ -1,0 +1,163 @@
+"""What every fit of a search has in common, and an effect added to a model beside those that are inside already."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from calib.calibration.calibrate import counted_by_stands
+from calib.calibration.result import Calibration
+from calib.dataset.dataset import Dataset
+from calib.dataset.stands import without_poses
+from calib.diagnosis.effect_selection import (
+    FitStep,
+    SelectedEffect,
+    calibrate_with,
+    candidate_of,
+    curves_to_add,
+    first_step,
+    selected_curves,
+)
+from calib.effects.catalogue import available_family, effects_for
+from calib.effects.effect import Effect, Family
+from calib.options import FitOptions
+from calib.screening.candidates import Candidate, Screening, screen
+from calib.screening.curves.smooth_joint_error import LEARNED
+
+MAX_EFFECTS = 3  # that a search adds unless told otherwise
+
+
+@dataclass(frozen=True)
+class SearchSpace:
+    """What every fit and every screening of a search has in common."""
+
+    dataset: Dataset
+    options: FitOptions  # asked of every fit
+    given: tuple[Effect, ...]  # in the model from the start, whole
+    families: tuple[Family, ...]  # that may be missing
+    max_effects: int = MAX_EFFECTS  # to add
+
+    @classmethod
+    def of(
+        cls,
+        dataset: Dataset,
+        options: FitOptions = FitOptions(),
+        *,
+        given: Sequence[Effect] = (),
+        user_effects: Sequence[Family] = (),
+        max_effects: int = MAX_EFFECTS,
+    ) -> SearchSpace:
+        """The catalogue's families, as far as the fitted poses can test them, and the user's."""
+        fitted = counted_by_stands(dataset, options.residual)
+        return cls(dataset, options, tuple(given), (*effects_for(fitted), *user_effects), max_effects)
+
+    def without(self, pose_ids: Sequence[str]) -> SearchSpace:
+        """The same without some poses."""
+        return replace(self, dataset=without_poses(self.dataset, tuple(pose_ids))) if pose_ids else self
+
+    def fit(self, selected: Sequence[SelectedEffect], start: Calibration | None) -> Calibration:
+        """The given and the selected effects fitted together, going on from an earlier fit."""
+        return calibrate_with(self.dataset, selected, self.options, effects=self.given, start=start)
+
+    def screen(self, calibration: Calibration) -> Screening:
+        """Every family that is not in a fit's model, tested against what that fit leaves over."""
+        return screen(calibration, self.families)
+
+    def ranked(self, step: FitStep) -> FitStep:
+        """The step with its screening."""
+        return step if step.screening is not None else replace(step, screening=self.screen(step.calibration))
+
+    def family(self, name: str) -> Family | None:
+        """A family of the search by its name; None for curves, and for one that is not searched for."""
+        return next((family for family in self.families if family.name == name), None)
+
+
+def first_fit(space: SearchSpace) -> FitStep:
+    """The fit that a search begins with."""
+    return first_step(space.fit((), None))
+
+
+def with_candidate(
+    space: SearchSpace, step: FitStep, candidate: Candidate, trial: Calibration | None = None
+) -> tuple[tuple[SelectedEffect, ...], Calibration]:
+    """A model with one effect more, and its fit; members of those before are chosen anew.
+
+    An effect that was selected beside a cause not yet in the model had to stand in for it, or did not show in all its
+    members.
+
+    Args:
+        space: of the fits.
+        step: the model without the effect.
+        candidate: to be added.
+        trial: the fit of both, where it was made already.
+    """
+    selected = (*step.selected, SelectedEffect.of(candidate))
+    fitted = space.fit(selected, step.calibration) if trial is None else trial
+    out = list(selected)
+    for k, effect in enumerate(out[:-1]):
+        family = space.family(effect.name)
+        if family is None:
+            continue
+        others = (*out[:k], *out[k + 1 :])
+        found = screen(space.fit(others, step.calibration), [family]).candidates
+        if found and found[0].members and found[0].members != effect.members:
+            out[k] = SelectedEffect.of(found[0])
+    if all(now is before for now, before in zip(out, selected, strict=True)):
+        return selected, fitted
+    return tuple(out), space.fit(out, step.calibration)
+
+
+def with_curves(space: SearchSpace, step: FitStep) -> FitStep:
+    """The model with curves of the joints, learned from what it leaves over. Raises CalibError without any."""
+    curves = curves_to_add(step.calibration)
+    selected = (*step.selected, selected_curves(curves))
+    return step_after(
+        step, LEARNED, selected, space.fit(selected, step.calibration), lead=curves.log_evidence
+    )
+
+
+def step_after(
+    step: FitStep,
+    name: str,
+    selected: tuple[SelectedEffect, ...],
+    calibration: Calibration,
+    candidate: Candidate | None = None,
+    lead: float | None = None,
+) -> FitStep:
+    """The step that adds an effect to another."""
+    return FitStep(f"+ {name}", selected, calibration, name, candidate, lead, step.left_out)
+
+
+def add_in_turn(
+    dataset: Dataset,
+    names: Sequence[str],
+    options: FitOptions = FitOptions(),
+    *,
+    effects: Sequence[Effect] = (),
+    user_effects: Sequence[Family] = (),
+) -> tuple[FitStep, ...]:
+    """The fit without them, then one more for each name: screened after the last fit, added, fitted together.
+
+    Args:
+        dataset: with measured points.
+        names: families to add, in this order; each as the search and the page add it (`with_candidate`).
+        options: what is asked of every fit.
+        effects: in the model from the start, whole.
+        user_effects: families beyond the catalogue.
+
+    Raises:
+        CalibError: an unknown name, one that these data cannot test, or one of which nothing shows.
+    """
+    space = SearchSpace.of(dataset, options, given=effects, user_effects=user_effects)
+    for name in names:
+        if name != LEARNED:
+            available_family(dataset, name, user_effects)
+    steps = [first_fit(space)]
+    for name in dict.fromkeys(names):
+        last = steps[-1]
+        if name == LEARNED:
+            steps.append(with_curves(space, last))
+            continue
+        candidate = candidate_of(space.screen(last.calibration), name)
+        steps.append(step_after(last, name, *with_candidate(space, last, candidate), candidate))
+    return tuple(steps)
