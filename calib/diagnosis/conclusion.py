@@ -13,10 +13,16 @@ import numpy as np
 
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
-from calib.diagnosis.decision_rules import carries_its_names, curves_say_more, is_convincing, predicts_worse, verdict_of
+from calib.diagnosis.decision_rules import (
+    carries_its_names,
+    curves_say_more,
+    is_convincing,
+    predicts_worse,
+    verdict_of,
+)
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect, curves_beside, selected_curves
 from calib.diagnosis.findings import Learned
-from calib.diagnosis.moves import Stop, Tell
+from calib.diagnosis.moves import Stop, Tell, next_move
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, step_after
 from calib.diagnosis.stepwise import search_stepwise, way_to
@@ -78,14 +84,15 @@ def concluded(
     last = steps[-1]
     space = space.without(last.left_out)
     if any(effect.name == LEARNED for effect in last.selected):
-        return _with_curves_inside(space, steps, stop)
+        return _with_curves_inside(space, steps)
     if tests is None:
         tests = run_residual_tests(last.calibration.dataset, project_residual(last.calibration))
     if stop.ambiguous:  # then the residual holds the cause that was left open: a fault would be a guess
         tests = replace(tests, fault=None)
     added = tuple(effect.name for effect in last.selected)
     ambiguous = tuple(candidate.name for candidate in stop.ambiguous)
-    doubted = bool(stop.refused or stop.leading_fault or stop.implausible)
+    only_refused = bool(stop.refused) and not added
+    doubted = only_refused or bool(stop.leading_fault or stop.implausible)
     verdict = verdict_of(added, ambiguous, doubted, tests)
     claimed = carries_its_names(verdict, _tests_beside_open_set(space, last, stop))
     return Diagnosis(
@@ -145,14 +152,17 @@ def _of_all_poses(rest: Diagnosis, outliers: tuple[str, ...]) -> Diagnosis:
 def _curves_to_add(space: SearchSpace, found: Diagnosis, tell: Tell) -> AddCurves | None:
     """Where something is left that no effect explains: curves of the joints, if they predict poses left out better.
 
-    They never take a name's place: not where effects are tied or one was refused, and not where a jump of one joint,
-    which no curve holds, has more evidence. A fault of one joint stays told unless all joints' curves say more.
+    They never take a name's place: not where effects are tied or the only one was refused, and not where a jump of
+    one joint, which no curve holds, has more evidence. A fault of one joint stays told unless all joints' curves say
+    more.
     """
     last, fault = found.steps[-1], found.leading_fault or found.residual_tests.fault
     before = last.calibration
-    if found.verdict != "unexplained" or found.refused or implausibility_reason(before):
+    only_refused = found.refused and not found.named
+    if found.verdict != "unexplained" or only_refused or implausibility_reason(before):
         return None
-    if found.leading_fault is None and any(map(is_convincing, found.screenings[-1].candidates)):
+    unnamed = found.leading_fault is None and not found.refused
+    if unnamed and any(map(is_convincing, found.screenings[-1].candidates)):
         return None  # as many effects as were asked for, and one more has a name
     tell("learning what the joints' curves explain")
     curves = curves_beside(before, fault)
@@ -187,7 +197,7 @@ def _with_learned(found: Diagnosis, step: FitStep, members: Sequence[SmoothJoint
     return replace(found, steps=(*found.steps, step), learned=learned)
 
 
-def _with_curves_inside(space: SearchSpace, steps: Sequence[FitStep], stop: Stop) -> Diagnosis:
+def _with_curves_inside(space: SearchSpace, steps: Sequence[FitStep]) -> Diagnosis:
     """The conclusion on a model with curves: that on the model without them, and the step that adds them."""
     last = steps[-1]
     names = tuple(effect for effect in last.selected if effect.name != LEARNED)
@@ -195,9 +205,10 @@ def _with_curves_inside(space: SearchSpace, steps: Sequence[FitStep], stop: Stop
     alone = next((step for step in reversed(steps) if _same(step, names, last.left_out)), None)
     if alone is None:
         alone = FitStep("", names, space.fit(names, None), left_out=last.left_out)
-    found = concluded(
-        space, [*(step for step in steps if step is not last and step is not alone), alone], stop
-    )
+    others = [step for step in steps if step is not last and step is not alone]
+    alone = space.ranked(alone)
+    move = next_move(space, alone)
+    found = concluded(space, [*others, alone], move if isinstance(move, Stop) else Stop())
     # What no name explains is held by the curves, so no name is claimed.
     found = replace(found, verdict="unexplained", missing=(), suspected=found.named)
     step = step_after(

@@ -19,8 +19,8 @@ from calib.diagnosis.decision_rules import (
     MIN_LEAD,
     MIN_LOG_EVIDENCE,
     is_convincing,
+    is_refused,
     leading_fault,
-    predicts_worse,
     rank_candidates,
 )
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
@@ -119,7 +119,7 @@ def _addition(space: SearchSpace, step: FitStep, dropped: Collection[str], tell:
         best, lead = ahead
     tell(f"adding {best.name}")
     trial = space.fit((*step.selected, SelectedEffect.of(best)), step.calibration)
-    if predicts_worse(step.calibration, trial):
+    if is_refused(best, screening, step.calibration, trial, further=bool(step.selected)):
         return Stop(refused=best.name)
     return AddEffect(best, lead, *with_candidate(space, step, best, trial))
 

@@ -11,7 +11,7 @@ from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
 from calib.corners.batch import search_file
 from calib.dataset.files.folder import load_dataset
-from calib.diagnosis.advice import Advice, advice_or_verdict
+from calib.diagnosis.advice import Advice, Move, advice_or_verdict
 from calib.diagnosis.conclusion import AddCurves, SearchAgain
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import (
@@ -195,7 +195,7 @@ def with_effect(session: Session, name: str) -> Session:
     """
     if any(added.name == name for added in session.effects):
         raise CalibError(f"effect {name} is in the model already")
-    move = session.advice.move if session.advice is not None and session.advice.effect == name else None
+    move = _advised(session, name)
     session = replace(session, dropped=session.dropped - {name})
     last = session.steps[-1]
     if isinstance(move, AddEffect):
@@ -211,13 +211,19 @@ def with_effect(session: Session, name: str) -> Session:
     return with_steps(session, (*session.steps, step))
 
 
+def _advised(session: Session, name: str) -> Move | None:
+    """The advised move, where it is about this effect."""
+    advice = session.advice if session.screening is not None else None
+    return advice.move if advice is not None and advice.effect == name else None
+
+
 def without_effect(session: Session, name: str) -> Session:
     """Take an effect out of the model, and fit the rest again."""
     kept = tuple(added for added in session.effects if added.name != name)
     if len(kept) == len(session.effects):
         inside = ", ".join(added.name for added in session.effects) or "only the link errors"
         raise CalibError(f"effect {name} is not in the model; there is {inside}")
-    move = session.advice.move if session.advice is not None and session.advice.effect == name else None
+    move = _advised(session, name)
     if isinstance(move, DropEffect):
         session = replace(session, dropped=session.dropped | {name})
         return with_steps(session, (*session.steps, applied(session.steps[-1], move)))

@@ -73,7 +73,7 @@ def test_the_effect_that_leads_is_to_be_added(hidden: tuple[Calibration, Screeni
     assert isinstance(advice.move, AddEffect)
     assert advice.effect == "transmission_error"
     assert "a pattern against" in advice_text(advice.sentences)
-    assert "transmission_error is missing" in advice_text(advice.sentences)
+    assert "transmission_error explains it best" in advice_text(advice.sentences)
 
 
 def test_noise_is_the_end(clean: tuple[Calibration, Screening, ResidualTests]) -> None:

@@ -399,7 +399,7 @@ def test_where_tied_effects_cannot_be_fitted_no_pose_is_recommended(monkeypatch:
     def too_few(*_: object, **__: object) -> None:
         raise FitError("measure more poses")
 
-    monkeypatch.setattr("calib.diagnosis.diagnose.discriminating_poses", too_few)
+    monkeypatch.setattr("calib.diagnosis.conclusion.discriminating_poses", too_few)
     result = diagnose(simulated(["link_bending"], seed=10, sigmas=1.0))
     assert result.verdict == "ambiguous"
     assert result.discriminating_poses == ()

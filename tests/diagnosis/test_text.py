@@ -161,5 +161,6 @@ def test_advice_names_the_effect_and_its_lead() -> None:
         "What is left: more than noise, without a pattern. backlash explains it best: its evidence is 8 (3 would "
         "do). Add it; it is the cause if noise alone is left in the end."
     )
-    apart = advice_text((left, conclusions.TellApart(("a", "b", "c"))))
-    assert "a, b and c could each explain it" in apart
+    out = advice_text((conclusions.LeaveOut(("p3", "p7"), ("backlash",)),))
+    assert out.startswith("Without p3 and p7 nothing but noise is left beside backlash. Leave them out")
+    assert "Remove it" in advice_text((conclusions.RemoveEffect("backlash"),))

@@ -21,7 +21,7 @@ from tests.support.app import IDLE_S, idle_app, shows
 from tests.support.hidden_dataset import write_unnamed
 from tests.support.wire_client import WireClient
 
-ADD_CURVES = f"Add {LEARNED}"
+ADD_CURVES = f"Add {LEARNED} (joint 1)"
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ from dataclasses import FrozenInstanceError, replace
 import pytest
 
 from calib.calibration.calibrate import calibrate
-from calib.diagnosis.advice import advise
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.errors import CalibError
@@ -91,7 +90,9 @@ def test_a_ranking_is_there_before_its_judgement_and_is_not_judged_twice(ranked:
     tested = sessions.with_residual_tests(early)
     assert tested.residual_tests is not None
     assert tested.residual_tests == ranked.residual_tests
-    assert tested.advice == ranked.advice == advise(early.screening, tested.residual_tests)
+    assert tested.advice is not None
+    assert ranked.advice is not None
+    assert tested.advice.effect == ranked.advice.effect == HIDDEN
     assert sessions.with_residual_tests(ranked) is ranked
     unranked = replace(ranked, screening=None, residual_tests=None)
     assert sessions.with_residual_tests(unranked) is unranked

@@ -1,0 +1,117 @@
+"""Following the page's advice button by button, adding by name and the whole diagnosis end in the same place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.effect_selection import FitStep
+from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.search_space import add_in_turn
+from calib.simulation.simulate import simulate_dataset
+from inspector.session import transitions as sessions
+from inspector.session.session import Session
+
+MOST_PRESSES = 9
+
+
+def arm(seed: int, *effects: tuple[str, float], robot: str = "rb5") -> Dataset:
+    return simulate_dataset(
+        builtin_robot(robot), rng=np.random.default_rng(seed), effects=effects, conditions=True, poses=60
+    ).dataset
+
+
+def with_wild_point(dataset: Dataset) -> Dataset:
+    assert dataset.points is not None
+    xyz_mm = dataset.points.xyz_mm.copy()
+    xyz_mm[5] += [1.5, 0.0, -1.0]
+    return dataset.with_points(replace(dataset.points, xyz_mm=xyz_mm))
+
+
+def followed(dataset: Dataset) -> Session:
+    """As someone does who presses the button of each advice, from the link errors on."""
+    return to_the_end(sessions.with_screening(sessions.with_calibration(Session(dataset))))
+
+
+def to_the_end(session: Session) -> Session:
+    for _ in range(MOST_PRESSES):
+        if session.advice is None:
+            return session
+        session = sessions.with_advice_followed(session)
+        session = session if session.diagnosis is not None else sessions.with_screening(session)
+    pytest.fail(f"after {MOST_PRESSES} presses there is still advice: {session.advice}")
+
+
+def model_of(step: FitStep) -> dict[str, dict[str, float]]:
+    return {effect.name: dict(effect.prior_sigmas) for effect in step.selected}
+
+
+def assert_same_end(session: Session, found: Diagnosis) -> None:
+    here = session.diagnosis
+    assert here is not None
+    assert (here.verdict, here.missing, here.suspected) == (found.verdict, found.missing, found.suspected)
+    assert here.ambiguous_set == found.ambiguous_set
+    assert set(model_of(session.steps[-1])) == set(model_of(found.steps[-1]))
+    for name, sizes in model_of(found.steps[-1]).items():
+        assert model_of(session.steps[-1])[name] == pytest.approx(sizes, rel=1e-6)
+    ours, theirs = session.steps[-1].calibration.after, found.calibration.after
+    assert ours.test is not None
+    assert theirs.test is not None
+    assert ours.test.rmse_mm == pytest.approx(theirs.test.rmse_mm, rel=1e-6)
+    assert here.summary() == found.summary()
+
+
+CASES = {
+    "one effect": arm(3, ("backlash", 4.0)),
+    "two effects": arm(5, ("transmission_error", 4.0), ("thermal_growth", 4.0)),
+    "nothing": arm(8),
+    "a wild point beside an effect": with_wild_point(arm(4, ("joint_compliance", 4.0))),
+    "no name, curves": arm(1, ("kinked_joint", 4.0)),
+    "a second arm": arm(9, ("joint_scale", 3.0), ("scanner_drift", 3.0), robot="panda"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_the_advice_followed_to_its_end_is_the_diagnosis(name: str) -> None:
+    assert_same_end(followed(CASES[name]), diagnose(CASES[name]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["hidden_effect_a", "hidden_effect_b", "hidden_effect_c"])
+def test_the_same_on_the_sample_data(name: str) -> None:
+    folder = Path(__file__).resolve().parents[3] / "sample_data" / name
+    dataset = sessions.open_session(folder).dataset
+    assert_same_end(followed(dataset), diagnose(dataset))
+
+
+@pytest.mark.slow
+def test_names_added_in_the_order_of_the_search_are_its_model() -> None:
+    dataset = CASES["two effects"]
+    found = diagnose(dataset)
+    assert len(found.missing) == 2
+    steps = add_in_turn(dataset, found.missing)
+    assert model_of(steps[-1]) == model_of(found.steps[-1])
+    np.testing.assert_allclose(steps[-1].calibration.fit.x, found.calibration.fit.x, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_wrong_first_choice_is_taken_out_again_on_the_way() -> None:
+    dataset = CASES["two effects"]
+    session = sessions.with_screening(sessions.with_calibration(Session(dataset)))
+    assert session.screening is not None
+    wrong = next(
+        c.name
+        for c in session.screening.candidates[1:]
+        if c.members and c.name not in ("transmission_error", "thermal_growth")
+    )
+    session = to_the_end(sessions.with_screening(sessions.with_effect(session, wrong)))
+    assert session.diagnosis is not None
+    assert wrong not in session.diagnosis.named
+    assert {"transmission_error", "thermal_growth"} <= set(session.diagnosis.named)
