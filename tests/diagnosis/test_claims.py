@@ -7,22 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
-<<<<<<< HEAD
-from calib.diagnosis.advice import advise
 from calib.diagnosis.decision_rules import carries_its_names, is_refused, verdict_of
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import SelectedEffect, calibrate_with
-from calib.diagnosis.words.conclusion_text import advice_text
-=======
-from calib.diagnosis.decision_rules import carries_its_names
-from calib.diagnosis.diagnose import diagnose
->>>>>>> 8ec1fce (Say the verdict of a model built by hand as the search says it)
 from calib.diagnosis.words.text import reason_texts
 from calib.effects.base import Parameter
+from calib.effects.catalogue import effects_for
 from calib.effects.effect import families_from
 from calib.effects.state import RobotState
+from calib.screening.candidates import screen
 from calib.screening.residual_tests import ResidualTests
 from calib.simulation.simulate import simulate_dataset
 from inspector.export.diagnosis_documents import diagnosis_document
