@@ -23,13 +23,21 @@ def _field(dataset: Dataset) -> tuple[Vector, float]:
     return (x, y, z), max(0.5 * float(np.max(high - low)), 1e-6)
 
 
+_FAINT_MM = 0.03  # a radial error below which the middle of the optics cannot be told
+
+
+def _inverse(radial_mm: float, shift_mm: float) -> float:
+    """1 / radial, bounded and smooth: nearly 0 for a faint error, and never moving the middle by 1.5 half fields."""
+    return radial_mm / (float(np.hypot(radial_mm**2, (shift_mm / 2.0) ** 2)) + _FAINT_MM**2)
+
+
 @dataclass(frozen=True)
 class ScannerDistortion(CatalogueEffect):
     """Depth and radial errors about the middle of the measured field.
 
     With u = (p - centre) / half: depth z += k1 u_z + k2 u_z^2, radial (x, y) += k r^2 (u_x, u_y), r^2 = u_x^2 + u_y^2.
-    The true middle of the optics is not known: two more columns, the radial term's derivative by it, let it move. No
-    term divides by z, as that of a line scanner or tracker may be zero.
+    The true middle of the optics is not known: with it at u = -s the radial term is k |u + s|^2 (u + s), and k s are
+    two more unknowns. No term divides by z, as that of a line scanner or tracker may be zero.
     """
 
     centre_mm: Vector
@@ -39,7 +47,6 @@ class ScannerDistortion(CatalogueEffect):
     symbols = (("depth1", "mm"), ("depth2", "mm"), ("radial", "mm"), ("decentre", "mm"))
     needs = "points spread over the field"
     confirm = "the same poses from a second place of the scanner (a second setup)"
-    linear = True
     parameters = (
         Parameter("depth1_mm", "mm", 0.1, "depth error at the edge of the field, linear"),
         Parameter("depth2_mm", "mm", 0.1, "depth error at the edge of the field, quadratic"),
@@ -71,8 +78,10 @@ class ScannerDistortion(CatalogueEffect):
         across = u[:, :2]
         square = np.sum(across**2, axis=1)[:, None]
         shift = np.array([decentre_x_mm, decentre_y_mm])
-        # d(r^2 u) along the shift: r^2 s + 2 (u . s) u
+        # k |u + s|^2 (u + s) less its constant, which the scanner's place takes up, in powers of k s
         out[:, :2] = radial_mm * square * across + square * shift + 2.0 * (across @ shift)[:, None] * across
+        aside = shift * _inverse(radial_mm, float(np.linalg.norm(shift)))  # s, bounded
+        out[:, :2] += float(shift @ aside) * across + 2.0 * (across @ shift)[:, None] * aside
         return state.displace_in_scanner(out)
 
     @classmethod
