@@ -26,7 +26,7 @@ class FitOptions:
     tolerances: Mapping[str, float] = field(default_factory=dict)
     """Of single link parameters, by name, in mm or rad, where the default of 1 mm and 0.5 deg is wrong."""
     robust: bool = False
-    """Tukey weights for outlying points or full poses (`calib.fitting.robust`); not for "distance"."""
+    """Leave poses out that stand out of all others (`calib.fitting.robust`); not for "distance"."""
 
     def with_residual(self, residual: str) -> FitOptions:
         """The same for another kind of residual."""

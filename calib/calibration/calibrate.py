@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from calib.array_types import BoolArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.evaluation import evaluate_all
 from calib.calibration.result import Calibration
@@ -14,10 +15,13 @@ from calib.dataset.stands import on_stands
 from calib.effects.effect import Effect, is_held_by_prior
 from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import FitError
+from calib.fitting.distance_residuals import DistanceResiduals
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, with_nominal_scanner_frames
-from calib.fitting.pose_residuals import require_orientations
+from calib.fitting.pose_residuals import PoseResiduals, require_orientations
+from calib.fitting.position_residuals import PositionResiduals
 from calib.fitting.residual_kinds import make_residuals
+from calib.fitting.robust import BACK_LEVEL, LEVEL, belonging_points, fit_belonging, resistant_core
 from calib.fitting.tool_point.fit_task import FitTask, Fitted
 from calib.identifiability.structural import fewest_poses, structural_rank
 from calib.kinematics.robot import Robot
@@ -66,13 +70,9 @@ def calibrate(
     rows = len(residuals.residual(np.zeros(len(model.parameters))))
     _require_equations(dataset, observed, residual, rows - residuals.degrees_spent, rank=0)
     if options.robust and residual == "distance":
-        raise FitError("robust weights need a residual of each point; take position, pairs or pose")
+        raise FitError("a robust fit needs a residual of each point; take position, pairs or pose")
     task = FitTask(model, geometry, observed, options)
-    before = None if start is None else Fitted(start.model, start.fit)
-    alone = task.of_geometry_alone()
-    if before is None and effects and alone.model.parameters:
-        before = alone.fitted_to_tool()
-    fitted = task.fitted_to_tool() if before is None else task.fitted(before.model.tool_found, before.fit)
+    fitted, kept = _fitted(task, start)
     model, fit = fitted.model, fitted.fit
     held = sum(len(effect.parameters) for effect in model.effects if is_held_by_prior(effect))
     _require_equations(dataset, observed, residual, fit.rows - residuals.degrees_spent, fit.rank - held)
@@ -81,7 +81,8 @@ def calibrate(
             f"dataset {dataset.name}: the training poses tell nothing of the arm's parameters; they are all alike, or "
             "the points do not depend on the joints: measure poses that differ"
         )
-    at_nominal, at_fit = evaluate_all(model, [np.zeros(len(fit.x)), fit.x], given)
+    outliers = tuple(dataset.poses.ids[i] for i in np.unique(observed.points.pose[~kept]))
+    at_nominal, at_fit = evaluate_all(model, [np.zeros(len(fit.x)), fit.x], given, outliers)
     return Calibration(
         dataset=given,
         model=model,
@@ -89,9 +90,50 @@ def calibrate(
         fit=fit,
         before=at_nominal,
         after=at_fit,
-        weights=fitted.weights,
+        outliers=outliers,
         averaged=None if dataset is given else dataset,
     )
+
+
+def _fitted(task: FitTask, start: Calibration | None) -> tuple[Fitted, BoolArray]:
+    """The fit, and of which points (M,): of all but those of outlying poses where it is robust."""
+    observed, options = task.observed, task.options
+    before = None if start is None else Fitted(start.model, start.fit)
+    kept = np.ones(len(observed.points), dtype=bool)
+    if not options.robust:
+        return _fitted_from(task, before), kept
+    if start is not None and start.options.robust:
+        gone = [i for i, pose_id in enumerate(observed.poses.ids) if pose_id in start.outliers]
+        kept = ~np.isin(observed.points.pose, gone)
+    else:
+        kept = resistant_core(_maker(task.of_geometry_alone().model, options), observed, prior=options.prior)
+
+    def belonging(fitted: Fitted, kept: BoolArray, back_level: float) -> BoolArray:
+        make = _maker(fitted.model, options)
+        return belonging_points(make, observed, fitted.fit, kept, prior=options.prior, back_level=back_level)
+
+    first_back_level = LEVEL if start is None else BACK_LEVEL
+    return fit_belonging(lambda kept: _fitted_from(task.of(kept), before), belonging, kept, first_back_level)
+
+
+def _fitted_from(task: FitTask, before: Fitted | None) -> Fitted:
+    """The fit from an earlier one, or from the nominal robot, by way of the corrections of robot.toml alone."""
+    alone = task.of_geometry_alone()
+    if before is None and task.model.added_effects and alone.model.parameters:
+        before = alone.fitted_to_tool()
+    return task.fitted_to_tool() if before is None else task.fitted(before.model.tool_found, before.fit)
+
+
+def _maker(model: Model, options: FitOptions) -> Callable[[Observations], PositionResiduals | PoseResiduals]:
+    """Residuals of a model from observations."""
+
+    def make(observed: Observations) -> PositionResiduals | PoseResiduals:
+        placed = with_nominal_scanner_frames(observed, model.placed_robot)
+        residuals = make_residuals(options.residual, model, placed)
+        assert not isinstance(residuals, DistanceResiduals)
+        return residuals
+
+    return make
 
 
 def counted_by_stands(dataset: Dataset, residual: str) -> Dataset:

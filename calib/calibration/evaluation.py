@@ -15,6 +15,7 @@ import pandas as pd
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.dataset.dataset import Dataset
+from calib.dataset.stands import of_stands
 from calib.fitting.model import Model
 from calib.fitting.observations import (
     Observations,
@@ -49,10 +50,12 @@ class Evaluation:
     is_test: BoolArray  # (N,) by pose
     scanner_T_base: dict[str, Array]  # by setup
     notes: tuple[str, ...]
+    is_outlier: BoolArray | None = None  # (N,) training poses that a robust fit left out
 
     @property
     def train(self) -> Figures | None:
-        return self._figures(~self.is_test)
+        """Of the poses that were fitted."""
+        return self._figures(~self.is_test if self.is_outlier is None else ~self.is_test & ~self.is_outlier)
 
     @property
     def test(self) -> Figures | None:
@@ -93,14 +96,21 @@ def evaluate(model: Model, x: Array, dataset: Dataset) -> Evaluation:
     return evaluate_all(model, [x], dataset)[0]
 
 
-def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset) -> list[Evaluation]:
+def evaluate_all(
+    model: Model, xs: Sequence[Array], dataset: Dataset, outliers: Sequence[str] = ()
+) -> list[Evaluation]:
     """The errors of the model at each of several x (P,), at all points of the dataset.
+
+    `outliers`: ids of training poses that a robust fit left out, their stands with them; no frame is fitted to them.
 
     A setup without training poses gets its frame from its own test poses, and a note says so: its errors are then the
     scatter about its own best frame, not a prediction.
     """
     observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
+    is_outlier = of_stands(dataset, outliers) if outliers else None
     trained = ~dataset.poses.is_test[observed.points.pose]
+    if is_outlier is not None:
+        trained &= ~is_outlier[observed.points.pose]
     observed = with_nominal_scanner_frames(observed, model.placed_robot, trained)
     setups, notes = [], []
     for name in map(str, np.unique(observed.setup)):
@@ -110,7 +120,7 @@ def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset) -> list[Ev
             fitted = rows
             notes.append(f"setup {name!r} has no training pose: its frame comes from its own test poses")
         setups.append((name, rows, fitted))
-    distances = _Distances.of(observed)
+    distances = _Distances.of(observed, trained)
 
     def at(x: Array) -> Evaluation:
         base_mm, scanner_mm = predict_points(model, x, observed), observed.points.xyz_mm
@@ -128,6 +138,7 @@ def evaluate_all(model: Model, xs: Sequence[Array], dataset: Dataset) -> list[Ev
             is_test=dataset.poses.is_test,
             scanner_T_base=placements,
             notes=tuple(notes),
+            is_outlier=is_outlier,
         )
 
     return [at(x) for x in xs]
@@ -143,12 +154,14 @@ class _Distances:
     measured_mm: Array  # (K,)
 
     @classmethod
-    def of(cls, observed: Observations) -> _Distances:
+    def of(cls, observed: Observations, trained: BoolArray) -> _Distances:
+        """trained  # (M,) points that a fit counts"""
         poses, row = observed.used_poses
         usable, measured_mm, _ = mean_jig_points(observed)
         # A training pose is the reference where there is one, so that a test pose is measured against the fit.
-        trained = usable & ~poses.is_test
-        references = setup_references(poses, usable) | setup_references(poses, trained)
+        fitted = np.zeros(len(poses), dtype=bool)
+        fitted[row[trained]] = True
+        references = setup_references(poses, usable) | setup_references(poses, usable & fitted)
         start = np.full(len(poses), -1)
         for setup, reference in references.items():
             start[usable & (poses.setup == setup)] = reference

@@ -88,6 +88,8 @@ def pose_errors_of(calibration: Calibration) -> PoseErrors:
     dataset, model, x = calibration.dataset, calibration.model, calibration.fit.x
     everything = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
     trained = ~dataset.poses.is_test[everything.points.pose]
+    if calibration.after.is_outlier is not None:
+        trained &= ~calibration.after.is_outlier[everything.points.pose]
     observed = with_scanner_frames(everything, model, x, trained)
     poses, row = observed.used_poses
     scanner_T_base = np.stack([calibration.after.scanner_T_base[str(name)] for name in observed.setup])

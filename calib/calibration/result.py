@@ -12,7 +12,7 @@ from calib.array_types import Array
 from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
 from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations, orientation_lines
 from calib.dataset.dataset import Dataset
-from calib.dataset.stands import ShotCount
+from calib.dataset.stands import ShotCount, without_poses
 from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model
@@ -20,6 +20,8 @@ from calib.fitting.observations import Observations
 from calib.fitting.tool_point.placement import ToolShift, tool_shift
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
+
+_TOLD = 8  # outlying poses that are told one by one
 
 
 @dataclass(frozen=True)
@@ -42,15 +44,19 @@ class Calibration:
     fit: Fit
     before: Evaluation
     after: Evaluation
-    weights: Array | None = None  # of the training points that were fitted, where the fit was robust
+    outliers: tuple[str, ...] = ()  # ids of poses that a robust fit left out
     averaged: Dataset | None = (
         None  # one point for each stand and target, where that is not the dataset itself
     )
 
-    @property
+    @cached_property
     def fitted_dataset(self) -> Dataset:
-        """The dataset as it was fitted: each standing pose once, by the mean of its shots (`calib.dataset.stands`)."""
-        return self.averaged or self.dataset
+        """The dataset as it was fitted: each standing pose once, by the mean of its shots (`calib.dataset.stands`).
+
+        Without the points of outlying poses.
+        """
+        dataset = self.averaged or self.dataset
+        return without_poses(dataset, self.outliers) if self.outliers else dataset
 
     @property
     def shots(self) -> ShotCount | None:
@@ -70,7 +76,8 @@ class Calibration:
     @cached_property
     def iteration_errors(self) -> tuple[IterationErrors, ...]:
         """One an iteration, the first is the nominal robot; worked out when first asked for."""
-        at = evaluate_all(self.model, [iteration.x for iteration in self.fit.iterations], self.dataset)
+        xs = [iteration.x for iteration in self.fit.iterations]
+        at = evaluate_all(self.model, xs, self.dataset, self.outliers)
         return tuple(_iteration_errors(evaluation) for evaluation in at)
 
     @cached_property
@@ -107,14 +114,24 @@ class Calibration:
             out.append(self.tool_shift.words)
         if not self.fit.converged:
             out.append(f"the fit did not converge: {self.fit.reason}")
-        if self.weights is not None:
-            rows = np.flatnonzero(self.weights < 0.5)
-            poses = Observations.of(self.fitted_dataset).points.pose[rows]
-            names = ", ".join(self.dataset.poses.ids[i] for i in np.unique(poses)[:8]) or "none"
-            out.append(
-                f"{len(rows)} points count less than half: {names}; outliers are often physics, look at them"
-            )
+        if self.outliers:
+            out.append(self._outlier_words)
         return tuple(out)
+
+    @property
+    def _outlier_words(self) -> str:
+        """Which poses a robust fit left out, and how far they are off."""
+        after, told = self.after, []
+        for pose_id in self.outliers[:_TOLD]:
+            rows = after.pose == self.dataset.poses.index(pose_id)
+            off_mm = float(np.max(np.linalg.norm(after.error_mm[rows], axis=1)))
+            told.append(f"{pose_id} ({off_mm:.3g} mm off)")
+        more = f" and {len(self.outliers) - _TOLD} more" if len(self.outliers) > _TOLD else ""
+        poses = "1 pose stands" if len(self.outliers) == 1 else f"{len(self.outliers)} poses stand"
+        return (
+            f"{poses} out of all others and did not count in the fit: {', '.join(told)}{more}; outliers are often "
+            "physics, look at them"
+        )
 
     def require_improvement(self, *, force: bool = False) -> None:
         """Raise FitError where the result should not be put on a robot: not converged, or worse on test poses."""

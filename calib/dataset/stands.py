@@ -267,6 +267,10 @@ def _warnings(poses: Poses, stand: IndexArray, measured: IndexArray) -> tuple[st
 def without_poses(dataset: Dataset, pose_ids: Sequence[str]) -> Dataset:
     """The dataset without the measured points of some poses and of their stands; the poses themselves stay."""
     assert dataset.points is not None
+    return dataset.with_points(dataset.points.select(~of_stands(dataset, pose_ids)[dataset.points.pose]))
+
+
+def of_stands(dataset: Dataset, pose_ids: Sequence[str]) -> BoolArray:
+    """(N,) which poses are these, or stand as one of them does."""
     stand = stands_of(dataset)
-    gone = np.isin(stand, stand[[dataset.poses.index(pose_id) for pose_id in pose_ids]])
-    return dataset.with_points(dataset.points.select(~gone[dataset.points.pose]))
+    return np.isin(stand, stand[[dataset.poses.index(pose_id) for pose_id in pose_ids]])

@@ -59,6 +59,16 @@ class Observations:
         observed = cls(dataset.poses, points, covariance, turn_covariance_rad2=turns)
         return observed if points.counts_as is None else weighted(observed, points.counts_as)
 
+    def select(self, keep: BoolArray) -> Observations:
+        """The points where `keep` (M,); no scanner's frame is known then."""
+        turns = self.turn_covariance_rad2
+        return Observations(
+            self.poses,
+            self.points.select(keep),
+            self.covariance_mm2[keep],
+            turn_covariance_rad2=None if turns is None else turns[keep],
+        )
+
     @property
     def setup(self) -> NDArray[np.str_]:
         """(M,)"""

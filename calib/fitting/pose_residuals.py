@@ -152,6 +152,11 @@ class PoseResiduals:
         residual = np.einsum("mij,mj->mi", self._whiten, error).ravel()[self._rows]
         return Linearisation(residual, jacobian - basis @ (basis.T @ jacobian))
 
+    def frame_directions(self, x: Array) -> Array:
+        """Orthonormal basis (R, `degrees_spent`) of the changes of the residual by motions of frames and seat."""
+        _, error, columns = self._solve_frames_and_seat(*predict_poses(self.model, x, self.observed))
+        return self._basis(error, columns)
+
     def errors(self, placed: FramesAndSeat, base_mm: Array, attitude: Array) -> Array:
         """(M, 6) predicted minus measured: mm, and the rotation vector in rad (meaningless without orientation)."""
         at_mm = np.empty_like(base_mm)

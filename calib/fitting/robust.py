@@ -1,65 +1,167 @@
-"""Tukey biweights for outlying measurements. Off by default: what looks like an outlier is often a missing effect.
+"""Poses that do not belong to the others: found from a resistant fit, left out only where they stand out of the bulk.
 
-Iteratively reweighted least squares: a point whose residual is r sigma away (in the metric of its covariance) counts
-with the weight (1 - (r / c)^2)^2, which is zero beyond c (Beaton and Tukey 1974). A full pose is one point of six
-coordinates: position and orientation have one weight, by the length of all six in the metric of their covariance. The
-scale is the median over all points, so the declared sigma need not be right. A weight divides the point's covariance,
-so the scanner's frames are fitted with the same weights as the parameters.
+What looks like an outlier is often a missing effect, so no pose loses weight for being off. A pose is left out where
+its error is beyond what the bulk of all poses makes likely, tails heavier than normal allowed for. The fit of the
+others is an ordinary fit, and where no pose stands out it is the plain one.
+
+A pose pulls the fit towards itself, the more the fewer there are. So its error is taken against a fit without it: with
+the residual r of a pose and its block H of the hat matrix (parameters with their prior, and the frames),
+
+    T = r^T (1 - H)^-1 r     of a pose that was fitted,
+    T = e^T (1 + L)^-1 e     of one that was not, e its error, L what the fit's uncertainty adds to it,
+
+each chi^2 times the noise's variance, with as many degrees of freedom as the pose has rows (Cook and Weisberg 1982,
+section 2.2). The variance is by the median over all poses.
+
+Several wrong poses hide each other, and one of great leverage hides itself. The first set of poses is therefore that of
+an iteratively reweighted fit with Tukey's biweight (Beaton and Tukey 1974), the median over all poses its scale.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
-from scipy import special
 
-from calib.array_types import Array, IndexArray
-from calib.distributions import chi_median
+from calib.array_types import Array, BoolArray, IndexArray
+from calib.distributions import chi2_ppf, chi_median, f_sf
 from calib.fitting.fit import Fit
 from calib.fitting.observations import Observations, weighted
 from calib.fitting.pose_residuals import PoseResiduals
+from calib.fitting.position_residuals import PositionResiduals
 from calib.fitting.residual import Residuals
 from calib.fitting.trust_region import solve
 
-_EFFICIENCY = 0.95  # for normal errors
-_TUKEY = {3: 5.490, 6: 6.356}  # c of that efficiency by the number of coordinates (4.685 in one)
-_LEAST = 1e-6  # weight of a point at c; less beyond, so that covariances stay finite and outliers add no cost
-_ROUNDS = 20
+F = TypeVar("F")  # what `fit_belonging` fits
+
+_TUKEY = {3: 5.490, 6: 6.356}  # c of 95 % efficiency by the number of coordinates (4.685 in one)
+_LEAST = 1e-6  # weight of a point at c; less beyond, so that outliers add no cost
+_TUKEY_ROUNDS = 12
+_FIT_ROUNDS = 10
+_OUT = 1e-14  # weight of a pose that is left out: small enough for whatever it is off
+_TAIL = 8.0  # degrees of freedom of the bulk's tails: misfit is not normal
+LEVEL = 0.05  # p, times the number of poses, below which a pose stands out
+BACK_LEVEL = 0.5  # above which one that stood out of an earlier fit belongs again
+_FLOOR = 1e-12  # of the noise's variance over the declared one: exact data have rounding only
 
 
-def solve_robustly(
-    make: Callable[[Observations], Residuals],
-    observed: Observations,
-    *,
-    start: Array | None = None,
-    prior: bool = True,
-) -> tuple[Fit, Array]:
-    """Fit with Tukey weights.
+def fit_belonging(
+    fit_of: Callable[[BoolArray], F],
+    belonging: Callable[[F, BoolArray, float], BoolArray],
+    kept: BoolArray,
+    back_level: float,
+) -> tuple[F, BoolArray]:
+    """Fit the points that belong, test which belong to that fit, and so on until they are the same.
 
     Args:
-        make: residuals from observations; three rows a point, six where a full pose is fitted, point after point.
-        observed: the points with their covariances.
-        start, prior: as of `solve`.
+        fit_of: a fit of some points (M,).
+        belonging: `belonging_points` of a fit, the points it was made from, and the level that brings poses back.
+        kept: the points to begin with.
+        back_level: that brings poses back to the first fit; `BACK_LEVEL` later, so that none goes out and in.
 
     Returns:
-        The fit, and the weights (M,). Its noise and covariance are those of the points that were not rejected.
+        The fit, and its points (M,): at least half of all.
     """
+    fitted = fit_of(kept)
+    for _ in range(_FIT_ROUNDS):
+        now = belonging(fitted, kept, back_level)
+        if np.array_equal(now, kept) or 2 * np.count_nonzero(now) < len(now):
+            break
+        kept, back_level = now, BACK_LEVEL
+        fitted = fit_of(kept)
+    return fitted, kept
+
+
+def belonging_points(
+    make: Callable[[Observations], PositionResiduals | PoseResiduals],
+    observed: Observations,
+    fit: Fit,
+    kept: BoolArray,
+    *,
+    prior: bool,
+    back_level: float,
+) -> BoolArray:
+    """(M,) the points of the poses that belong to a fit of the points `kept` (M,).
+
+    Args:
+        make: residuals of the fit's model from observations.
+        observed: all points.
+        prior: whether the fit had one.
+        back_level: p, times the number of poses, that brings back a pose that is not in `kept`.
+    """
+    pose = np.unique(observed.points.pose, return_inverse=True)[1]
+    p_value = _p_values(make, observed, fit, kept, prior=prior) * (int(pose.max()) + 1)
+    was_kept = np.ones(len(p_value), dtype=bool)
+    was_kept[pose[~kept]] = False
+    return np.asarray((p_value > np.where(was_kept, LEVEL, back_level))[pose])
+
+
+def _p_values(
+    make: Callable[[Observations], PositionResiduals | PoseResiduals],
+    observed: Observations,
+    fit: Fit,
+    kept: BoolArray,
+    *,
+    prior: bool,
+) -> Array:
+    """(N,) of each used pose's T, by the tail of F."""
+    weights = np.where(kept, 1.0, _OUT)
+    residuals = make(weighted(observed, weights))
+    at = residuals.linearise(fit.x)
+    rows = rows_of_points(residuals, observed)
+    unweighted = np.repeat(1.0 / np.sqrt(weights), rows)
+    scales = np.array([p.scale for p in fit.parameters])
+    jacobian = at.jacobian * scales
+    square, turn = np.linalg.eigh(jacobian.T @ jacobian)
+    information = np.maximum(square, 0.0) + (fit.noise**2 if prior and np.isfinite(fit.noise) else 0.0)
+    known = information > 1e-12 * max(float(information[-1]), 1e-300)
+    spread = np.where(known, 1.0 / np.sqrt(np.where(known, information, 1.0)), 0.0)
+    lever = unweighted[:, None] * np.column_stack(
+        [residuals.frame_directions(fit.x), jacobian @ turn * spread]
+    )
+    error = unweighted * at.residual
+    row_pose = np.repeat(np.unique(observed.points.pose, return_inverse=True)[1], rows)
+    row_kept = np.repeat(kept, rows)
+    order = np.argsort(row_pose, kind="stable")
+    blocks = np.split(order, np.flatnonzero(np.diff(row_pose[order])) + 1)
+    size = np.array([len(block) for block in blocks], dtype=float)
+    distance = np.array(
+        [_distance(error[block], lever[block], fitted=bool(row_kept[block[0]])) for block in blocks]
+    )
+    median = np.array([chi2_ppf(0.5, freedom) for freedom in size])
+    variance = max(float(np.median(distance / median)), _FLOOR)
+    return np.array([f_sf(t / (d * variance), d, _TAIL) for t, d in zip(distance, size, strict=True)])
+
+
+def _distance(error: Array, lever: Array, *, fitted: bool) -> float:
+    """T of one pose; error  # (D,), lever  # (D, K) with lever lever^T = H, or L."""
+    of_fit = lever @ lever.T
+    variance = (1.0 + 1e-9) * np.eye(len(error)) + (-of_fit if fitted else of_fit)
+    return float(error @ np.linalg.solve(variance, error))
+
+
+def resistant_core(
+    make: Callable[[Observations], Residuals], observed: Observations, *, prior: bool
+) -> BoolArray:
+    """(M,) the points of poses that a Tukey fit gives weight: hardly a wrong one, not all of the right ones."""
     residuals = make(observed)
     rows = rows_of_points(residuals, observed)
-    fit = solve(residuals, start=start, prior=prior)
+    fit = solve(residuals, prior=prior)
     weights = np.ones(len(observed.points))
-    for _ in range(_ROUNDS):
+    for _ in range(_TUKEY_ROUNDS):
         norm = point_norms(residuals.residual(fit.x), rows) / np.sqrt(weights)
         new = _kept_above_zero(tukey_weights(norm, rows), norm)
-        settled = bool(np.max(np.abs(new - weights)) < 1e-3)
+        settled = bool(np.max(np.abs(new - weights)) < 0.01)
         weights = new
         residuals = make(weighted(observed, weights))
         fit = solve(residuals, start=fit.x, prior=prior)
         if settled:
             break
-    return _with_noise_of_counted(fit, weights, rows, prior=prior), weights
+    pose = np.unique(observed.points.pose, return_inverse=True)[1]
+    least = np.full(int(pose.max()) + 1, np.inf)
+    np.minimum.at(least, pose, weights)
+    return np.asarray((least > _LEAST)[pose])
 
 
 def rows_of_points(residuals: Residuals, observed: Observations) -> IndexArray:
@@ -92,50 +194,3 @@ def _kept_above_zero(weights: Array, norm: Array) -> Array:
     """The weights, those of rejected points so small that all of them together add nothing to the cost."""
     far = norm / max(float(np.median(norm)), 1e-300)
     return np.maximum(weights, _LEAST / np.maximum(far, 1.0) ** 2)
-
-
-def _with_noise_of_counted(fit: Fit, weights: Array, rows: IndexArray, *, prior: bool) -> Fit:
-    """The fit with the noise and the covariance of the points that count, rejected ones left out.
-
-    Weights make squares smaller: of d normal coordinates the mean weighted square is sigma^2 E[w r^2] / d. And the
-    estimate's covariance is that of least squares over the efficiency, E[psi^2] / E[psi']^2 with psi = w r, where
-    weighted least squares would say 1 / E[w].
-    """
-    counted = weights > _LEAST
-    left = fit.degrees_of_freedom - float(rows[~counted].sum())
-    if not np.isfinite(fit.noise) or left <= 0.5:
-        return fit
-    squares, mean = (np.average(_by_rows(rows, of), weights=rows) for of in (_weighted_square, _mean_weight))
-    rejected = fit.degrees_of_freedom / left
-    wider = rejected * mean / (squares * _EFFICIENCY)
-    scales = np.array([p.scale for p in fit.parameters])
-    covariance = fit.covariance / np.outer(scales, scales)
-    if prior:  # its information is 1 and stays: (information / wider + 1)^-1
-        covariance = np.asarray(
-            np.linalg.solve(np.eye(len(scales)) + (wider - 1.0) * covariance, covariance), np.float64
-        )
-    return replace(
-        fit,
-        noise=fit.noise * float(np.sqrt(rejected / squares)),
-        covariance=wider * covariance * np.outer(scales, scales),
-        degrees_of_freedom=left,
-    )
-
-
-def _moment(power: int, rows: int) -> float:
-    """E[r^power; r < c] of the length r of a vector of `rows` standard normal numbers."""
-    half = 0.5 * (rows + power)
-    inside = special.gammainc(half, 0.5 * _TUKEY[rows] ** 2)
-    return float(2.0 ** (0.5 * power) * inside * np.exp(special.gammaln(half) - special.gammaln(0.5 * rows)))
-
-
-def _mean_weight(rows: int) -> float:
-    """E[w] of Tukey's weight for standard normal errors."""
-    c2 = _TUKEY[rows] ** 2
-    return _moment(0, rows) - 2.0 * _moment(2, rows) / c2 + _moment(4, rows) / c2**2
-
-
-def _weighted_square(rows: int) -> float:
-    """E[w r^2] / d for d = `rows` standard normal errors."""
-    c2 = _TUKEY[rows] ** 2
-    return (_moment(2, rows) - 2.0 * _moment(4, rows) / c2 + _moment(6, rows) / c2**2) / rows

@@ -158,7 +158,7 @@ def _add_fit(sub: ArgumentParser) -> None:
     sub.add_argument(
         "--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal"
     )
-    sub.add_argument("--robust", action="store_true", help="let points far from the model count less")
+    sub.add_argument("--robust", action="store_true", help="leave poses out that stand out of all others")
 
 
 def _add_adding(sub: ArgumentParser) -> None:

@@ -57,6 +57,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         ],
         "correlated": [asdict(pair) for pair in correlated_pairs(calibration)],
         "stands": stands_document(calibration),
+        "outliers": calibration.outliers,
         "warnings": calibration.warnings,
     }
 

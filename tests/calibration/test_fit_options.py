@@ -47,7 +47,8 @@ def same_request(one: Calibration, other: Calibration) -> bool:
     return (
         links == others
         and one.residual == other.residual
-        and (one.weights is None) == (other.weights is None)
+        and one.options.robust == other.options.robust
+        and one.outliers == other.outliers
         and one.fit.rows == other.fit.rows
     )
 

@@ -9,13 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Points
 from calib.fitting.model import geometric_model
 from calib.fitting.observations import Observations
 from calib.fitting.residual_kinds import make_residuals
-from calib.fitting.robust import solve_robustly, tukey_weights
+from calib.fitting.robust import tukey_weights
 from calib.fitting.trust_region import solve
-from calib.options import RESIDUAL_KINDS
+from calib.options import RESIDUAL_KINDS, FitOptions
 from tests.support.arms import dataset_of, elementary_points, jang_arm, perturbed, random_transform
 from tests.support.fit_cases import check_gradient, with_point_covariances
 
@@ -99,7 +100,7 @@ def test_a_frame_ten_metres_away_costs_no_accuracy() -> None:
     np.testing.assert_allclose(costs[1], costs[0], atol=1e-6)
 
 
-def test_robust_weights_find_the_wrong_points_and_the_right_arm() -> None:
+def test_a_robust_fit_finds_the_wrong_points_and_the_right_arm() -> None:
     rng = np.random.default_rng(3)
     robot = jang_arm()
     true = perturbed(robot, rng)
@@ -108,11 +109,13 @@ def test_robust_weights_find_the_wrong_points_and_the_right_arm() -> None:
     wrong = np.array([7, 20, 33, 51])
     xyz = dataset.points.xyz_mm.copy()
     xyz[wrong] += rng.normal(size=(4, 3)) * 5.0
-    spoiled = Observations.of(dataset.with_points(Points(dataset.points.pose, xyz, dataset.points.target)))
+    wrong_dataset = dataset.with_points(Points(dataset.points.pose, xyz, dataset.points.target))
+    spoiled = Observations.of(wrong_dataset)
     clean = Observations.of(dataset)
     model = geometric_model(robot)
-    fit, weights = solve_robustly(lambda seen: make_residuals("position", model, seen), spoiled)
-    assert set(np.flatnonzero(weights < 0.1)) == set(wrong)
+    found = calibrate(wrong_dataset, FitOptions(robust=True))
+    assert {dataset.poses.index(pose_id) for pose_id in found.outliers} == set(wrong)
+    fit = found.fit
 
     def held_out(x: np.ndarray) -> float:
         q = np.random.default_rng(9).uniform(-np.pi, np.pi, (50, 6))

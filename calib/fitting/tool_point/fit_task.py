@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.array_types import Array
+from calib.array_types import Array, BoolArray
 from calib.effects.effect import Effect
 from calib.effects.link_errors import LinkErrors
 from calib.fitting.fit import Fit, Iteration
@@ -14,7 +14,6 @@ from calib.fitting.model import Model
 from calib.fitting.observations import Observations, with_nominal_scanner_frames
 from calib.fitting.residual import Residuals
 from calib.fitting.residual_kinds import make_residuals
-from calib.fitting.robust import solve_robustly
 from calib.fitting.tool_point.far_off import fitted_tool_point, search_tool_point, with_loose_tool
 from calib.fitting.trust_region import solve
 from calib.kinematics.robot import Robot
@@ -23,11 +22,10 @@ from calib.options import FitOptions
 
 @dataclass(frozen=True)
 class Fitted:
-    """A model, its fit, and the weights of the points where it was robust."""
+    """A model and its fit."""
 
     model: Model
     fit: Fit
-    weights: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -45,9 +43,12 @@ class FitTask:
         return self.geometry[0]
 
     def of_geometry_alone(self) -> FitTask:
-        """The corrections of robot.toml without the effects, and without weights: where a fit of all begins."""
-        alone = Model(self.model.robot, self.geometry, self.model.held)
-        return replace(self, model=alone, options=replace(self.options, robust=False))
+        """The corrections of robot.toml without the effects: where a fit of all begins."""
+        return replace(self, model=Model(self.model.robot, self.geometry, self.model.held))
+
+    def of(self, kept: BoolArray) -> FitTask:
+        """The same for some of the points (M,)."""
+        return replace(self, observed=self.observed.select(kept))
 
     def fitted_to_tool(self) -> Fitted:
         """The fit with the tool point held near where robot.toml has it, or, where that is far off, near where it is.
@@ -84,18 +85,9 @@ class FitTask:
         first_x = way[-1].x if way else np.zeros(len(model.parameters))
         if model.added_effects:
             model = model.with_loads_at(first_x)
-        weights = None
-        if self.options.robust:
-            fit, weights = solve_robustly(
-                lambda seen: make_residuals(self.options.residual, model, seen),
-                observed,
-                start=first_x,
-                prior=prior,
-            )
-        else:
-            residuals = make_residuals(self.options.residual, model, observed)
-            fit = solve(residuals, start=first_x, prior=prior)
-        return Fitted(model, replace(fit, iterations=(*way[:-1], *fit.iterations)), weights)
+        residuals = make_residuals(self.options.residual, model, observed)
+        fit = solve(residuals, start=first_x, prior=prior)
+        return Fitted(model, replace(fit, iterations=(*way[:-1], *fit.iterations)))
 
 
 def _to_found_tool(model: Model, residuals: Residuals) -> tuple[Iteration, ...]:

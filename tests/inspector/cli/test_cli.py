@@ -114,7 +114,7 @@ def test_without_a_prior_unknowable_sigmas_are_null(
     assert sigma["a2"] is not None
 
 
-def test_tolerances_holds_and_robust_weights_by_command(
+def test_tolerances_holds_and_robust_fits_by_command(
     capsys: pytest.CaptureFixture[str], points_folder: Path
 ) -> None:
     document = run_json(
@@ -132,13 +132,26 @@ def test_tolerances_holds_and_robust_weights_by_command(
     parameters = {p["name"]: p for p in document["parameters"]}
     assert "d5" not in parameters
     assert abs(parameters["a2"]["change"]) < 1e-6
-    assert any("count less than half" in warning for warning in document["warnings"])
+    assert document["outliers"] == []
     assert "no parameter named 'b7'" in refused(capsys, "calibrate", points_folder, "--tolerance", "b7=1")
     assert "above 0" in refused(capsys, "calibrate", points_folder, "--tolerance", "a2=-1")
     assert "no parameter named 'b7'" in refused(capsys, "calibrate", points_folder, "--hold", "b7")
     assert "position, pairs or pose" in refused(
         capsys, "calibrate", points_folder, "--robust", "--residual", "distance"
     )
+
+
+def test_a_robust_fit_says_which_pose_it_left_out(
+    capsys: pytest.CaptureFixture[str], points_folder: Path, own_points: Path
+) -> None:
+    table = pd.read_csv(own_points / "points.csv")
+    pose = table["pose"][20]
+    change(own_points / "points.csv", x_mm=table["x_mm"] + 30.0 * (table["pose"] == pose))
+    document = run_json(capsys, "calibrate", own_points, "--robust")
+    assert document["outliers"] == [pose]
+    assert any(f"{pose} (3" in warning for warning in document["warnings"])
+    good = run_json(capsys, "calibrate", points_folder)
+    assert document["test"]["rmse_mm"] == pytest.approx(good["test"]["rmse_mm"], rel=0.1)
 
 
 @pytest.mark.slow
