@@ -1,10 +1,17 @@
-"""Whether a fit is plausible at all: wrong units, joint signs or order of poses are no calibration errors."""
+"""Whether a fit is plausible at all: wrong units, joint signs or order of poses are no calibration errors.
+
+And whether single poses bend it, which a robust fit would leave out.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from calib.calibration.result import Calibration
+from calib.calibration.calibrate import calibrate
+from calib.calibration.result import Calibration, outlier_words
+from calib.errors import FitError
 
 MAX_TOLERANCES = 100.0
 """Largest plausible correction, in tolerances: 100 mm and 50 deg by default."""
@@ -36,3 +43,31 @@ def implausibility_reason(calibration: Calibration) -> str:
             f"that spread over {span_mm:.3g} mm; {remedy}"
         )
     return ""
+
+
+def outlier_hint(calibration: Calibration) -> str:
+    """Which poses stand out of a fit that was not robust, and what it is without them; "" where none does."""
+    options, model = calibration.options, calibration.model
+    if options.robust or calibration.residual == "distance":
+        return ""
+    try:
+        robust = calibrate(
+            calibration.dataset,
+            replace(options, robust=True),
+            effects=model.added_effects,
+            prior_sigmas=model.prior_sigmas,
+            start=calibration,
+        )
+    except FitError:
+        return ""
+    if not robust.outliers:
+        return ""
+    change = f"a coordinate's sigma is {robust.sigma_mm:.3g} mm without, {calibration.sigma_mm:.3g} mm with"
+    before, after = calibration.after.test, robust.after.test
+    if before is not None and after is not None:
+        change = f"the test poses are off by {after.rmse_mm:.3g} mm without, {before.rmse_mm:.3g} mm with"
+    it = "it" if len(robust.outliers) == 1 else "them"
+    return (
+        f"{outlier_words(robust)}: {change} {it} in the fit. Look at {it}; --robust leaves {it} out, --leave-out any "
+        "pose"
+    )

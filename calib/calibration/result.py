@@ -115,23 +115,10 @@ class Calibration:
         if not self.fit.converged:
             out.append(f"the fit did not converge: {self.fit.reason}")
         if self.outliers:
-            out.append(self._outlier_words)
+            out.append(
+                f"{outlier_words(self)}, and did not count in the fit; outliers are often physics, look at them"
+            )
         return tuple(out)
-
-    @property
-    def _outlier_words(self) -> str:
-        """Which poses a robust fit left out, and how far they are off."""
-        after, told = self.after, []
-        for pose_id in self.outliers[:_TOLD]:
-            rows = after.pose == self.dataset.poses.index(pose_id)
-            off_mm = float(np.max(np.linalg.norm(after.error_mm[rows], axis=1)))
-            told.append(f"{pose_id} ({off_mm:.3g} mm off)")
-        more = f" and {len(self.outliers) - _TOLD} more" if len(self.outliers) > _TOLD else ""
-        poses = "1 pose stands" if len(self.outliers) == 1 else f"{len(self.outliers)} poses stand"
-        return (
-            f"{poses} out of all others and did not count in the fit: {', '.join(told)}{more}; outliers are often "
-            "physics, look at them"
-        )
 
     def require_improvement(self, *, force: bool = False) -> None:
         """Raise FitError where the result should not be put on a robot: not converged, or worse on test poses."""
@@ -178,6 +165,18 @@ class Calibration:
         if self.faces_named:
             lines.append(self.faces_named)
         return "\n".join([*lines, *self.warnings])
+
+
+def outlier_words(robust: Calibration) -> str:
+    """Which poses a robust fit left out, and how far they are off."""
+    after, told = robust.after, []
+    for pose_id in robust.outliers[:_TOLD]:
+        rows = after.pose == robust.dataset.poses.index(pose_id)
+        off_mm = float(np.max(np.linalg.norm(after.error_mm[rows], axis=1)))
+        told.append(f"{pose_id} ({off_mm:.3g} mm off)")
+    more = f" and {len(robust.outliers) - _TOLD} more" if len(robust.outliers) > _TOLD else ""
+    poses = "1 pose stands" if len(robust.outliers) == 1 else f"{len(robust.outliers)} poses stand"
+    return f"{poses} out of all others, {', '.join(told)}{more}"
 
 
 def figures_line(before: Figures, after: Figures) -> str:

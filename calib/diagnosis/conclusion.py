@@ -87,6 +87,9 @@ def concluded(
         return _with_curves_inside(space, steps)
     if tests is None:
         tests = run_residual_tests(last.calibration.dataset, project_residual(last.calibration))
+    left_out = last.calibration.outliers  # by robust fits
+    if left_out:
+        tests = replace(tests, outlier_poses=tuple(dict.fromkeys([*left_out, *tests.outlier_poses])))
     if stop.ambiguous:  # then the residual holds the cause that was left open: a fault would be a guess
         tests = replace(tests, fault=None)
     added = tuple(effect.name for effect in last.selected)
@@ -119,7 +122,8 @@ def closing_move(space: SearchSpace, found: Diagnosis, tell: Tell) -> ClosingMov
     """What may follow a verdict; None where it stands."""
     if found.learned is not None:
         return None
-    outliers = found.residual_tests.outlier_poses
+    left_out = found.calibration.outliers
+    outliers = tuple(pose for pose in found.residual_tests.outlier_poses if pose not in left_out)
     again = not found.steps[-1].left_out and outliers
     if again and len(outliers) <= max(2, MAX_OUTLIER_SHARE * _measured_poses(found.calibration)):
         # Only now, with the effects in: a few wrong points bend the fit and hide or feign a pattern in all others.

@@ -10,7 +10,7 @@ import numpy as np
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Figures
 from calib.calibration.noise_check import is_declared, noise_floor_mm
-from calib.calibration.plausibility import implausibility_reason
+from calib.calibration.plausibility import implausibility_reason, outlier_hint
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
@@ -205,10 +205,11 @@ def _against_training(calibration: Calibration, train: Figures, test: Figures) -
 
 
 def _fit(calibration: Calibration, max_test_rmse_mm: float | None) -> list[CheckItem]:
-    fit, shift = calibration.fit, calibration.tool_shift
+    fit, shift, hint = calibration.fit, calibration.tool_shift, outlier_hint(calibration)
     return [
         CheckItem("fit", fit.converged, fit.summary()),
         *([] if shift is None else [CheckItem("tool point", None, shift.words, warning=True)]),
+        *([CheckItem("outliers", None, hint, warning=True)] if hint else []),
         *(CheckItem("fit", None, note) for note in calibration.after.notes),
         *_test_poses(calibration, max_test_rmse_mm),
         *_residual(calibration),

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
-from calib.calibration.plausibility import implausibility_reason
+from calib.calibration.plausibility import implausibility_reason, outlier_hint
 from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import identifiable_combinations
 from calib.compensation.target_correction import corrected_joints, needed_columns
@@ -101,11 +101,13 @@ def run_calibrate(options: CalibrateOptions) -> int:
         write_text_atomically(options.learned_out, learned)
     if session is not None and options.session is not None:
         save_session(options.session, session)
+    hint = outlier_hint(result)
     document = documents.calibration_document(result) | {
         "steps": documents.additions(steps),
         "table_alone": documents.table_document(table),
     }
-    show(options, document, _calibration_text(steps, table))
+    document["warnings"] = [*document["warnings"], *filter(None, [hint])]
+    show(options, document, "\n".join(filter(None, [_calibration_text(steps, table), hint])))
     return 0
 
 

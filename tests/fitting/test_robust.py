@@ -12,11 +12,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calib.calibration.calibrate import calibrate
+from calib.calibration.plausibility import outlier_hint
 from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
+from calib.diagnosis.diagnose import diagnose
 from calib.distributions import chi2_ppf
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model, geometric_model
@@ -291,3 +293,19 @@ def test_an_outlier_counts_in_no_figure_of_a_fit_and_stays_in_the_table_of_error
     assert errors.worst(1) == (dataset.poses.ids[11],)
     assert errors.error_length_mm[11] == pytest.approx(30.0, abs=1.0)
     assert all(step.train_rmse_mm < 30.0 for step in found.iteration_errors[1:])
+
+
+def test_a_diagnosis_by_robust_fits_tells_the_poses_that_they_left_out() -> None:
+    dataset = moved(measured_arm(3, 25), [6], 50.0)
+    found = diagnose(dataset, FitOptions(robust=True))
+    assert found.verdict == "outliers"
+    assert found.residual_tests.outlier_poses == (dataset.poses.ids[6],)
+    assert f"Single poses stand out: {dataset.poses.ids[6]}" in found.summary()
+
+
+def test_a_plain_fit_is_told_which_pose_bends_it() -> None:
+    dataset = moved(measured_arm(3, 25), [6], 50.0)
+    assert outlier_hint(calibrate(measured_arm(3, 25))) == ""
+    hint = outlier_hint(calibrate(dataset))
+    assert f"1 pose stands out of all others, {dataset.poses.ids[6]} (50" in hint
+    assert "the test poses are off by 0.1" in hint

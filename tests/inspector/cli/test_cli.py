@@ -152,6 +152,12 @@ def test_a_robust_fit_says_which_pose_it_left_out(
     assert any(f"{pose} (3" in warning for warning in document["warnings"])
     good = run_json(capsys, "calibrate", points_folder)
     assert document["test"]["rmse_mm"] == pytest.approx(good["test"]["rmse_mm"], rel=0.1)
+    assert not any("stands out" in warning for warning in good["warnings"])
+    # The plain fit points to the same pose, and check too.
+    for command, code in (("calibrate", 0), ("check", 1)):
+        bent = run_json(capsys, command, own_points, code=code)
+        hint = f"1 pose stands out of all others, {pose} (3"
+        assert any(hint in warning for warning in bent["warnings"])
 
 
 @pytest.mark.slow
