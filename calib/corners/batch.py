@@ -28,7 +28,7 @@ def find_corners(
     in_flight: int = 64,
     intermediate: bool = True,
 ) -> dict[str, CornerSearch]:
-    """The corner of every pose's scan, by pose id, in the dataset's order.
+    """The corner of every pose's scan, by pose id, in the dataset's order; none of poses that are left out.
 
     `on_progress(done, total, pose_id)` is called after each scan. With an `executor` (threads, processes, Dask's
     `Client.get_executor()`: any `concurrent.futures.Executor`) the scans are processed by it, `in_flight` with it at a
@@ -40,8 +40,9 @@ def find_corners(
 
     Raises DatasetError where the dataset has no scans; CornerError where a process of the executor died.
     """
-    ids = dataset.poses.ids
-    paths = [dataset.scan_path(i) for i in range(len(ids))]
+    wanted = [i for i, pose_id in enumerate(dataset.poses.ids) if pose_id not in dataset.left_out]
+    ids = [dataset.poses.ids[i] for i in wanted]
+    paths = [dataset.scan_path(i) for i in wanted]
     scans = [path for path in paths if path is not None]
     if len(scans) < len(ids) or not scans:
         raise DatasetError(

@@ -164,6 +164,7 @@ class Dataset:
     extra: Mapping[str, Any] = field(default_factory=dict)
     jig_is_declared: bool = True  # False: dataset.toml has no [jig], so points.csv may be of mirrors or balls
     notes: tuple[str, ...] = ()  # what is no mistake, and worth knowing
+    left_out: tuple[str, ...] = ()  # ids of poses that count for nothing
 
     def scan_path(self, pose: int) -> Path | None:
         """Where the scan of a pose lies; None where the dataset has no scans."""
@@ -179,7 +180,23 @@ class Dataset:
         return self.jig_is_declared and bool(np.all(self.points.target == "jig"))
 
     def with_points(self, points: Points) -> Dataset:
-        return replace(self, points=points)
+        """With these points, those of poses that are left out apart."""
+        gone = [self.poses.index(pose_id) for pose_id in self.left_out]
+        return replace(self, points=points.select(~np.isin(points.pose, gone)) if gone else points)
+
+    def leave_out(self, pose_ids: Sequence[str]) -> Dataset:
+        """The dataset without what was measured at some poses, and a note of it; the poses themselves stay.
+
+        Raises DatasetError on an id that no pose has.
+        """
+        ids = tuple(dict.fromkeys(pose_ids))
+        for pose_id in ids:
+            self.poses.index(pose_id)
+        if not ids:
+            return self
+        note = f"left out as asked: {', '.join(ids)}"
+        asked = replace(self, left_out=ids, notes=(*self.notes, note))
+        return asked if self.points is None else asked.with_points(self.points)
 
 
 def points_from_corners(

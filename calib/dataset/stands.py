@@ -267,7 +267,9 @@ def _warnings(poses: Poses, stand: IndexArray, measured: IndexArray) -> tuple[st
 def without_poses(dataset: Dataset, pose_ids: Sequence[str]) -> Dataset:
     """The dataset without the measured points of some poses and of their stands; the poses themselves stay."""
     assert dataset.points is not None
-    return dataset.with_points(dataset.points.select(~of_stands(dataset, pose_ids)[dataset.points.pose]))
+    gone = [dataset.poses.ids[i] for i in np.flatnonzero(of_stands(dataset, pose_ids))]
+    left_out = tuple(dict.fromkeys([*dataset.left_out, *gone]))
+    return replace(dataset, left_out=left_out).with_points(dataset.points)
 
 
 def of_stands(dataset: Dataset, pose_ids: Sequence[str]) -> BoolArray:

@@ -136,6 +136,7 @@ def _at_training_poses(
     """
     poses, robot = dataset.poses, dataset.robot
     rows = [poses.reference, *(int(i) for i in np.flatnonzero(poses.role == "train"))]
+    rows = [i for i in rows if poses.ids[i] not in dataset.left_out]
     points, of_target = dataset.points, None
     targets = _further_targets(robot, _measured_targets(dataset), residual)
     if targets and points is not None:

@@ -15,6 +15,7 @@ from calib.calibration.result import Calibration
 from calib.compensation.target_correction import Correction, corrected_joints, needed_columns, plain_poses
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.files.fingerprint import fingerprint
+from calib.dataset.stands import without_poses
 from calib.errors import FitError
 from calib.fitting.model import Model
 from calib.kinematics.robot import Robot
@@ -40,6 +41,7 @@ class Source:
     files: Mapping[str, str]  # hash by file name; empty for a dataset that lies in no folder
     training_poses: tuple[str, ...]  # ids of the poses that the fit saw
     program_version: str
+    left_out: tuple[str, ...] = ()  # ids of poses that it did not see, as asked or because they stand out
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class FittedModel:
             before=RoleErrors(calibration.before.train, calibration.before.test),
             after=RoleErrors(calibration.after.train, calibration.after.test),
             sigma_mm=calibration.sigma_mm,
-            source=_source(dataset),
+            source=_source(dataset, calibration.outliers),
         )
 
     @property
@@ -175,7 +177,8 @@ class FittedModel:
     def summary(self) -> str:
         """What the model is, and its errors, in two lines."""
         what = " + ".join(["link errors", *self.model.family_names])
-        lines = [f"{what}, fitted to {self.source.dataset}"]
+        without = f" without {', '.join(self.source.left_out)}" if self.source.left_out else ""
+        lines = [f"{what}, fitted to {self.source.dataset}{without}"]
         lines += [
             f"{name} RMSE {before.rmse_mm:.4g} -> {after.rmse_mm:.4g} mm"
             for name, before, after in (
@@ -192,11 +195,15 @@ def program_version() -> str:
     return version(PROGRAM)
 
 
-def _source(dataset: Dataset) -> Source:
-    assert dataset.points is not None
-    seen = np.unique(dataset.points.pose[~dataset.poses.is_test[dataset.points.pose]])
+def _source(dataset: Dataset, outliers: tuple[str, ...]) -> Source:
+    fitted = without_poses(dataset, outliers) if outliers else dataset
+    points = fitted.points
+    assert points is not None
+    seen = np.unique(points.pose[~dataset.poses.is_test[points.pose]])
     files = {} if dataset.folder is None else fingerprint(dataset)
-    return Source(dataset.name, files, tuple(dataset.poses.ids[i] for i in seen), program_version())
+    return Source(
+        dataset.name, files, tuple(dataset.poses.ids[i] for i in seen), program_version(), fitted.left_out
+    )
 
 
 def _has(poses: Poses, column: str) -> bool:

@@ -55,6 +55,7 @@ class SavedSource(msgspec.Struct, frozen=True):
     name: Text
     files: dict[str, Any]  # hash by file name; checked one by one
     training_poses: tuple[Text, ...]
+    left_out: tuple[Text, ...] = ()  # poses that the fit did not see, as asked or because they stand out
 
 
 class ModelDocument(msgspec.Struct, frozen=True):

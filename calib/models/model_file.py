@@ -55,7 +55,12 @@ def save_model(fitted: Calibration | FittedModel, path: str | Path) -> None:
 def model_text(fitted: FittedModel) -> str:
     """The file's content, a line a key."""
     model, source = fitted.model, fitted.source
-    files = {"name": source.dataset, "files": source.files, "training_poses": source.training_poses}
+    files = {
+        "name": source.dataset,
+        "files": source.files,
+        "training_poses": source.training_poses,
+        "left_out": source.left_out,
+    }
     document = {
         "format": KIND,
         "version": VERSION,
@@ -131,6 +136,7 @@ def load_model(path: str | Path, effects_file: str | Path | None = None) -> Fitt
             file.checked_values(["dataset", "files"], document.dataset.files, Text),
             document.dataset.training_poses,
             document.program_version,
+            document.dataset.left_out,
         ),
     )
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -82,7 +82,7 @@ def _left_out(search: CornerSearch) -> str:
 
 def run_redundancy(options: RedundancyOptions) -> int:
     """Pearson's redundancy of the parameters (Park 3), and the rank with the scanner's frame unknown."""
-    dataset = load(options.path)
+    dataset = load(options.path, options.leave_out)
     check_outputs(dataset, [options.out])
     result = redundancy(dataset, residual=options.residual)
     if options.out is not None:
@@ -162,9 +162,9 @@ def _whole_or_nothing(folder: Path) -> Iterator[None]:
         raise
 
 
-def load(path: Path) -> Dataset:
-    """Load the dataset and print its warnings and notes to stderr."""
-    dataset = load_dataset(path)
+def load(path: Path, leave_out: Sequence[str] = ()) -> Dataset:
+    """Load the dataset, without what was measured at some poses, and print its warnings and notes to stderr."""
+    dataset = load_dataset(path).leave_out(leave_out)
     for warning in dataset.warnings:
         print(f"inspector: warning: {warning}", file=sys.stderr)
     for note in dataset.notes:

@@ -49,7 +49,7 @@ from inspector.export import json_documents as documents
 from inspector.export.csv_and_png import residuals_csv
 from inspector.session.session import Session
 from inspector.session.session_file import save_session
-from inspector.session.transitions import with_found, with_steps
+from inspector.session.transitions import with_face_labels, with_found, with_steps
 
 SCENE_ARROWS = 100.0  # how many times longer residuals are drawn in a scene's file
 
@@ -72,7 +72,7 @@ def _fitted(options: CalibrateOptions | CorrectOptions, dataset: Dataset) -> tup
 
 def run_calibrate(options: CalibrateOptions) -> int:
     """Fit, and write the calibrated table, the model and more."""
-    dataset = load(options.path)
+    dataset = load(options.path, options.leave_out)
     outputs = [
         options.out, options.model_out, options.residuals, options.scene, options.session, options.learned_out
     ]  # fmt: skip
@@ -144,6 +144,7 @@ def _as_session(options: CalibrateOptions, dataset: Dataset, steps: Sequence[Fit
         "--tolerance": options.tolerance,
         "--no-prior": options.no_prior,
         "--robust": options.robust,
+        "--leave-out": options.leave_out,
     }
     used = [name for name, value in given.items() if value]
     if used:
@@ -162,7 +163,7 @@ def run_validate(options: ValidateOptions) -> int:
     """Cross-validate over poses, and measure the learning curve."""
     if options.model is not None:
         return validate_model(options, options.model)
-    dataset = measured(load(options.path), orientation=options.residual == "pose")
+    dataset = measured(load(options.path, options.leave_out), orientation=options.residual == "pose")
     asked = options.fit_options()
     effects = effects_named(dataset, options.effect, loaded_effects(options.effects_file, dataset))
     with progress("fits", "fit") as on_progress:
@@ -176,7 +177,7 @@ def run_correct(options: CorrectOptions) -> int:
     """Joint targets that bring the real arm where the nominal one was meant to be."""
     if options.model is not None:
         return correct_by_model(options, options.model)
-    dataset = load(options.path)
+    dataset = load(options.path, options.leave_out)
     check_outputs(dataset, [options.out], [options.joints, options.effects_file])
     targets = load_targets(options.joints, dataset.robot)
     dataset = measured(dataset, orientation=options.residual == "pose")
@@ -209,15 +210,18 @@ def run_report(options: ReportOptions) -> int:
         raise CalibError(
             f"{options.out}: exists and is no report; name another file, or --force to replace it"
         )
-    dataset = load(options.path)
+    dataset = load(options.path, options.leave_out)
     check_outputs(dataset, [options.out], [options.effects_file])
     session = Session(dataset, searched(dataset) if dataset.points is None else {})
-    user_effects = loaded_effects(options.effects_file, session.measured)
-    effects_named(
-        session.measured, options.effect, user_effects
-    )  # refuses unknown names before the work starts
+    if options.residual == "pose":
+        session = with_face_labels(session)
+    given = session.measured_for(options.residual)
+    user_effects = loaded_effects(options.effects_file, given)
+    effects_named(given, options.effect, user_effects)  # refuses unknown names before the work starts
     with stages() as on_step:
-        found = diagnose(session.measured, effects=options.effect, user_effects=user_effects, on_step=on_step)
+        found = diagnose(
+            given, options.fit_options(), effects=options.effect, user_effects=user_effects, on_step=on_step
+        )
     report = report_of(with_found(session, found))
     write_text_atomically(options.out, report_html(report, now=datetime.now()))
     document = documents.diagnosis_document(found) | {"report": str(options.out)}
@@ -230,8 +234,8 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     """Select the missing effects step by step."""
     if options.max_steps < 0:
         raise DatasetError(f"--max-steps {options.max_steps}: a number of steps is 0 or more")
-    dataset = load(options.path)
-    check_outputs(dataset, [options.learned_out], [options.effects_file])
+    dataset = load(options.path, options.leave_out)
+    check_outputs(dataset, [options.learned_out, options.model_out], [options.effects_file])
     dataset = measured(dataset, orientation=options.residual == "pose")
     user_effects = loaded_effects(options.effects_file, dataset)
     effects_named(dataset, options.effect, user_effects)  # refuses unknown names before the work starts
@@ -244,6 +248,9 @@ def run_diagnose(options: DiagnoseOptions) -> int:
             max_steps=options.max_steps,
             on_step=on_step,
         )
+    if options.model_out is not None:
+        _require_plausible(result.calibration, options.force)
+        save_model(result.calibration, options.model_out)
     ranked = result.screenings[0].to_frame()
     ranking = "No effect can be ranked: none is testable with these data."
     if len(ranked):
@@ -266,7 +273,7 @@ def run_check(options: CheckOptions) -> int:
     """Corners, fit and diagnosis of each dataset; exit code 1 where one does not pass."""
     results = []
     for folder in find_datasets(options.path):
-        dataset = load_dataset(folder)
+        dataset = load_dataset(folder).leave_out(options.leave_out)
         searches = None
         if dataset.points is None:
             searches = found_corners(dataset)

@@ -59,6 +59,7 @@ def _refuse_fit_options(options: ValidateOptions | CorrectOptions) -> None:
         "--tolerance": options.tolerance,
         "--no-prior": options.no_prior,
         "--robust": options.robust,
+        "--leave-out": options.leave_out,
     }
     if isinstance(options, CorrectOptions):
         given["--add"] = options.add

@@ -48,6 +48,7 @@ class RedundancyOptions(Output):
     path: Path
     out: Path | None
     residual: str
+    leave_out: Sequence[str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +63,7 @@ class _FittingOptions(Output):
     tolerance: Sequence[tuple[str, float]]  # parameter, mm or rad
     hold: Sequence[str]
     robust: bool
+    leave_out: Sequence[str]  # ids of poses
 
     def fit_options(self) -> FitOptions:
         """What --residual, --hold, --no-prior, --tolerance and --robust ask of a fit."""
@@ -114,17 +116,16 @@ class DiagnoseOptions(_FittingOptions):
 
     max_steps: int
     learned_out: Path | None
+    model_out: Path | None
+    force: bool
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReportOptions(Output):
+class ReportOptions(_FittingOptions):
     """Of `report`."""
 
-    path: Path
     out: Path
     force: bool
-    effect: Sequence[str]
-    effects_file: Path | None
 
 
 @dataclass(frozen=True, kw_only=True)

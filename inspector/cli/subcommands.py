@@ -46,6 +46,7 @@ def _corners(sub: ArgumentParser) -> None:
 def _redundancy(sub: ArgumentParser) -> None:
     sub.add_argument("--out", type=Path, metavar="FILE.csv", help="write Pearson's r of all pairs")
     _add_residual(sub)
+    _add_leave_out(sub)
     _add_json(sub)
 
 
@@ -53,12 +54,7 @@ def _calibrate(sub: ArgumentParser) -> None:
     sub.add_argument(
         "--out", type=Path, metavar="FILE", help="write robot.toml, its table the best without effects"
     )
-    sub.add_argument(
-        "--model-out",
-        type=Path,
-        metavar="FILE.json",
-        help="write the full model, which correct and validate take",
-    )
+    _add_model_out(sub)
     sub.add_argument("--force", action="store_true", help="write although the fit is no improvement")
     sub.add_argument(
         "--residuals",
@@ -105,6 +101,8 @@ def _diagnose(sub: ArgumentParser) -> None:
         "--max-steps", type=int, default=3, metavar="N", help="effects to add at the most (default 3)"
     )
     _add_learned_out(sub)
+    _add_model_out(sub)
+    sub.add_argument("--force", action="store_true", help="write although the fit is no improvement")
     _add_fit(sub)
     _add_json(sub)
 
@@ -112,7 +110,7 @@ def _diagnose(sub: ArgumentParser) -> None:
 def _report(sub: ArgumentParser) -> None:
     sub.add_argument("--out", type=Path, required=True, metavar="FILE.html", help="write the page")
     sub.add_argument("--force", action="store_true", help="replace a file that is no report")
-    _add_effects(sub)
+    _add_fit(sub)
     _add_json(sub)
 
 
@@ -158,6 +156,7 @@ def _add_fit(sub: ArgumentParser) -> None:
     sub.add_argument(
         "--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal"
     )
+    _add_leave_out(sub)
     sub.add_argument("--robust", action="store_true", help="leave poses out that stand out of all others")
 
 
@@ -177,6 +176,25 @@ def _add_learned_out(sub: ArgumentParser) -> None:
         type=Path,
         metavar="FILE.py",
         help="write the curves of smooth_joint_error as an effects file of your own",
+    )
+
+
+def _add_model_out(sub: ArgumentParser) -> None:
+    sub.add_argument(
+        "--model-out",
+        type=Path,
+        metavar="FILE.json",
+        help="write the full model, which correct and validate take",
+    )
+
+
+def _add_leave_out(sub: ArgumentParser) -> None:
+    sub.add_argument(
+        "--leave-out",
+        action="append",
+        default=[],
+        metavar="POSE",
+        help="take no notice of what was measured at a pose; may be given several times",
     )
 
 

@@ -18,6 +18,7 @@ import pytest
 
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import load_robot
+from calib.models.model_file import load_model
 from inspector.cli.parser import _parser, main
 from inspector.cli.subcommands import SUBCOMMANDS, Subcommand
 from tests.support.arms import dataset_of, jang_arm, perturbed
@@ -154,10 +155,57 @@ def test_a_robust_fit_says_which_pose_it_left_out(
     assert document["test"]["rmse_mm"] == pytest.approx(good["test"]["rmse_mm"], rel=0.1)
     assert not any("stands out" in warning for warning in good["warnings"])
     # The plain fit points to the same pose, and check too.
-    for command, code in (("calibrate", 0), ("check", 1)):
-        bent = run_json(capsys, command, own_points, code=code)
+    for command in ("calibrate", "check"):
+        bent = run_json(capsys, command, own_points)
         hint = f"1 pose stands out of all others, {pose} (3"
         assert any(hint in warning for warning in bent["warnings"])
+
+
+def without_pose(folder: Path, pose: str) -> None:
+    table = pd.read_csv(folder / "points.csv")
+    table[table["pose"] != pose].to_csv(folder / "points.csv", index=False)
+
+
+def test_a_pose_that_is_left_out_counts_for_nothing_and_is_told(
+    capsys: pytest.CaptureFixture[str], points_folder: Path, own_points: Path, tmp_path: Path
+) -> None:
+    pose = pd.read_csv(own_points / "points.csv")["pose"][20]
+    without_pose(own_points, pose)
+    model = tmp_path / "model.json"
+    asked = ("--leave-out", pose)
+    ours = run_json(capsys, "calibrate", points_folder, *asked, "--model-out", model)
+    same = run_json(capsys, "calibrate", own_points)
+    assert ours["parameters"] == same["parameters"]
+    assert ours["test"] == same["test"]
+    assert f"left out as asked: {pose}" in ours["warnings"]
+    source = json.loads(model.read_text())["dataset"]
+    assert source["left_out"] == [pose]
+    assert pose not in source["training_poses"]
+    assert f"without {pose}" in load_model(model).summary()
+    with_all, without = (
+        run_json(capsys, "redundancy", points_folder, *more)["pearson"] for more in ((), asked)
+    )
+    assert with_all != without
+    for command in ("calibrate", "diagnose", "redundancy", "check"):
+        message = refused(capsys, command, points_folder, "--leave-out", "nix")
+        assert "no pose named 'nix'" in message
+
+
+@pytest.mark.slow
+def test_diagnose_writes_its_model_and_the_report_fits_as_asked(
+    capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
+) -> None:
+    model, page = tmp_path / "model.json", tmp_path / "report.html"
+    pose = pd.read_csv(points_folder / "points.csv")["pose"][7]
+    asked = ("--leave-out", pose, "--hold", "d5", "--tolerance", "a2=0.1")
+    found = run_json(capsys, "diagnose", points_folder, *asked, "--model-out", model)
+    saved = load_model(model)
+    assert saved.after.test is not None
+    assert saved.after.test.rmse_mm == pytest.approx(found["steps"][-1]["test_rmse_mm"])
+    assert saved.options.held == ("d5",)
+    reported = run_json(capsys, "report", points_folder, *asked, "--out", page)
+    assert reported["steps"] == found["steps"]
+    assert f"left out as asked: {pose}" in page.read_text()
 
 
 @pytest.mark.slow
