@@ -127,7 +127,7 @@ def corrected_joints(
         what = "pose" if nominal.n_joints >= 6 else "position"
     if what not in CORRECTION_KINDS:
         raise FitError(f"cannot correct {what!r}; there are {' and '.join(CORRECTION_KINDS)}")
-    conditions = plain_poses(q0) if conditions is None else replace(conditions, q=q0)
+    conditions = plain_poses(q0) if conditions is None else replace(conditions, q=q0).measured_later()
     goal = kinematics.forward(nominal.table, q0, nominal.is_revolute).base_T_frame[:, -1]
     if model.tool_found is not None:  # its row may be turned to reach the point: that turns no tool
         turned = kinematics.forward(model.tool_found.table, q0, nominal.is_revolute).base_T_frame[:, -1]
@@ -165,8 +165,10 @@ def corrected_joints(
 def needed_columns(model: Model, x: ArrayLike, poses: Poses) -> tuple[str, ...]:
     """Columns of poses.csv beside the joints' that the tool's position or orientation depends on, by their names there.
 
-    A column is needed where the model at x predicts another tool frame without it, or cannot predict.
+    A column is needed where the model at x predicts another tool frame without it, or cannot predict. Targets are later
+    than all that was measured.
     """
+    poses = poses.measured_later()
     n = poses.q.shape[1]
     without: dict[tuple[str, ...], Poses] = {}
     if poses.payload_kg is not None:
@@ -234,7 +236,9 @@ def _limits(robot: Robot) -> tuple[Array, Array]:
 def plain_poses(q: Array) -> Poses:
     """Poses at joint vectors q (N, n) of which nothing else is known."""
     n = len(q)
-    return Poses(tuple(map(str, range(n))), np.full(n, "train"), q, np.full(n, ""), ("",) * n)
+    return Poses(
+        tuple(map(str, range(n))), np.full(n, "train"), q, np.full(n, ""), ("",) * n
+    ).measured_later()
 
 
 def _reason(

@@ -64,7 +64,7 @@ def load_targets(path: Path, robot: Robot) -> Targets:
         extra=file.rest(["pose", *columns, *CONDITIONS, *approach_columns(robot)]),
         **load_conditions(file, robot),
     )
-    return Targets(poses, file)
+    return Targets(poses.measured_later(), file)
 
 
 def require_conditions(targets: Targets, needed: Sequence[str], families: Sequence[str]) -> None:

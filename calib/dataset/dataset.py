@@ -47,6 +47,25 @@ class Poses:
     time_s: Array | None = None  # (N,)
     approach: Array | None = None  # (N, n) of -1, 1
     extra: pd.DataFrame = field(default_factory=pd.DataFrame)  # unknown columns, kept and offered as inputs
+    order: Array = field(default_factory=lambda: np.zeros(0))
+    """(N,) place in the order of measuring, from 0; inf for poses that come after all that were measured. Where it is
+    not given: by time_s, else by row."""
+    came_from: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(N, n) joints of the pose measured before, of the first its own. Where it is not given, by `order`."""
+
+    def __post_init__(self) -> None:
+        if len(self.order) != len(self.ids):
+            rows = (
+                np.arange(len(self.ids), dtype=float)
+                if self.time_s is None
+                else np.argsort(self.time_s, kind="stable")
+            )
+            object.__setattr__(self, "order", np.argsort(rows).astype(float))
+        if len(self.came_from) != len(self.ids):
+            sequence = np.argsort(self.order, kind="stable")
+            came_from = np.array(self.q, dtype=float)
+            came_from[sequence[1:]] = self.q[sequence[:-1]]
+            object.__setattr__(self, "came_from", came_from)
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -78,7 +97,18 @@ class Poses:
             time_s=pick(self.time_s),
             approach=pick(self.approach),
             extra=self.extra.iloc[rows] if len(self.extra.columns) else self.extra,
+            order=self.order[rows],
+            came_from=self.came_from[rows],
         )
+
+    def measured_later(self) -> Poses:
+        """The same poses as of a later time than any that a model was fitted to: what changed once stays changed."""
+        return replace(self, order=np.full(len(self), np.inf), came_from=self.q)
+
+    @property
+    def motion(self) -> Array:
+        """(N, n) by how much each joint moved to get there; 0 for the first and for poses of a later time."""
+        return np.where(np.isfinite(self.order)[:, None], self.q - self.came_from, 0.0)
 
     def index(self, pose_id: str) -> int:
         try:

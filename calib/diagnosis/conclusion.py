@@ -95,7 +95,7 @@ def concluded(
     added = tuple(effect.name for effect in last.selected)
     ambiguous = tuple(candidate.name for candidate in stop.ambiguous)
     only_refused = bool(stop.refused) and not added
-    doubted = only_refused or bool(stop.leading_fault or stop.implausible)
+    doubted = only_refused or stop.left_to_curves or stop.implausible
     verdict = verdict_of(added, ambiguous, doubted, tests)
     claimed = carries_its_names(verdict, _tests_beside_open_set(space, last, stop))
     return Diagnosis(
@@ -106,7 +106,7 @@ def concluded(
         steps=way_to(space, steps),
         residual_tests=tests,
         refused=stop.refused,
-        leading_fault=stop.leading_fault,
+        left_to_curves=stop.left_to_curves,
     )
 
 
@@ -156,20 +156,20 @@ def _of_all_poses(rest: Diagnosis, outliers: tuple[str, ...]) -> Diagnosis:
 def _curves_to_add(space: SearchSpace, found: Diagnosis, tell: Tell) -> AddCurves | None:
     """Where something is left that no effect explains: curves of the joints, if they predict poses left out better.
 
-    They never take a name's place: not where effects are tied or the only one was refused, and not where a jump of
-    one joint, which no curve holds, has more evidence. A fault of one joint stays told unless all joints' curves say
-    more.
+    They never take a name's place: not where effects are tied, the only one was refused or a further one is convincing;
+    only a cause of one place or one pose gives way to curves that say more. A fault of one joint stays told unless all
+    joints' curves say more.
     """
-    last, fault = found.steps[-1], found.leading_fault or found.residual_tests.fault
+    last, fault = found.steps[-1], found.residual_tests.fault
     before = last.calibration
     only_refused = found.refused and not found.named
     if found.verdict != "unexplained" or only_refused or implausibility_reason(before):
         return None
-    unnamed = found.leading_fault is None and not found.refused
+    unnamed = not found.left_to_curves and not found.refused
     if unnamed and any(map(is_convincing, found.screenings[-1].candidates)):
         return None  # as many effects as were asked for, and one more has a name
     tell("learning what the joints' curves explain")
-    curves = curves_beside(before, fault)
+    curves = curves_beside(before)
     if curves is None:
         return None
     selected = (*last.selected, selected_curves(curves))
@@ -178,7 +178,7 @@ def _curves_to_add(space: SearchSpace, found: Diagnosis, tell: Tell) -> AddCurve
     if predicts_worse(before, after, scatter=0.0) or before.after.train is None or after.after.train is None:
         return None
     if fault is not None and curves_say_more(curves, fault):
-        found = replace(found, residual_tests=replace(found.residual_tests, fault=None), leading_fault=None)
+        found = replace(found, residual_tests=replace(found.residual_tests, fault=None))
     step = step_after(last, LEARNED, selected, after, lead=curves.log_evidence)
     return AddCurves(_with_learned(found, step, curves.members), curves)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from calib.dataset.stands import stands_of
 from calib.fitting.pose_means import mean_by_pose
 from calib.screening.candidates import MIN_RIVAL_OVERLAP, Candidate, Screening, Untestable
 from calib.screening.curves.joint_curves import LearnedCurves
-from calib.screening.fault_models import JointFault, best_bump_or_jump
+from calib.screening.fault_models import JointFault
 from calib.screening.residual_tests import ResidualTests
 
 MAX_P_VALUE = 0.01  # that the Holm-corrected p of an effect has to be below
@@ -43,13 +44,6 @@ def rank_candidates(screening: Screening) -> tuple[Candidate, float | None, tupl
     margin = best.log_evidence - nearest[0].log_evidence if nearest else None
     tied = [c for c in rivals if best.log_evidence - c.log_evidence <= MIN_LEAD and c.log_evidence > 0.0]
     return best, margin, (best, *tied) if tied else ()
-
-
-def leading_fault(screening: Screening) -> JointFault | None:
-    """A dent or a slip of one joint, where its evidence exceeds the best candidate's by `MIN_LEAD`."""
-    fault = best_bump_or_jump(screening.projected)
-    best = max((c.log_evidence for c in screening.candidates), default=0.0)
-    return fault if fault is not None and fault.log_evidence > best + MIN_LEAD else None
 
 
 def untestable_names(untestable: Sequence[Untestable]) -> tuple[str, ...]:
@@ -131,6 +125,16 @@ def carries_its_names(verdict: str, beside_open_set: ResidualTests | None = None
     tests = beside_open_set
     too_large = tests.noise_from != "fit" and tests.residual_mm > MAX_SIGMAS_LEFT * tests.noise_mm
     return not (tests.fault or tests.structured or too_large)
+
+
+def beside_curves(screening: Screening, curves: LearnedCurves | None) -> Screening:
+    """The ranking without causes of one place or one pose that curves say clearly more than.
+
+    Such a cause follows a corner of what the curves follow whole: nobody is sent to open a healthy gear.
+    """
+    least = -np.inf if curves is None else curves.log_evidence - MIN_LEAD
+    kept = tuple(c for c in screening.candidates if not c.family.sparse or c.log_evidence >= least)
+    return replace(screening, candidates=kept)
 
 
 def curves_say_more(curves: LearnedCurves, fault: JointFault) -> bool:

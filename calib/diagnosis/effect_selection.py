@@ -22,7 +22,6 @@ from calib.options import FitOptions
 from calib.screening.candidates import Candidate, Screening
 from calib.screening.curves.joint_curves import LearnedCurves, learn_joint_curves
 from calib.screening.curves.smooth_joint_error import LEARNED
-from calib.screening.fault_models import JointFault
 
 GEOMETRY = "link errors"
 
@@ -82,21 +81,17 @@ def learned_curves(calibration: Calibration) -> LearnedCurves | None:
     return learn_joint_curves(calibration) if calibration.options.prior else None
 
 
-def curves_beside(calibration: Calibration, fault: JointFault | None) -> LearnedCurves | None:
-    """Curves of the joints that explain what a fit leaves over, beside a fault of one joint that is suspected.
+def curves_beside(calibration: Calibration) -> LearnedCurves | None:
+    """Curves of the joints that explain what a fit leaves over.
 
-    None where that fault is a jump, which no curve holds, with more evidence than they have; where the fit has its
-    curves already; and where no degree of freedom is left to learn from.
+    None where the fit has its curves already, and where no degree of freedom is left to learn from.
     """
     if LEARNED in calibration.model.family_names or implausibility_reason(calibration):
         return None
     try:
-        curves = learned_curves(calibration)
+        return learned_curves(calibration)
     except FitError:
         return None
-    if curves is None or fault is None or fault.kind != "jump":
-        return curves
-    return curves if curves.log_evidence > fault.log_evidence else None
 
 
 def selected_curves(curves: LearnedCurves) -> SelectedEffect:

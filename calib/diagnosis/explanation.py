@@ -7,7 +7,7 @@ import numpy as np
 from calib.calibration.noise_check import is_declared
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
-from calib.diagnosis.decision_rules import MIN_LEAD, untestable_names
+from calib.diagnosis.decision_rules import untestable_names
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.findings import Findings, Learned
 from calib.diagnosis.words.conclusions import (
@@ -27,7 +27,6 @@ from calib.diagnosis.words.sentences import (
     EffectsTied,
     ErrorChange,
     Explanation,
-    FaultLeads,
     FaultSuspected,
     FittedValue,
     MassesOff,
@@ -65,8 +64,6 @@ def explain(findings: Findings) -> Explanation:
         single.append(_effects_tied(findings))
     if findings.refused:
         single.append(EffectRefused(findings.refused))
-    if findings.leading_fault is not None:
-        single.append(FaultLeads(findings.leading_fault, MIN_LEAD))
     paragraphs = [opening, *((reason,) for reason in single), residual_sentences(findings.residual_tests)]
     if findings.learned is not None:
         paragraphs.append((_curves_learned(findings.steps[-1], findings.learned),))
@@ -191,7 +188,7 @@ def _what_is_unexplained(findings: Findings, doubt: str) -> str:
     tests = findings.residual_tests
     if doubt:
         return "implausible"
-    if findings.leading_fault or tests.fault:
+    if tests.fault:
         return "fault"
     if findings.learned is not None:
         return "curves"

@@ -8,7 +8,6 @@ from calib.calibration.result import Calibration
 from calib.diagnosis.effect_selection import FitStep
 from calib.screening.candidates import Candidate, Screening, Untestable
 from calib.screening.curves.smooth_joint_error import SmoothJointError, inputs_of, joints_of
-from calib.screening.fault_models import JointFault
 from calib.screening.pose_recommendation import DiscriminatingPose
 from calib.screening.residual_tests import ResidualTests
 
@@ -46,7 +45,9 @@ class Findings:
     ]  # the link errors, then one for each effect that was added; each with its screening
     residual_tests: ResidualTests  # what the last fit left over
     refused: str = ""  # an effect that would have been named, but made the test poses worse
-    leading_fault: JointFault | None = None  # outside the catalogue, with more evidence than the next effect
+    left_to_curves: bool = (
+        False  # learned curves say more than the next effect, which is of one place or pose
+    )
     learned: Learned | None = None  # then its fit is the last step
     suspected: tuple[
         str, ...

@@ -2,8 +2,8 @@
 
 The automatic search makes these moves one after the other; the page advises them, one a button. An effect is added only
 if its family beats noise (F test with Holm's correction, and the evidence floor), leads the second by more than
-`MIN_LEAD` in log evidence, has no less evidence than a dent or a slip of one joint, and does not make the test poses
-worse. What a later effect explains too is taken out once nothing is left to add.
+`MIN_LEAD` in log evidence, and does not make the test poses worse. One of one place or one pose gives way to curves of
+the joints that say more. What a later effect explains too is taken out once nothing is left to add.
 """
 
 from __future__ import annotations
@@ -18,16 +18,15 @@ from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import (
     MIN_LEAD,
     MIN_LOG_EVIDENCE,
+    beside_curves,
     is_convincing,
     is_refused,
-    leading_fault,
     rank_candidates,
 )
-from calib.diagnosis.effect_selection import FitStep, SelectedEffect
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect, curves_beside
 from calib.diagnosis.search_space import SearchSpace, step_after, with_candidate
 from calib.screening.candidates import Candidate, Screening, screen
 from calib.screening.curves.smooth_joint_error import LEARNED
-from calib.screening.fault_models import JointFault
 
 MAX_TRIED_AHEAD = 4  # members of a tied set that are tried with a successor
 
@@ -65,7 +64,9 @@ class Stop:
     implausible: bool = False  # points and poses do not belong together: no effect is their cause
     ambiguous: tuple[Candidate, ...] = ()  # effects that these data cannot tell apart
     refused: str = ""  # an effect that makes the test poses worse
-    leading_fault: JointFault | None = None  # outside the catalogue, with more evidence than any effect
+    left_to_curves: bool = (
+        False  # learned curves say more than the best effect, which is of one place or pose
+    )
 
 
 Move = AddEffect | DropEffect | Stop
@@ -107,10 +108,11 @@ def _addition(space: SearchSpace, step: FitStep, dropped: Collection[str], tell:
     screening = _without(step.screening, dropped)
     if not any(is_convincing(candidate) for candidate in screening.candidates):
         return Stop()
+    if screening.candidates[0].family.sparse:
+        screening = beside_curves(screening, curves_beside(step.calibration))
+        if not any(is_convincing(candidate) for candidate in screening.candidates):
+            return Stop(left_to_curves=True)
     best, lead, tied = rank_candidates(screening)
-    fault = leading_fault(screening)
-    if fault is not None:
-        return Stop(leading_fault=fault)
     if tied:
         tell(f"looking one step ahead of {', '.join(c.name for c in tied)}")
         ahead = _look_ahead(space, step, tied)

@@ -85,7 +85,15 @@ def _handed(state: RobotState) -> tuple[np.ndarray, ...]:
     poses = state.poses
     optional = (poses.payload_kg, poses.temperature_c, poses.time_s, poses.approach)
     offsets = state.target_offsets_mm.values()
-    arrays = (state.table, state.base_rotvec_rad, state.displacement_mm, *offsets, poses.q)
+    arrays = (
+        state.table,
+        state.base_rotvec_rad,
+        state.displacement_mm,
+        *offsets,
+        poses.q,
+        poses.order,
+        poses.came_from,
+    )
     return (*arrays, *(array for array in optional if array is not None))
 
 

@@ -81,6 +81,10 @@ class Family:
     why_not: str = ""  # why this dataset cannot test it, "" where it can
     would_help: str = ""  # what to measure or write down so that it can be tested
     note: str = ""  # what was assumed, such as unknown masses
+    covered: bool = False  # whether another family tests the same cause where this one cannot
+    sparse: bool = (
+        False  # whether members are places of one cause, of which few carry it; all have as many parameters
+    )
 
     @property
     def description(self) -> Description:
@@ -90,7 +94,7 @@ class Family:
     @property
     def never_testable(self) -> bool:
         """Whether no dataset of this format can test it, so that its being untestable says nothing of the data."""
-        return any(getattr(member, "testable", True) is False for member in self.members)
+        return self.covered or any(getattr(member, "testable", True) is False for member in self.members)
 
 
 class CatalogueEffect(ABC):

@@ -235,4 +235,4 @@ def conditions_at(like: Poses, q: Array) -> Poses:
         temperature_c=poses.temperature_c,
         time_s=poses.time_s,
         approach=poses.approach,
-    )
+    ).measured_later()

@@ -33,6 +33,7 @@ MEMBER_KINDS: tuple[tuple[str, type], ...] = (
 )
 """Families and the classes of their members; of several in a family the fields tell which is meant."""
 _LARGEST_INT = 10_000  # of a joint's number, a harmonic, a count of frames
+_SIGNED = ("sign", "place_deg")  # whole numbers that may be below 0
 _ROBOT = "robot"  # a field that is the model's robot is not saved again
 
 
@@ -91,9 +92,11 @@ def member_from(
     member: Effect = _built(file, [*place, "fields"], saved, kind, robot)
     for name in (field.name for field in fields(kind)):
         value = getattr(member, name)
-        most = robot.n_joints - 1 if name == "joint" else _LARGEST_INT
-        if isinstance(value, int) and not 0 <= value <= most:
-            file.fail([*place, "fields", name], str(value)[:20], f"a whole number from 0 to {most} is needed")
+        most = robot.n_joints - 1 if name in ("joint", "other") else _LARGEST_INT
+        least = -most if name in _SIGNED else 0
+        if isinstance(value, int) and not least <= value <= most:
+            needed = f"a whole number from {least} to {most} is needed"
+            file.fail([*place, "fields", name], str(value)[:20], needed)
     return member
 
 

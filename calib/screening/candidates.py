@@ -6,8 +6,8 @@ and of each candidate's columns. A candidate whose columns vanish then is untest
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -16,12 +16,11 @@ from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
 from calib.effects.effect import Effect, Family, full_name
-from calib.fitting.model import effect_columns
-from calib.screening.evidence import Evidence, FamilyColumns, evaluate_family, holm, most_columns
+from calib.screening.evidence import Evidence, holm, most_columns
+from calib.screening.member_columns import VisibleColumns, visible_columns
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 
 MIN_RIVAL_OVERLAP = 0.5  # share of what one effect explains that its rival could explain too
-_HIDDEN = 0.02  # share of a column that projection has to leave: below it, fitted parameters do the same
 
 
 @dataclass(frozen=True)
@@ -88,24 +87,13 @@ class Screening:
         )
 
 
-def member_columns(projected: ProjectedResidual, member: Effect) -> Array:
-    """(R, K) derivative of the whitened residual by a member's parameters at zero, before projection."""
-    observed = projected.residuals.observed
-    _, row = observed.used_poses
-    columns = np.empty((len(observed.points), 3, len(member.parameters)))
-    for target, state in projected.states.items():
-        by_value = effect_columns(projected.by_state[target], member, state, np.zeros(columns.shape[-1]))
-        of_target = observed.points.target == target
-        columns[of_target] = by_value[row[of_target]]
-    return (projected.base_to_residual @ columns).reshape(-1, columns.shape[-1])
-
-
 @one_blas_thread()
 def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
     """Test every family that is not yet in the model; see `Candidate`."""
     projected = project_residual(calibration)
     present = set(calibration.model.family_names)
-    untestable, tested, columns, evidence = [], [], [], []
+    untestable: list[Untestable] = []
+    tested: list[VisibleColumns] = []
     for family in families:
         if family.name in present:
             continue
@@ -114,8 +102,8 @@ def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
                 Untestable(family.name, family.why_not, family.would_help, family.never_testable)
             )
             continue
-        groups = tuple(_visible(projected, member) for member in family.members)
-        if not any(np.any(group) for group in groups):
+        columns = visible_columns(projected, family)
+        if columns.narrowest == 0:
             untestable.append(
                 Untestable(
                     family.name,
@@ -123,25 +111,19 @@ def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
                     "poses that differ more: other configurations, wider joint ranges, varied load",
                 )
             )
-            continue
-        narrowest = min(int(np.count_nonzero(group.any(axis=0))) for group in groups if np.any(group))
-        if narrowest > most_columns(projected.freedom):
-            untestable.append(_too_wide(projected, family, narrowest))
-            continue
-        tested.append(family)
-        columns.append(groups)
-        positive = tuple(all(p.positive for p in member.parameters) for member in family.members)
-        evidence.append(
-            evaluate_family(FamilyColumns(-projected.residual, groups, projected.freedom, positive))
-        )
+        elif columns.narrowest > most_columns(projected.freedom):
+            untestable.append(_too_wide(projected, family, columns.narrowest))
+        else:
+            tested.append(columns)
+    evidence = [columns.evaluate(-projected.residual, projected.freedom) for columns in tested]
     corrected = holm([e.p_value for e in evidence])
-    spans = {family.name: _span(groups) for family, groups in zip(tested, columns, strict=True)}
+    overlaps = _overlaps(tested, evidence)
+    plain = cross_validated_rmse_mm(projected, np.zeros((len(projected.residual), 0)), np.zeros(0))
     candidates = [
-        _candidate(projected, family, groups, e, p, spans)
-        for family, groups, e, p in zip(tested, columns, evidence, corrected, strict=True)
+        _not_of_single_poses(_candidate(projected, columns, e, p, of_family), plain)
+        for columns, e, p, of_family in zip(tested, evidence, corrected, overlaps, strict=True)
     ]
     candidates.sort(key=lambda c: (-c.log_evidence, c.p_value))
-    plain = cross_validated_rmse_mm(projected, np.zeros((len(projected.residual), 0)), np.zeros(0))
     return Screening(projected, tuple(candidates), tuple(untestable), plain)
 
 
@@ -156,26 +138,41 @@ def _too_wide(projected: ProjectedResidual, family: Family, columns: int) -> Unt
     )
 
 
-def _visible(projected: ProjectedResidual, member: Effect) -> Array:
-    """(R, K) a member's visible columns, for coefficients of usual size; zero where fitted parameters do the same."""
-    scales = np.array([p.scale for p in member.parameters])
-    raw = member_columns(projected, member) * scales
-    visible = projected.visible(raw)
-    size = np.linalg.norm(raw, axis=0)
-    hidden = np.linalg.norm(visible, axis=0) <= np.maximum(_HIDDEN * size, 1e-9)
-    visible[:, hidden] = 0.0
-    return visible
+def _not_of_single_poses(candidate: Candidate, plain_rmse_mm: float) -> Candidate:
+    """A candidate of a sparse family without evidence where it does not predict poses that are left out better.
+
+    Single poses that are wrong have their places and times too, and no effect makes them.
+    """
+    if not candidate.family.sparse or candidate.cv_rmse_mm < plain_rmse_mm:
+        return candidate
+    return replace(candidate, log_evidence=0.0)
+
+
+def _overlaps(tested: Sequence[VisibleColumns], evidence: Sequence[Evidence]) -> list[dict[str, float]]:
+    """For each family, by the others' names, the share of what it explains that they could make, where above 0.2."""
+    if not tested:
+        return []
+    explained = np.column_stack([e.explained for e in evidence])
+    shares = [columns.shares(explained) for columns in tested]
+    return [
+        {
+            other.family.name: float(share[k])
+            for other, share in zip(tested, shares, strict=True)
+            if other is not columns and share[k] > 0.2
+        }
+        for k, columns in enumerate(tested)
+    ]
 
 
 def _candidate(
     projected: ProjectedResidual,
-    family: Family,
-    groups: tuple[Array, ...],
+    shown: VisibleColumns,
     evidence: Evidence,
     p_holm: float,
-    spans: Mapping[str, Array],
+    overlaps: dict[str, float],
 ) -> Candidate:
-    active = [i for i, size in enumerate(evidence.scales) if size > 0.0 and np.any(groups[i])]
+    family, groups = shown.family, shown.groups
+    active = [i for i in np.flatnonzero(evidence.scales).tolist() if np.any(groups[i])]
     columns = (
         np.concatenate([groups[i] for i in active], axis=1)
         if active
@@ -215,24 +212,8 @@ def _candidate(
         values=tuple(values),
         prior_sigmas=prior_sigmas,
         explained=-evidence.explained,
-        overlaps={
-            name: share
-            for name, span in spans.items()
-            if name != family.name and (share := _overlap(evidence.explained, span)) > 0.2
-        },
+        overlaps=overlaps,
     )
-
-
-def _span(groups: tuple[Array, ...]) -> Array:
-    """(R, rank) orthonormal directions that a family's columns make."""
-    u, s, _ = np.linalg.svd(np.concatenate(groups, axis=1), full_matrices=False)
-    return np.asarray(u[:, s > 1e-6 * s[0]])
-
-
-def _overlap(explained: Array, span: Array) -> float:
-    """Share of a signal (R,) that another family could make, by its `_span`."""
-    size = float(explained @ explained)
-    return float(np.sum((span.T @ explained) ** 2)) / size if size > 0.0 else 0.0
 
 
 def cross_validated_rmse_mm(projected: ProjectedResidual, columns: Array, spread: Array) -> float:

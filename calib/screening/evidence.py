@@ -14,8 +14,8 @@ import numpy as np
 from calib.array_types import Array, BoolArray
 from calib.distributions import f_sf
 
-_SCALES = np.geomspace(1e-3, 1e4, 57)  # tried, of a member's coefficients over their usual scale
-_GAIN = 0.5  # a further member has to raise the log evidence by this, beyond what choosing it costs
+SCALES = np.geomspace(1e-3, 1e4, 57)  # tried, of a member's coefficients over their usual scale
+GAIN = 0.5  # a further member has to raise the log evidence by this, beyond what choosing it costs
 _SIGN_PRIOR = 0.9  # probability that a coefficient has the sign that physics asks for
 
 
@@ -96,7 +96,7 @@ def evidence_of(residual: Array, columns: Array, freedom: int) -> float:
     total = float(residual @ residual)
     if columns.shape[1] == 0 or total <= 0.0:
         return 0.0
-    values = _by_scale(*_spectrum(columns, residual), total, total, freedom)
+    values = evidence_by_scale(*_spectrum(columns, residual), total, total, freedom)
     return max(float(np.max(values)), 0.0)
 
 
@@ -178,9 +178,9 @@ def _best_scale(
     of = np.repeat(chosen, [b - a for a, b in bounds])
     z, columns, fixed = _beside(y, triangle[:, of], triangle, np.where(of, 0.0, spread))
     lam, h2 = _spectrum(columns, z)
-    values = fixed + _by_scale(lam, h2, rest + float(z @ z), rest + float(y @ y), freedom)
+    values = fixed + evidence_by_scale(lam, h2, rest + float(z @ z), rest + float(y @ y), freedom)
     best = int(np.argmax(values))
-    return float(values[best]), float(_SCALES[best])
+    return float(values[best]), float(SCALES[best])
 
 
 def _beside(y: Array, columns: Array, triangle: Array, spread: Array) -> tuple[Array, Array, float]:
@@ -203,17 +203,19 @@ def _best_scales(
     members = columns.T.reshape(-1, width, len(y))
     u, s, _ = np.linalg.svd(np.swapaxes(members, 1, 2), full_matrices=False)
     h2 = np.einsum("grk,r->gk", u, z)[:, None, :] ** 2
-    values = fixed + _by_scale(s[:, None, :] ** 2, h2, rest + float(z @ z), rest + float(y @ y), freedom)
+    values = fixed + evidence_by_scale(
+        s[:, None, :] ** 2, h2, rest + float(z @ z), rest + float(y @ y), freedom
+    )
     best = np.argmax(values, axis=1)
-    return np.take_along_axis(values, best[:, None], axis=1)[:, 0], _SCALES[best]
+    return np.take_along_axis(values, best[:, None], axis=1)[:, 0], SCALES[best]
 
 
-def _by_scale(lam: Array, h2: Array, left: float, total: float, freedom: int) -> Array:
-    """Log evidence at each of `_SCALES`; `left` is the residual's square beside the other members, `total` alone."""
-    grow = 1.0 + _SCALES[:, None] ** 2 * lam  # (..., scales, K)
+def evidence_by_scale(lam: Array, h2: Array, left: float, total: float, freedom: int) -> Array:
+    """Log evidence at each of `SCALES`; `left` is the residual's square beside the other members, `total` alone."""
+    grow = 1.0 + SCALES[:, None] ** 2 * lam  # (..., scales, K)
     quadratic = left - np.sum(h2 * (1.0 - 1.0 / grow), axis=-1)
     fit = -0.5 * freedom * np.log(quadratic / total)
-    return np.asarray(fit - 0.5 * np.sum(np.log(grow), axis=-1) + _unusual(_SCALES))
+    return np.asarray(fit - 0.5 * np.sum(np.log(grow), axis=-1) + unusual(SCALES))
 
 
 def _spectrum(columns: Array, z: Array) -> tuple[Array, Array]:
@@ -225,7 +227,7 @@ def _spectrum(columns: Array, z: Array) -> tuple[Array, Array]:
     return s**2, (u.T @ z) ** 2
 
 
-def _unusual(scales: Array) -> Array:
+def unusual(scales: Array) -> Array:
     """What scales above the usual one cost in log evidence: ten times as large is one standard deviation off."""
     return np.asarray(-0.5 * np.maximum(np.log10(scales), 0.0) ** 2)
 
@@ -244,7 +246,7 @@ def _choose_members(
         spread = np.repeat(scales, [b - a for a, b in bounds])
         found, scale = _best_scale(y, rest, triangle, spread, alone, bounds, freedom)
         others = scales[~alone & (scales > 0.0)]
-        return found + float(np.sum(_unusual(others))), scale
+        return found + float(np.sum(unusual(others))), scale
 
     widths = {b - a for a, b in bounds}
 
@@ -256,12 +258,12 @@ def _choose_members(
             return [(*best(g), g) for g in free]
         width = min(widths)
         values, found = _best_scales(y, rest, triangle, np.repeat(scales, width), width, freedom)
-        values = values + float(np.sum(_unusual(scales[scales > 0.0])))
+        values = values + float(np.sum(unusual(scales[scales > 0.0])))
         return [(float(values[g]), float(found[g]), g) for g in free]
 
     for _ in range(count):
         tried = each()
-        if not tried or max(tried)[0] < value + cost + _GAIN:
+        if not tried or max(tried)[0] < value + cost + GAIN:
             break
         value, best_scale, newest = max(tried)
         scales[newest] = best_scale
@@ -270,6 +272,17 @@ def _choose_members(
         ):  # once around: earlier scales were chosen without this one
             value, scales[member] = best(member)
     return scales, value - cost * int(np.count_nonzero(scales))
+
+
+def posterior(
+    columns: Array, residual: Array, spread: Array, one_sided: BoolArray, freedom: int
+) -> tuple[Array, float]:
+    """Posterior means (K,) of coefficients of columns (R, K), and what their signs add to the log evidence.
+
+    spread  # (K,) scale of each, above 0
+    """
+    y, rest, triangle, _ = _reduce(residual, (columns,))
+    return _coefficients(y, rest, triangle, spread, one_sided, freedom)
 
 
 def holm(p_values: list[float]) -> list[float]:

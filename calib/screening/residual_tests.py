@@ -19,7 +19,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import find_repeats, pooled_sigma_mm
 from calib.dataset.stands import SIGMA_DOUBT
 from calib.distributions import chi2_sf, f_sf
-from calib.screening.fault_models import JointFault, best_supported_fault
+from calib.screening.fault_models import JointFault, smooth_motion
 from calib.screening.projected_residual import ProjectedResidual
 from calib.screening.scan_statistic import Channel, ScanStatistic, sum_by_pose
 
@@ -72,6 +72,7 @@ def run_residual_tests(
     outliers = _outliers(projected, noise)
     lack, noise_mm, source, residual_mm = _lack_of_fit(dataset, projected)
     poses, row = projected.residuals.observed.used_poses
+    fault = smooth_motion(_without(projected, outliers[row]))
     return ResidualTests(
         lack_of_fit_p=lack,
         noise_mm=noise_mm,
@@ -79,7 +80,7 @@ def run_residual_tests(
         residual_mm=residual_mm,
         inputs=_structure(projected, outliers[row], noise),
         outlier_poses=tuple(poses.ids[i] for i in np.flatnonzero(outliers)),
-        fault=best_supported_fault(_without(projected, outliers[row]), FAULT_EVIDENCE),
+        fault=fault if fault is not None and fault.log_evidence > FAULT_EVIDENCE else None,
         masses_evidence=0.0 if projected.nuisance is None else projected.nuisance.log_evidence,
     )
 

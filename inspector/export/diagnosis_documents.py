@@ -42,7 +42,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
             "fault": _fault(residual_tests.fault),
             "masses_log_evidence": residual_tests.masses_evidence,
         },
-        "simpler": _fault(diagnosis.leading_fault),
+        "simpler": None,  # was a dent or a slip, which are effects now
         "measure_next": [
             {"q": pose.q, "separation_mm": pose.separation_mm} for pose in diagnosis.discriminating_poses
         ],
@@ -66,10 +66,11 @@ def _learned(learned: Learned | None) -> dict[str, Any] | None:
 
 
 def _fault(fault: JointFault | None) -> dict[str, Any] | None:
-    """A dent, a slip or an unknown motion of one joint, counted from 1 as in the words."""
+    """An unknown motion of one joint, counted from 1 as in the words."""
     if fault is None:
         return None
-    return {**asdict(fault), "joint": fault.joint + 1, "words": fault_text(fault)}
+    once = {"place_rad": None, "width_rad": None, "pose_id": ""}  # of a dent or a slip, which are effects now
+    return {**asdict(fault), **once, "joint": fault.joint + 1, "words": fault_text(fault)}
 
 
 def _input_test(test: InputTest) -> dict[str, Any]:

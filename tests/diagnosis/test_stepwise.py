@@ -156,8 +156,8 @@ from calib.effects.base import Parameter
 
 
 @dataclass(frozen=True)
-class FifthHarmonic:
-    """Five errors a turn: dq = c cos(5 q) + s sin(5 q)."""
+class BeltError:
+    """Five errors in two turns, as of a belt: dq = c cos(2.5 q) + s sin(2.5 q)."""
 
     joint: int
     parameters = (
@@ -167,7 +167,7 @@ class FifthHarmonic:
 
     def apply(self, state, *, cos_rad, sin_rad):
         q_rad = state.q_rad[:, self.joint]
-        return state.add_joint_error(self.joint, cos_rad * np.cos(5 * q_rad) + sin_rad * np.sin(5 * q_rad))
+        return state.add_joint_error(self.joint, cos_rad * np.cos(2.5 * q_rad) + sin_rad * np.sin(2.5 * q_rad))
 '''
 
 
@@ -181,20 +181,20 @@ def test_a_users_own_effect_is_tested_named_and_fitted(tmp_path: Path) -> None:
     column = dataset.robot.parameter_names.index("theta3")
     moved = (
         target_jacobian(dataset.robot, q)[..., column]
-        * (5e-4 * np.sin(5 * q[:, 2]))[:, None]
+        * (5e-4 * np.sin(2.5 * q[:, 2]))[:, None]
         @ frame[:3, :3].T
     )
     hidden = dataset.with_points(replace(dataset.points, xyz_mm=dataset.points.xyz_mm + moved))
     path = tmp_path / "mine.py"
     path.write_text(OWN_FILE)
     user_effects = load_effects(path, nominal_state(hidden))
-    assert [family.name for family in user_effects] == ["fifth_harmonic"]
+    assert [family.name for family in user_effects] == ["belt_error"]
     result = diagnose(hidden, user_effects=user_effects)
-    assert result.missing == ("fifth_harmonic",), result.summary()
+    assert result.missing == ("belt_error",), result.summary()
     fitted = {
         p.name: x for p, x in zip(result.calibration.fit.parameters, result.calibration.fit.x, strict=True)
     }
-    assert fitted["fifth_harmonic.J3.sin_rad"] == pytest.approx(5e-4, rel=0.15)
+    assert fitted["belt_error.J3.sin_rad"] == pytest.approx(5e-4, rel=0.15)
     # From Python, in a tuple.
     assert check_effects((EncoderEccentricity(1),), nominal_state(hidden))[0].name == "encoder_eccentricity"
 
@@ -206,18 +206,18 @@ def test_a_users_own_effect_is_tested_named_and_fitted(tmp_path: Path) -> None:
         ("import numpy as np", "import numppy as np", "No module named 'numppy'"),
         ("state.add_joint_error(self.joint,", "state.add_joint(self.joint,", "AttributeError"),
         ("return state.add", "state.add", "returns NoneType"),
-        ("cos_rad * np.cos(5 * q_rad)", "np.cos(5 * q_rad)", "zero has to mean absent"),
-        ("cos_rad * np.cos(5 * q_rad)", "np.log(cos_rad)", "not finite"),
-        ("np.cos(5 * q_rad) + sin_rad", "np.ones(3) + sin_rad", "ValueError"),
+        ("cos_rad * np.cos(2.5 * q_rad)", "np.cos(2.5 * q_rad)", "zero has to mean absent"),
+        ("cos_rad * np.cos(2.5 * q_rad)", "np.log(cos_rad)", "not finite"),
+        ("np.cos(2.5 * q_rad) + sin_rad", "np.ones(3) + sin_rad", "ValueError"),
         ('"sin_rad", unit', '"cos_rad", unit', "same name"),
         ("scale=1e-4, doc=\"cosine amplitude\"", "scale=-1.0, doc=\"\"", "scale above 0"),
         ("scale=1e-4, doc=\"cosine amplitude\"", "scale=\"1\", doc=\"\"", "scale above 0"),
         ('doc="cosine amplitude"', "doc=5", "text for unit and doc"),
         ('"cos_rad", unit', "5, unit", "identifier for a name"),
-        ("class FifthHarmonic", "class TransmissionError", "in the catalogue"),
-        ("    joint: int", "    joint: int\n    axle: int", "FifthHarmonic needs joint, axle"),
+        ("class BeltError", "class TransmissionError", "in the catalogue"),
+        ("    joint: int", "    joint: int\n    axle: int", "BeltError needs joint, axle"),
         ("    parameters =", "    def __post_init__(self):\n        raise ValueError('no')\n\n    parameters =",
-         "FifthHarmonic cannot be made, ValueError: no"),
+         "BeltError cannot be made, ValueError: no"),
         ("def apply", "def use", "found no effect"),
         ("state.q_rad[:, self.joint]", "state.poses.extra['humidity']", "line 18 with KeyError: 'humidity'"),
         ("q_rad = state.q_rad[:, self.joint]", "q_rad = state.q_rad; q_rad += cos_rad; q_rad = q_rad[:, 0]",
@@ -245,7 +245,7 @@ def test_an_effect_that_fails_only_later_is_still_one_line(tmp_path: Path) -> No
     thin = "cos_rad * np.cos(q_rad) / (cos_rad >= 0)"
     for old, new, says in (
         ("q_rad =", late, "line 19 with OSError: gone"),
-        ("cos_rad * np.cos(5 * q_rad)", thin, "not finite at cos_rad = -1e-07"),
+        ("cos_rad * np.cos(2.5 * q_rad)", thin, "not finite at cos_rad = -1e-07"),
     ):
         assert old in OWN_FILE
         path.write_text(OWN_FILE.replace(old, new))
@@ -261,7 +261,7 @@ def test_an_effects_file_may_import_its_neighbour_which_is_read_again(tmp_path: 
     dataset = simulated(poses=20)
     path, neighbour = tmp_path / "mine.py", tmp_path / "neighbour_of_mine.py"
     file = OWN_FILE.replace("import numpy as np", "import numpy as np\nfrom neighbour_of_mine import N")
-    path.write_text(file.replace("5 * q_rad", "N * q_rad"))
+    path.write_text(file.replace("2.5 * q_rad", "N * q_rad"))
     moved = []
     for order in (5, 6):
         neighbour.write_text(f"N = {order}\n")

@@ -13,6 +13,7 @@ from calib.effects.catalogue import catalogue_names, effects_for, family_of
 from calib.effects.catalogue.scanner import ScannerDistortion
 from calib.effects.effect import (
     Effect,
+    Family,
     Parameter,
     apply_values,
     family_name,
@@ -33,18 +34,37 @@ from tests.support.arms import dataset_of
 from tests.support.fit_cases import label, rich_dataset
 
 DATASET = rich_dataset()
-MEMBERS = [member for family in effects_for(DATASET) for member in family.members]
+UNHEATED = replace(DATASET, poses=replace(DATASET.poses, temperature_c=None))
+
+
+def some_of(family: Family) -> tuple[Effect, ...]:
+    """All members; of a sparse family five, evenly."""
+    at = (
+        np.linspace(0, len(family.members) - 1, 5).astype(int)
+        if family.sparse
+        else range(len(family.members))
+    )
+    return tuple(family.members[k] for k in dict.fromkeys(at))
+
+
+MEMBERS = [
+    member for family in (*effects_for(DATASET), family_of(UNHEATED, "warm_up")) for member in some_of(family)
+]
 
 
 def test_the_catalogue_is_what_is_described_and_all_of_it_runs_here() -> None:
     families = effects_for(DATASET)
     assert tuple(family.name for family in families) == catalogue_names()
-    assert [family.name for family in families if family.why_not] == ["scanner_scale"]
+    assert [family.name for family in families if family.why_not] == ["scanner_scale", "warm_up"]
+    assert [family.name for family in families if family.sparse] == [
+        "joint_step", "joint_dent", "target_step", "scanner_step", "base_loosening", "high_harmonic", "cable_drag"
+    ]  # fmt: skip
     assert all(family_name(member) == family.name for family in families for member in family.members)
 
 
 def test_parameter_names_are_unique_and_carry_units() -> None:
-    names = [full_name(member, p) for member in MEMBERS for p in member.parameters]
+    families = effects_for(DATASET)
+    names = [full_name(m, p) for family in families for m in family.members for p in m.parameters]
     assert len(set(names)) == len(names)
     for member in MEMBERS:
         for p in member.parameters:
@@ -146,7 +166,12 @@ def test_an_effect_of_its_usual_size_moves_the_tool_by_a_sane_amount(effect: Eff
     moved = np.linalg.norm(after.place(after.chain.target_mm) - state.place(state.chain.target_mm), axis=1)
     assert moved.max() < 10.0
     # Joint 6 turns about an axis through the tool point, and gravity does not turn joint 1.
-    still = {"joint_compliance.J1.c_rad_per_nm", "gravity_backlash.J1.b_rad"}
+    still = {
+        "joint_compliance.J1.c_rad_per_nm",
+        "gravity_backlash.J1.b_rad",
+        "nonlinear_stiffness.J1.c2_rad_per_nm2",
+        "link_torsion.J1.c_rad_per_nm",  # its link stands upright
+    }
     if getattr(effect, "joint", 0) < 5 and label(effect) not in still:
         assert moved.max() > 1e-3
 
@@ -190,7 +215,8 @@ def test_families_without_their_data_say_why_and_what_would_help() -> None:
     silent = {f.name for f in effects_for(massless) if f.why_not}
     assert silent == {
         "link_bending", "strain_wave", "backlash", "gravity_backlash", "thermal_growth", "base_compliance",
-        "scanner_drift", "scanner_scale",
+        "scanner_drift", "scanner_scale", "base_loosening", "warm_up", "nonlinear_stiffness", "link_torsion",
+        "bearing_clearance",
     }  # fmt: skip
     assert all(f.would_help for f in effects_for(massless) if f.why_not)
     assert "unknown masses" in family_of(massless, "joint_compliance").note

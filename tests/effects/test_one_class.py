@@ -110,7 +110,7 @@ def test_a_class_in_the_catalogue_is_ranked_named_explained_and_on_the_page(hidd
         assert text in inside
     assert "amplitude: seven waves of" in page
     assert "amplitude: seven waves of" in fitted_html(found.calibration, "seventh_harmonic")
-    with pytest.raises(CalibError, match="scanner_scale, seventh_harmonic"):
+    with pytest.raises(CalibError, match="bearing_clearance, seventh_harmonic"):
         catalogue.family_of(hidden, "magic")
 
 

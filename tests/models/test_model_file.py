@@ -121,7 +121,8 @@ def test_every_member_of_the_catalogue_comes_back() -> None:
     dataset = simulate_dataset(robot, rng=np.random.default_rng(0), poses=20, conditions=True).dataset
     file = JsonFile(Path("m.json"), "model file", "", ModelFileError)
     unweighed = replace(robot, joints=tuple(replace(j, mass_kg=None, com_mm=None) for j in robot.joints))
-    sets = (dataset, replace(dataset, robot=unweighed))
+    unheated = replace(dataset, poses=replace(dataset.poses, temperature_c=None))
+    sets = (dataset, replace(dataset, robot=unweighed), unheated)
     members = [member for one in sets for family in effects_for(one) for member in family.members]
     assert len(members) > 150
     assert {type(member) for member in members} > set(CATALOGUE) - {StrainWave}

@@ -1,4 +1,4 @@
-"""Dents, slips and unknown motions of one joint: told where they are, silent on noise, and behind a true effect."""
+"""Dents and slips are named at their place, unknown motions of a joint told; none on noise or before a true effect."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ import pytest
 
 from calib.calibration.calibrate import calibrate
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.decision_rules import MIN_LEAD, leading_fault
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_for
-from calib.screening.candidates import screen
-from calib.screening.fault_models import best_bump_or_jump, smooth_motion
+from calib.effects.catalogue.joint_shapes import JointDent
+from calib.effects.catalogue.order_steps import JointStep
+from calib.effects.shaped import ShapedEffect
+from calib.screening.candidates import Candidate, screen
+from calib.screening.fault_models import smooth_motion
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import FAULT_EVIDENCE, run_residual_tests
 from calib.simulation.measured_dataset import Simulation
@@ -35,26 +37,29 @@ def simulated(
     )
 
 
+def stated(candidate: Candidate) -> tuple[ShapedEffect, float]:
+    """The only member of a candidate and its size."""
+    (member,), (value,) = candidate.members, candidate.values
+    assert isinstance(member, ShapedEffect)
+    return member, value.value
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("robot", "seed"), [("rb5", 1), ("panda", 2), ("rb5", 3)])
-def test_a_dent_is_found_at_its_joint_and_place_and_no_harmonic_is_named_in_its_stead(
-    robot: str, seed: int
-) -> None:
+def test_a_dent_is_named_at_its_joint_and_place_and_no_harmonic_in_its_stead(robot: str, seed: int) -> None:
     simulation = simulated(("kinked_joint",), seed=seed, robot=robot)
     (true,) = simulation.truth.effects
     assert isinstance(true, KinkedJoint)
     (joint,) = np.flatnonzero(true.height_rad)
     result = diagnose(simulation.dataset)
-    assert result.verdict == "unexplained"
-    assert not result.missing
-    fault = result.leading_fault
-    assert fault is not None
-    assert (fault.kind, fault.joint) == ("bump", joint)
-    assert np.remainder(fault.place_rad - true.place_rad[joint] + np.pi, 2 * np.pi) - np.pi == pytest.approx(
-        0, abs=0.2
-    )
-    assert fault.size == pytest.approx(true.height_rad[joint], rel=0.35)
-    assert f"joint {joint + 1}" in result.summary()
+    assert (result.verdict, result.missing) == ("named", ("joint_dent",)), result.summary()
+    dent, size = stated(result.candidates[0])
+    assert isinstance(dent, JointDent)
+    assert dent.joint == joint
+    off_rad = np.radians(dent.place_deg) - true.place_rad[joint]
+    assert np.remainder(off_rad + np.pi, 2 * np.pi) - np.pi == pytest.approx(0, abs=0.2)
+    assert size == pytest.approx(true.height_rad[joint], rel=0.35)
+    assert f"joint {joint + 1} is off by" in result.summary()
 
 
 @pytest.mark.parametrize(("robot", "seed"), [("rb5", 4), ("panda", 5)])
@@ -63,14 +68,16 @@ def test_a_slip_is_found_at_its_joint_and_pose(robot: str, seed: int) -> None:
     (true,) = simulation.truth.effects
     assert isinstance(true, Slip)
     (joint,) = np.flatnonzero(true.offset_rad)
-    fault = best_bump_or_jump(project_residual(calibrate(simulation.dataset)))
-    assert fault is not None
-    assert (fault.kind, fault.joint) == ("jump", joint)
+    dataset = simulation.dataset
+    best = screen(calibrate(dataset), effects_for(dataset)).candidates[0]
+    step, size = stated(best)
+    assert isinstance(step, JointStep)
+    assert step.joint == joint
     # Test poses, which no fit sees, may lie between the jump and the first pose that shows it.
-    found = simulation.dataset.poses.index(fault.pose_id)
-    shown = np.flatnonzero(~simulation.dataset.poses.is_test)
+    found = dataset.poses.index(step.start.pose)
+    shown = np.flatnonzero(~dataset.poses.is_test)
     assert abs(int(np.searchsorted(shown, found)) - int(np.searchsorted(shown, true.first))) <= 2
-    assert fault.size == pytest.approx(true.offset_rad[joint], rel=0.2)
+    assert size == pytest.approx(true.offset_rad[joint], rel=0.2)
 
 
 @pytest.mark.slow
@@ -86,20 +93,17 @@ def test_a_hose_that_pulls_is_an_unknown_motion() -> None:
 def test_noise_tells_no_story() -> None:
     for seed in range(12):
         left = project_residual(calibrate(simulated(seed=seed, robot=("rb5", "panda")[seed % 2]).dataset))
-        for found in (best_bump_or_jump(left), smooth_motion(left)):
-            assert found is not None
-            assert found.log_evidence < FAULT_EVIDENCE
+        found = smooth_motion(left)
+        assert found is not None
+        assert found.log_evidence < FAULT_EVIDENCE
 
 
 @pytest.mark.parametrize("effect", ["transmission_error", "joint_scale", "backlash", "scanner_drift"])
-def test_an_effect_of_the_catalogue_says_more_than_a_dent_or_a_slip(effect: str) -> None:
+def test_an_effect_that_is_spread_says_more_than_one_of_a_place_or_a_pose(effect: str) -> None:
     dataset = simulated((effect,), seed=11).dataset
-    screening = screen(calibrate(dataset), effects_for(dataset))
-    fault = best_bump_or_jump(screening.projected)
-    assert screening.candidates[0].name == effect
-    assert fault is not None
-    assert fault.log_evidence < screening.candidates[0].log_evidence + MIN_LEAD
-    assert leading_fault(screening) is None
+    first, *others = screen(calibrate(dataset), effects_for(dataset)).candidates
+    assert first.name == effect
+    assert max(c.log_evidence for c in others if c.family.sparse) < first.log_evidence - 10.0
 
 
 def test_one_wrong_pose_is_no_dent() -> None:
@@ -114,11 +118,10 @@ def test_one_wrong_pose_is_no_dent() -> None:
     assert residual_tests.fault is None
 
 
-def test_the_story_does_not_depend_on_the_noises_unit() -> None:
-    left = project_residual(calibrate(simulated(("slip",), seed=4).dataset))
-    scaled = replace(left, residual=7.0 * left.residual)
-    one, seven = best_bump_or_jump(left), best_bump_or_jump(scaled)
+def test_what_is_found_does_not_depend_on_the_noises_unit() -> None:
+    left = project_residual(calibrate(simulated(("hose_pull",), seed=4).dataset))
+    one, seven = smooth_motion(left), smooth_motion(replace(left, residual=7.0 * left.residual))
     assert one is not None
     assert seven is not None
-    assert seven.log_evidence == pytest.approx(one.log_evidence)
-    assert seven.size == pytest.approx(7.0 * one.size)
+    assert seven.log_evidence == pytest.approx(one.log_evidence, abs=0.1)  # sizes come from a grid
+    assert seven.size == pytest.approx(7.0 * one.size, rel=0.01)

@@ -57,24 +57,10 @@ def curves_text(joints: Sequence[int], inputs: Sequence[str], log_evidence: floa
 
 def fault_text(fault: JointFault) -> str:
     """What a fault of one joint looks like, without a full stop."""
-    joint = f"joint {fault.joint + 1}"
-    signed = _fault_size(fault.size, fault.unit, sign="+")
-    if fault.kind == "bump":
-        place, width = np.degrees([fault.place_rad, fault.width_rad])
-        return (
-            f"{joint} is off by {signed} around {place:.0f} deg, {width:.0f} deg wide (one sigma), as by a damaged place "
-            "in its gear"
-        )
-    if fault.kind == "jump":
-        return f"the zero of {joint} jumps by {signed} at pose {fault.pose_id}, as by a slip"
     return (
-        f"{joint} moves by about {_fault_size(abs(fault.size), fault.unit, sign='')} in a way that changes smoothly with "
-        "the arm's attitude"
+        f"joint {fault.joint + 1} moves by about {np.degrees(abs(fault.size)):.2g} deg in a way that changes smoothly "
+        "with the arm's attitude"
     )
-
-
-def _fault_size(size: float, unit: str, *, sign: str) -> str:
-    return f"{np.degrees(size):{sign}.2g} deg" if unit == "rad" else f"{size:{sign}.2g} mm"
 
 
 def poses_text(poses: Sequence[DiscriminatingPose], is_revolute: BoolArray) -> str:

@@ -102,14 +102,6 @@ class EffectRefused:
 
 
 @dataclass(frozen=True)
-class FaultLeads:
-    """A fault outside the catalogue has more evidence than any effect, so none was named."""
-
-    fault: JointFault
-    margin: float  # in log evidence, that it leads by at least
-
-
-@dataclass(frozen=True)
 class ResidualSize:
     """How large the residual is, and the noise that it was compared with."""
 
@@ -172,14 +164,7 @@ ResidualSentence = (
     | PosesStandOut
 )
 Reason = (
-    ModelFitted
-    | ToolShift
-    | EffectFound
-    | CurvesLearned
-    | EffectsTied
-    | EffectRefused
-    | FaultLeads
-    | ResidualSentence
+    ModelFitted | ToolShift | EffectFound | CurvesLearned | EffectsTied | EffectRefused | ResidualSentence
 )
 
 

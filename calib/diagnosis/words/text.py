@@ -50,11 +50,6 @@ def reason_text(reason: facts.Reason) -> str:
                 f"{effect} explains the training poses well, but with it poses that the fit did not see are predicted "
                 "worse: it was not added. Either it stands in for another cause, or the test poses differ from the others."
             )
-        case facts.FaultLeads(fault, margin):
-            return (
-                f"Outside the catalogue a simpler story says more than any effect in it, by {margin:g} in log evidence at "
-                f"least: {fault_text(fault)}. No effect was named in its place."
-            )
         case facts.ResidualSize(residual_mm, noise_mm, noise_from):
             return (
                 f"What is left is {residual_mm:.4g} mm a coordinate; the noise is {noise_mm:.4g} mm, "

@@ -12,6 +12,13 @@ from calib.effects.catalogue.compliance import (
     LinkBending,
     ToolSag,
 )
+from calib.effects.catalogue.joint_shapes import (
+    AsymmetricScale,
+    CableDrag,
+    FollowingError,
+    HighHarmonic,
+    JointDent,
+)
 from calib.effects.catalogue.joints import (
     AxisWobble,
     Backlash,
@@ -20,8 +27,10 @@ from calib.effects.catalogue.joints import (
     StrainWave,
     TransmissionError,
 )
+from calib.effects.catalogue.loads import BearingClearance, LinkTorsion, NonlinearStiffness
+from calib.effects.catalogue.order_steps import BaseLoosening, JointStep, ScannerStep, TargetStep
 from calib.effects.catalogue.scanner import IncidenceBias, ScannerDistortion, ScannerDrift, ScannerScale
-from calib.effects.catalogue.thermal import ThermalGrowth
+from calib.effects.catalogue.thermal import ThermalGrowth, WarmUp
 from calib.effects.effect import CatalogueEffect, Description, Effect, Family, describe
 from calib.errors import CalibError
 
@@ -42,6 +51,19 @@ CATALOGUE: tuple[type[CatalogueEffect], ...] = (
     ToolSag,
     IncidenceBias,
     ScannerScale,
+    JointStep,
+    JointDent,
+    TargetStep,
+    ScannerStep,
+    BaseLoosening,
+    WarmUp,
+    FollowingError,
+    AsymmetricScale,
+    HighHarmonic,
+    CableDrag,
+    NonlinearStiffness,
+    LinkTorsion,
+    BearingClearance,
 )
 
 

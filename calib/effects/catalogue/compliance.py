@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from calib.dataset.dataset import Dataset
-from calib.effects.effect import CatalogueEffect, Effect, Family, Parameter
+from calib.effects.effect import CatalogueEffect, Family, Parameter
 from calib.effects.gravity import has_masses
 from calib.effects.state import RobotState
 from calib.kinematics.robot import Robot
 
 
-def _where_masses_are_known(name: str, robot: Robot, members: tuple[Effect, ...]) -> Family:
+def where_masses_are_known(family: Family, robot: Robot) -> Family:
     """The family, which cannot be tested where robot.toml lacks masses."""
     if has_masses(robot):
-        return Family(name, members)
-    return Family(
-        name,
-        members,
+        return family
+    return replace(
+        family,
         why_not="robot.toml has no masses and centres of mass of the links",
         would_help="add mass_kg and com_mm to each [[joints]]; a maker's data sheet or CAD is good enough",
     )
@@ -145,7 +144,7 @@ class GravityBacklash(CatalogueEffect):
     def family(cls, dataset: Dataset) -> Family:
         """A member for each joint."""
         members = tuple(cls(j) for j in range(dataset.robot.n_joints))
-        return _where_masses_are_known(cls.name, dataset.robot, members)
+        return where_masses_are_known(Family(cls.name, members), dataset.robot)
 
 
 @dataclass(frozen=True)
@@ -187,7 +186,7 @@ class LinkBending(CatalogueEffect):
     def family(cls, dataset: Dataset) -> Family:
         """A member for each joint's link."""
         members = tuple(cls(j) for j in range(dataset.robot.n_joints))
-        return _where_masses_are_known(cls.name, dataset.robot, members)
+        return where_masses_are_known(Family(cls.name, members), dataset.robot)
 
 
 @dataclass(frozen=True)
@@ -213,7 +212,7 @@ class BaseCompliance(CatalogueEffect):
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
         """One member, for the whole arm."""
-        return _where_masses_are_known(cls.name, dataset.robot, (cls(),))
+        return where_masses_are_known(Family(cls.name, (cls(),)), dataset.robot)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from calib.effects.state import RobotState
 from calib.kinematics.robot import Robot
 
 
-def _harmonic(order: float, scale: float) -> tuple[Parameter, ...]:
+def harmonic(order: float, scale: float) -> tuple[Parameter, ...]:
     """sin3_rad and cos3_rad, say, for a third harmonic."""
     suffix = f"{order:g}_rad".replace(".", "_")
     return tuple(
@@ -28,7 +28,7 @@ def _periodic_error(state: RobotState, joint: int, order: float, values: dict[st
     return state.add_joint_error(joint, sine * np.sin(order * q) + cosine * np.cos(order * q))
 
 
-def _revolute_joints(robot: Robot) -> list[int]:
+def revolute_joints(robot: Robot) -> list[int]:
     """Indices of the joints that turn."""
     return [j for j, joint in enumerate(robot.joints) if joint.is_revolute]
 
@@ -53,7 +53,7 @@ class TransmissionError(CatalogueEffect):
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Sine and cosine."""
-        return _harmonic(self.order, 3e-4)
+        return harmonic(self.order, 3e-4)
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
         """The joint's error added."""
@@ -62,7 +62,7 @@ class TransmissionError(CatalogueEffect):
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
         """A member for each of three harmonics of each revolute joint."""
-        return Family(cls.name, tuple(cls(j, n) for j in _revolute_joints(dataset.robot) for n in (1, 2, 3)))
+        return Family(cls.name, tuple(cls(j, n) for j in revolute_joints(dataset.robot) for n in (1, 2, 3)))
 
 
 @dataclass(frozen=True)
@@ -244,4 +244,4 @@ class AxisWobble(CatalogueEffect):
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
         """A member for each of two harmonics of each revolute joint."""
-        return Family(cls.name, tuple(cls(j, n) for j in _revolute_joints(dataset.robot) for n in (1, 2)))
+        return Family(cls.name, tuple(cls(j, n) for j in revolute_joints(dataset.robot) for n in (1, 2)))

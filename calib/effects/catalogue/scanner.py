@@ -13,7 +13,7 @@ from calib.effects.state import RobotState
 Vector = tuple[float, float, float]
 
 
-def _field(dataset: Dataset) -> tuple[Vector, float]:
+def field_of(dataset: Dataset) -> tuple[Vector, float]:
     """Middle and half width, mm, of where the training points lie in the scanner's frame."""
     if dataset.points is None:
         return (0.0, 0.0, 0.0), 1.0
@@ -87,7 +87,7 @@ class ScannerDistortion(CatalogueEffect):
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
         """One member, about the middle of the training points."""
-        return Family(cls.name, (cls(*_field(dataset)),))
+        return Family(cls.name, (cls(*field_of(dataset)),))
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class ScannerDrift(CatalogueEffect):
             return Family(
                 cls.name, (), "time_s is the same at every pose", "write down when each pose was measured"
             )
-        return Family(cls.name, (cls(*_field(dataset), start_s, duration_s),))
+        return Family(cls.name, (cls(*field_of(dataset), start_s, duration_s),))
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,16 @@
-"""Effects of temperature."""
+"""Effects of temperature: measured, or that of an arm that warms up by itself."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.effects.effect import CatalogueEffect, Family, Parameter
+from calib.effects.shaped import Growth, ShapedEffect
 from calib.effects.state import RobotState
 
 REFERENCE_C = 20.0
@@ -31,12 +34,7 @@ class ThermalGrowth(CatalogueEffect):
         if state.poses.temperature_c is None:
             return state
         growth = kappa_per_k * (state.poses.temperature_c - REFERENCE_C)  # (N,)
-        nominal = state.robot.table
-        for frame in range(len(nominal)):
-            for column, kind in ((0, "a"), (2, "d")):
-                if nominal[frame, column] != 0.0:
-                    state = state.add_link_error(frame, kind, growth * nominal[frame, column])
-        return state
+        return Growth().act(state, growth[:, None])
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
@@ -55,3 +53,59 @@ class ThermalGrowth(CatalogueEffect):
                 "measure cold and warmed up, 5 K apart or more",
             )
         return Family(cls.name, (cls(),))
+
+
+WARM_UP_MINUTES = (5, 10, 20, 40, 80, 160)
+
+
+@dataclass(frozen=True)
+class WarmUp(ShapedEffect):
+    """An arm that warms up at work: lengths grow as 1 - exp(-t / T) from the first pose on.
+
+    Poses that come after all that were measured, and those without a time, are as warm as the last one.
+    """
+
+    minutes: int  # T
+    start_s: float
+    last_s: float
+    name = "warm_up"
+    equation = "a, d times 1 + g (1 - exp(-t / T))"
+    symbols = (("g", "1"),)
+    needs = "time_s in poses.csv, and no temperature_c, which says more"
+    confirm = "a sensor on the arm (temperature_c), or the first poses again at the end"
+
+    @property
+    def displacement(self) -> Growth:
+        return Growth()
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The growth of a warm arm; T is in its name."""
+        return (Parameter(f"growth_in_{self.minutes}min", "1", 1e-4, "growth of all lengths in the end"),)
+
+    def shapes(self, state: RobotState) -> Array:
+        poses = state.poses
+        time_s = np.full(len(poses), self.last_s) if poses.time_s is None else poses.time_s
+        time_s = np.where(np.isfinite(poses.order), time_s, self.last_s)
+        return 1.0 - np.exp(-(time_s - self.start_s) / (60.0 * self.minutes))[:, None]
+
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        """As of a rod."""
+        return f"{1e3 * value:.2g} mm a metre once warm, after some {self.minutes} minutes"
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """A member for each T of a small grid, up to three times as long as the measurement took."""
+        poses = dataset.poses
+        if poses.time_s is None:
+            return Family(cls.name, (), "poses.csv has no time_s", "write down when each pose was measured")
+        if poses.temperature_c is not None:
+            known = "poses.csv has temperature_c, by which thermal_growth tests it"
+            return Family(cls.name, (), known, "nothing: thermal_growth says more", covered=True)
+        start_s, last_s = float(poses.time_s.min()), float(poses.time_s.max())
+        if last_s <= start_s:
+            return Family(
+                cls.name, (), "time_s is the same at every pose", "write down when each pose was measured"
+            )
+        minutes = [m for m in WARM_UP_MINUTES if 60.0 * m <= 3.0 * (last_s - start_s)] or [WARM_UP_MINUTES[0]]
+        return Family(cls.name, tuple(cls(m, start_s, last_s) for m in minutes), sparse=True)

@@ -19,6 +19,7 @@ from calib.simulation.truth.joint_effects import (
     JointCoupling,
     JointScale,
     KinkedJoint,
+    RoughGear,
     Slip,
     StrainWave,
     ThermalGrowth,
@@ -247,6 +248,16 @@ def _fifth_harmonic(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     return make(_one_joint(cell, rng, make))
 
 
+def _rough_gear(cell: SimulatedCell, rng: Rng) -> TrueEffect:
+    """Five waves, each as large as the others."""
+    turn_rad = rng.uniform(0.0, 2.0 * np.pi, 5)
+
+    def make(size: Array) -> TrueEffect:
+        return RoughGear(np.outer(size, np.cos(turn_rad)), np.outer(size, np.sin(turn_rad)))
+
+    return make(_one_joint(cell, rng, make))
+
+
 def _slip(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     """Somewhere in the middle half of the measurement."""
     first = int(rng.integers(len(cell.q) // 4, max(3 * len(cell.q) // 4, len(cell.q) // 4 + 1)))
@@ -279,5 +290,6 @@ OUTSIDE: dict[str, Callable[[SimulatedCell, Rng], TrueEffect]] = {
     "field_bump": _field_bump,
     "fifth_harmonic": _fifth_harmonic,
     "slip": _slip,
+    "rough_gear": _rough_gear,
 }
 """Effects outside the catalogue, which a diagnosis has to leave unexplained."""

@@ -44,6 +44,14 @@ class FifthHarmonic(TransmissionError):
 
 
 @dataclass(frozen=True, eq=False)
+class RoughGear(TransmissionError):
+    """A joint that runs unevenly all along its range: waves that no turn brings back. Not in the catalogue."""
+
+    name = "rough_gear"
+    harmonics: tuple[float, ...] = (5.6, 7.3, 9.6, 11.4, 13.5)
+
+
+@dataclass(frozen=True, eq=False)
 class StrainWave(TrueEffect):
     """Ripple of a strain wave gear, once and twice a motor turn: harmonics ratio_j and 2 ratio_j of the joint."""
 

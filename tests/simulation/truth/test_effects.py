@@ -423,5 +423,5 @@ def test_drifting_scanner_moves_as_a_rigid_body(rb5: SimulatedCell) -> None:
 
 def test_joint_compliance_is_among_the_families_and_names_are_unique() -> None:
     assert len(SIMULATED_EFFECTS) == 16
-    assert len(set(ALL)) == len(ALL) == 21
+    assert len(set(ALL)) == len(ALL) == 22
     assert JointCompliance.name in SIMULATED_EFFECTS

@@ -1,0 +1,233 @@
+"""Effects that set in at one pose, in the order of measuring, and stay: a slip, a knock, a bolt that works loose.
+
+Poses that come after all that were measured, such as the targets of a correction, are as after the last pose.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.dataset.dataset import Dataset
+from calib.effects.catalogue.compliance import where_masses_are_known
+from calib.effects.catalogue.scanner import Vector, field_of
+from calib.effects.effect import Family, Parameter
+from calib.effects.shaped import BaseTilt, JointOffset, ScannerMotion, ShapedEffect, TargetShift
+from calib.effects.state import RobotState
+
+AT_ENDS = 4
+"""Training poses before the first step that is looked for, and from the last one on."""
+MOST_STEPS = 200
+"""Poses at which a step is looked for; of more poses some are passed over, evenly."""
+
+
+@dataclass(frozen=True)
+class ChangePoint:
+    """Where a change sets in, in the order of measuring, and the first training pose that shows it.
+
+    Test poses between that pose and the training pose before it count as after the change: no fit can tell.
+    """
+
+    first: int
+    pose: str
+
+    @property
+    def word(self) -> str:
+        """The id as a part of a parameter's name."""
+        return re.sub(r"\W", "_", self.pose)
+
+    def after(self, state: RobotState) -> Array:
+        """(N, 1) 1 from the change on, 0 before."""
+        return (state.poses.order >= self.first).astype(float)[:, None]
+
+
+def change_points(dataset: Dataset) -> list[ChangePoint]:
+    """Before training poses, in the order of measuring, with enough others before and after to show a step there."""
+    poses = dataset.poses
+    sequence = np.argsort(poses.order, kind="stable")
+    sequence = sequence[~poses.is_test[sequence]]
+    count = len(sequence) - 2 * AT_ENDS + 1
+    if count < 1:
+        return []
+    at = AT_ENDS + np.unique(np.linspace(0, count - 1, min(MOST_STEPS, count)).astype(int))
+    firsts = poses.order[sequence[at - 1]].astype(int) + 1
+    ids = [poses.ids[k] for k in sequence[at]]
+    if len({re.sub(r"\W", "_", pose_id) for pose_id in ids}) < len(ids):  # two names would be one
+        ids = [f"row{k + 1}" for k in sequence[at]]
+    return [ChangePoint(first, pose_id) for first, pose_id in zip(firsts.tolist(), ids, strict=True)]
+
+
+def _family(dataset: Dataset, name: str, members: Callable[[ChangePoint], list[ShapedEffect]]) -> Family:
+    """Members for each change point; why not, where there are too few poses."""
+    points = change_points(dataset)
+    if not points:
+        few = f"fewer than {2 * AT_ENDS} training poses show no step"
+        return Family(name, (), few, "measure more poses")
+    return Family(name, tuple(member for point in points for member in members(point)), sparse=True)
+
+
+@dataclass(frozen=True)
+class JointStep(ShapedEffect):
+    """A joint's zero that slips: theta is off by the same angle from one pose on."""
+
+    joint: int
+    start: ChangePoint
+    unit: str = "rad"  # "mm" for a prismatic joint
+    name = "joint_step"
+    equation = "theta_j += s from pose k on"
+    symbols = (("s", "rad"),)
+    needs = "poses in the order they were measured: time_s, else the rows"
+    confirm = "a pose from before the step once more: it is off by the step now"
+
+    @property
+    def displacement(self) -> JointOffset:
+        return JointOffset(self.joint)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The size of the step; the pose is in its name, as a joint may slip more than once."""
+        scale = 3e-4 if self.unit == "rad" else 0.1
+        return (Parameter(f"from_{self.start.word}_{self.unit}", self.unit, scale, "size of the step"),)
+
+    def shapes(self, state: RobotState) -> Array:
+        return self.start.after(state)
+
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        """Where and by how much."""
+        size = f"{value:+.2g} mm" if self.unit == "mm" else f"{np.degrees(value):+.2g}\N{DEGREE SIGN}"
+        return f"joint {self.joint + 1} is off by {size} from pose {self.start.pose} on"
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """A member for each joint and each pose that may be the first after a step."""
+        units = ["rad" if joint.is_revolute else "mm" for joint in dataset.robot.joints]
+        return _family(dataset, cls.name, lambda at: [cls(j, at, unit) for j, unit in enumerate(units)])
+
+
+@dataclass(frozen=True)
+class TargetStep(ShapedEffect):
+    """A target that shifts on the tool at one pose and stays there."""
+
+    start: ChangePoint
+    name = "target_step"
+    equation = "target shifted on the tool by s from pose k on"
+    symbols = (("s", "mm"),)
+    needs = "poses in the order they were measured: time_s, else the rows"
+    confirm = (
+        "the target's seat by eye, and one pose from before the step once more in several wrist attitudes"
+    )
+
+    @property
+    def displacement(self) -> TargetShift:
+        return TargetShift()
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The shift along the flange's axes."""
+        return tuple(
+            Parameter(f"{axis}_from_{self.start.word}_mm", "mm", 0.1, f"shift along the flange's {axis}")
+            for axis in "xyz"
+        )
+
+    def shapes(self, state: RobotState) -> Array:
+        return self.start.after(state)
+
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        """Since when."""
+        return f"from pose {self.start.pose} on"
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """A member for each pose that may be the first after a step."""
+        return _family(dataset, cls.name, lambda at: [cls(at)])
+
+
+@dataclass(frozen=True)
+class ScannerStep(ShapedEffect):
+    """A scanner, or the foot of the arm, that is knocked at one pose and stays as it stands then."""
+
+    start: ChangePoint
+    centre_mm: Vector
+    half_mm: float
+    name = "scanner_step"
+    equation = "p += v + w x p from pose k on"
+    symbols = (("v", "mm"), ("w", "rad"))
+    needs = "poses in the order they were measured: time_s, else the rows"
+    confirm = "fixed marks beside the arm, before and after"
+
+    @property
+    def displacement(self) -> ScannerMotion:
+        return ScannerMotion(self.centre_mm)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Shift, and turn about the field's middle; sizes that move a point by 0.1 mm."""
+        turn = 0.1 / self.half_mm
+        return (
+            *(Parameter(f"v{a}_from_{self.start.word}_mm", "mm", 0.1, f"shift along {a}") for a in "xyz"),
+            *(Parameter(f"w{a}_from_{self.start.word}_rad", "rad", turn, f"turn about {a}") for a in "xyz"),
+        )
+
+    def shapes(self, state: RobotState) -> Array:
+        return self.start.after(state)
+
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        """Since when, and a turn in degrees."""
+        turned = f"{np.degrees(value):+.2g}\N{DEGREE SIGN} " if parameter.unit == "rad" else ""
+        return f"{turned}from pose {self.start.pose} on"
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """A member for each pose that may be the first after a step."""
+        centre_mm, half_mm = field_of(dataset)
+        return _family(dataset, cls.name, lambda at: [cls(at, centre_mm, half_mm)])
+
+
+@dataclass(frozen=True)
+class BaseLoosening(ShapedEffect):
+    """A bolt of the foot that works loose: the base gives way to the overturning moment from one pose on."""
+
+    start: ChangePoint
+    name = "base_loosening"
+    equation = "base turns by C M(q) from pose k on"
+    symbols = (("cx", "rad/Nm"), ("cy", "rad/Nm"))
+    needs = "masses in robot.toml, and the order of the poses"
+    confirm = (
+        "the bolts of the foot by hand; a dial gauge at the foot while the arm swings round stretched out"
+    )
+
+    @property
+    def displacement(self) -> BaseTilt:
+        return BaseTilt()
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Compliance about x and y."""
+        return tuple(
+            Parameter(
+                f"c{axis}_from_{self.start.word}_rad_per_nm",
+                "rad/Nm",
+                2e-6,
+                f"tilt about {axis} a unit moment",
+                positive=True,
+            )
+            for axis in "xy"
+        )
+
+    def shapes(self, state: RobotState) -> Array:
+        return self.start.after(state)
+
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        """Since when."""
+        return f"from pose {self.start.pose} on"
+
+    @classmethod
+    def family(cls, dataset: Dataset) -> Family:
+        """A member for each pose that may be the first after the bolt gave way."""
+        family = _family(dataset, cls.name, lambda at: [cls(at)])
+        return where_masses_are_known(family, dataset.robot)

@@ -1,0 +1,140 @@
+"""The columns of effects that are not in a model: what each parameter does to the residual, and what shows of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.array_types import Array, IndexArray
+from calib.effects.effect import Effect, Family, Parameter
+from calib.effects.shaped import Displacement, ShapedEffect
+from calib.effects.state import RobotState
+from calib.fitting.model import effect_columns
+from calib.screening.evidence import Evidence, FamilyColumns, evaluate_family
+from calib.screening.projected_residual import ProjectedResidual
+from calib.screening.sparse_evidence import SparseColumns, evaluate_sparse
+
+_HIDDEN = 0.02  # share of a column that projection has to leave: below it, fitted parameters do the same
+
+
+@dataclass(frozen=True)
+class VisibleColumns:
+    """The visible columns of a family's members (R, K) each, for coefficients of usual size, zero where hidden."""
+
+    family: Family
+    groups: tuple[Array, ...]
+    stacked: Array | None = None  # (R, G, K) of a sparse family, of which the groups are parts
+    shapes: Array | None = None  # (G, N) of its members, where they are shapes
+    of_same: IndexArray | None = None  # (G,) members with the same number are shapes of the same displacement
+
+    @property
+    def narrowest(self) -> int:
+        """How many columns the member with the fewest shows, of those that show at all; 0 where none does."""
+        if self.stacked is not None:
+            counts = np.count_nonzero(self.stacked.any(axis=0), axis=1)
+        else:
+            counts = np.array([np.count_nonzero(group.any(axis=0)) for group in self.groups])
+        return int(min(counts[counts > 0], default=0))
+
+    def evaluate(self, residual: Array, freedom: int) -> Evidence:
+        """The evidence for the family by what is missing (R,)."""
+        if self.stacked is not None:
+            one_sided = all(p.positive for p in self.family.members[0].parameters)
+            columns = SparseColumns(residual, self.stacked, freedom, one_sided, self.shapes, self.of_same)
+            return evaluate_sparse(columns)
+        positive = tuple(all(p.positive for p in member.parameters) for member in self.family.members)
+        return evaluate_family(FamilyColumns(residual, self.groups, freedom, positive))
+
+    def shares(self, signals: Array) -> Array:
+        """(F,) the share of each signal (R, F) that the family, of a sparse one a single member, could make."""
+        if self.stacked is not None:
+            return SparseColumns(np.zeros(len(signals)), self.stacked, 0).shares(signals)
+        u, s, _ = np.linalg.svd(np.concatenate(self.groups, axis=1), full_matrices=False)
+        span = u[:, s > 1e-6 * s[0]]
+        return np.asarray(
+            np.sum((span.T @ signals) ** 2, axis=0) / np.maximum(np.sum(signals**2, axis=0), 1e-300)
+        )
+
+
+def visible_columns(projected: ProjectedResidual, family: Family) -> VisibleColumns:
+    """What of a family shows beside the fitted parameters."""
+    members = family.members
+    if not family.sparse:
+        return VisibleColumns(family, tuple(_visible(projected, member) for member in members))
+    shapes, of_same = None, None
+    shaped = [member for member in members if isinstance(member, ShapedEffect)]
+    if len(shaped) == len(members):
+        raw, shapes, of_same = _of_shapes(projected, shaped)
+    else:
+        raw = np.stack([member_columns(projected, member) for member in members], axis=1)
+    scales = np.array([[p.scale for p in member.parameters] for member in members])
+    raw = raw.reshape(len(raw), -1) * scales.ravel()
+    stacked = _shown(raw, projected.visible(raw)).reshape(len(raw), len(members), -1)
+    return VisibleColumns(family, tuple(np.moveaxis(stacked, 1, 0)), stacked, shapes, of_same)
+
+
+def member_columns(projected: ProjectedResidual, member: Effect) -> Array:
+    """(R, K) derivative of the whitened residual by a member's parameters at zero, before projection."""
+    observed = projected.residuals.observed
+    _, row = observed.used_poses
+    columns = np.empty((len(observed.points), 3, len(member.parameters)))
+    for target, state in projected.states.items():
+        by_value = effect_columns(projected.by_state[target], member, state, np.zeros(columns.shape[-1]))
+        of_target = observed.points.target == target
+        columns[of_target] = by_value[row[of_target]]
+    return (projected.base_to_residual @ columns).reshape(-1, columns.shape[-1])
+
+
+def _visible(projected: ProjectedResidual, member: Effect) -> Array:
+    """(R, K) a member's visible columns, for coefficients of usual size; zero where fitted parameters do the same."""
+    raw = member_columns(projected, member) * np.array([p.scale for p in member.parameters])
+    return _shown(raw, projected.visible(raw))
+
+
+def _shown(raw: Array, visible: Array) -> Array:
+    """The visible columns, zero where projection leaves next to nothing of the raw ones."""
+    size = np.linalg.norm(raw, axis=0)
+    hidden = np.linalg.norm(visible, axis=0) <= np.maximum(_HIDDEN * size, 1e-9)
+    visible[:, hidden] = 0.0
+    return visible
+
+
+@dataclass(frozen=True)
+class _Unit:
+    """A displacement that is the same at all poses."""
+
+    displacement: Displacement
+    name = "unit"
+    linear = True
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(Parameter(f"amount{k}", "1", 1e-3) for k in range(self.displacement.width))
+
+    def apply(self, state: RobotState, **values: float) -> RobotState:
+        amounts = np.broadcast_to(np.array(list(values.values())), (len(state.poses), len(values)))
+        return self.displacement.act(state, amounts)
+
+
+def _of_shapes(
+    projected: ProjectedResidual, members: Sequence[ShapedEffect]
+) -> tuple[Array, Array, IndexArray]:
+    """(R, G, K) as `member_columns` of each: the columns of each displacement times the members' shapes.
+
+    Beside them the shapes (G, N), those of one member in a row, and the number of each one's displacement (G,).
+    """
+    row = projected.residuals.observed.used_poses[1]
+    units: dict[Displacement, Array] = {}
+    parts, all_shapes, of_same = [], [], []
+    for member in members:
+        displacement = member.displacement
+        if displacement not in units:
+            units[displacement] = member_columns(projected, _Unit(displacement)).reshape(len(row), 3, -1)
+        shapes = member.shapes(projected.state)
+        all_shapes.append(shapes.ravel())
+        of_same.append(list(units).index(displacement))
+        columns = shapes[row][:, None, :, None] * units[displacement][:, :, None, :]  # (M, 3, L, W)
+        parts.append(columns.reshape(3 * len(row), -1))
+    return np.stack(parts, axis=1), np.stack(all_shapes), np.array(of_same)
