@@ -54,6 +54,39 @@ def rotvec_from_rotation(rotation: ArrayLike) -> Array:
     return np.asarray(flat).reshape(*rotation.shape[:-2], 3)
 
 
+def rotation_from_rpy(rpy_rad: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3) of turns about fixed axes x, y, z (..., 3): Rz(yaw) Ry(pitch) Rx(roll)."""
+    roll, pitch, yaw = np.moveaxis(np.asarray(rpy_rad, dtype=float), -1, 0)
+    cr, sr, cp, sp, cy, sy = (
+        np.cos(roll),
+        np.sin(roll),
+        np.cos(pitch),
+        np.sin(pitch),
+        np.cos(yaw),
+        np.sin(yaw),
+    )
+    rows = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def rpy_from_rotation(rotation: ArrayLike) -> Array:
+    """Roll, pitch, yaw (3,) of a rotation (3, 3), the inverse of `rotation_from_rpy`.
+
+    At a pitch of +-90 deg roll and yaw are one turn, and roll is zero. By atan2: exact to rounding there too.
+    """
+    R = np.asarray(rotation, dtype=float)
+    level = np.hypot(R[0, 0], R[1, 0])  # cos(pitch)
+    yaw = np.arctan2(R[1, 0], R[0, 0]) if level > 1e-9 else np.arctan2(-R[0, 1], R[1, 1])
+    cy, sy = np.cos(yaw), np.sin(yaw)
+    pitch = np.arctan2(-R[2, 0], cy * R[0, 0] + sy * R[1, 0])
+    roll = np.arctan2(sy * R[0, 2] - cy * R[1, 2], cy * R[1, 1] - sy * R[0, 1])
+    return np.array([roll, pitch, yaw])
+
+
 def skew(vectors: ArrayLike) -> Array:
     """Cross-product matrices (..., 3, 3): `skew(v) @ w` is `v x w`."""
     v = np.asarray(vectors, dtype=float)

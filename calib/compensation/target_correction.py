@@ -128,9 +128,11 @@ def corrected_joints(
     if what not in CORRECTION_KINDS:
         raise FitError(f"cannot correct {what!r}; there are {' and '.join(CORRECTION_KINDS)}")
     conditions = plain_poses(q0) if conditions is None else replace(conditions, q=q0).measured_later()
-    goal = kinematics.forward(nominal.table, q0, nominal.is_revolute).base_T_frame[:, -1]
+    first = nominal.base_T_first
+    goal = kinematics.forward(nominal.table, q0, nominal.is_revolute, first).base_T_frame[:, -1]
     if model.tool_found is not None:  # its row may be turned to reach the point: that turns no tool
-        turned = kinematics.forward(model.tool_found.table, q0, nominal.is_revolute).base_T_frame[:, -1]
+        found = model.tool_found.table
+        turned = kinematics.forward(found, q0, nominal.is_revolute, first).base_T_frame[:, -1]
         goal = frames.make_transform(turned[:, :3, :3], goal[:, :3, 3])
     problem = ToolProblem(model, x, conditions, goal, what == "pose")
     change = np.where(nominal.is_revolute, MAX_CHANGE_RAD, MAX_CHANGE_MM)

@@ -119,7 +119,7 @@ class RobotState:
     @cached_property
     def chain(self) -> kinematics.Chain:
         """The forward pass at this state, the base's turn left out: effects read where axes and links are."""
-        return kinematics.forward(self.table, self.poses.q, self.robot.is_revolute)
+        return kinematics.forward(self.table, self.poses.q, self.robot.is_revolute, self.robot.base_T_first)
 
     @property
     def loaded(self) -> RobotState:

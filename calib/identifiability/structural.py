@@ -201,7 +201,7 @@ def _columns(
     """
     if residual not in RESIDUAL_KINDS:
         raise FitError(f"no residual named {residual!r}; there are {', '.join(RESIDUAL_KINDS)}")
-    chain = kinematics.forward(robot.table, q, robot.is_revolute)
+    chain = kinematics.forward(robot.table, q, robot.is_revolute, robot.base_T_first)
     points_mm = chain.target_mm
     if of_target is None:
         columns = kinematics.point_jacobian(chain, points_mm).reshape(len(q), 3, -1)

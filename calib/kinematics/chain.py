@@ -28,7 +28,8 @@ from calib.kinematics.robot import Robot
 class Chain:
     """Frames of a forward pass over N poses of an arm with n joints.
 
-    `base_T_frame` (N, n + 2, 4, 4): base, frames 1..n, tool. `turned_x` (N, n + 1, 3): the x axes after theta + q.
+    `base_T_frame` (N, n + 2, 4, 4): where the first row starts, frames 1..n, tool.
+    `turned_x` (N, n + 1, 3): the x axes after theta + q.
     """
 
     base_T_frame: Array
@@ -49,13 +50,16 @@ class Chain:
         return self.base_T_frame[:, -1, :3, 3]
 
 
-def forward(table: ArrayLike, q: ArrayLike, is_revolute: ArrayLike) -> Chain:
+def forward(
+    table: ArrayLike, q: ArrayLike, is_revolute: ArrayLike, base_T_first: ArrayLike | None = None
+) -> Chain:
     """All frames of an arm at N joint vectors, base frame: products of the links' transforms (Jang eq 3).
 
     Args:
         table: (n + 1, 5), or (1 or N, n + 1, 5) where poses differ; rows a, alpha, d, theta, beta in mm and rad.
         q: (N, n) rad, mm for prismatic joints.
         is_revolute: (n,) bool.
+        base_T_first: (4, 4) where the first row starts, `Robot.base_T_first`; None: in the base frame itself.
     """
     table, q = np.asarray(table, dtype=float), np.asarray(q, dtype=float)
     table = table[None] if table.ndim == 2 else table
@@ -69,7 +73,7 @@ def forward(table: ArrayLike, q: ArrayLike, is_revolute: ArrayLike) -> Chain:
 
     local = _link_transforms(a, alpha, d, theta, beta)  # (4, 4, n + 1, N)
     frames = np.empty((n_joints + 2, 4, 4, n_poses))
-    frames[0] = np.eye(4)[:, :, None]
+    frames[0] = np.asarray(np.eye(4) if base_T_first is None else base_T_first)[:, :, None]
     for i in range(n_joints + 1):
         np.einsum("ijn,jkn->ikn", frames[i], local[:, :, i], out=frames[i + 1])
     x, y = frames[:-1, :3, 0], frames[:-1, :3, 1]
@@ -148,10 +152,10 @@ def joint_jacobian(chain: Chain, is_revolute: ArrayLike) -> tuple[Array, Array]:
 
 def target_points(robot: Robot, q: ArrayLike) -> Array:
     """The tool point (N, 3), mm in the base frame, at joint vectors q (N, n)."""
-    return forward(robot.table, q, robot.is_revolute).target_mm
+    return forward(robot.table, q, robot.is_revolute, robot.base_T_first).target_mm
 
 
 def target_jacobian(robot: Robot, q: ArrayLike) -> Array:
     """J of Jang eq (8): (N, 3, P) by the robot's parameters, in the order of `robot.parameter_names`."""
-    chain = forward(robot.table, q, robot.is_revolute)
+    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
     return point_jacobian(chain, chain.target_mm).reshape(len(chain.target_mm), 3, -1)

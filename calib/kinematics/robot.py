@@ -2,7 +2,7 @@
 
 Frame i is `Rz(theta + q) Trans(a, 0, d) Rx(alpha) Ry(beta)` (Jang 2025 eq 3, Park 2022 section 2); a prismatic joint
 adds q to d instead. A tool row of the same form, without q, ends the chain. In files angles are degrees (robot.toml,
-read and written by `calib.dataset.files.robot_toml`); here they are radians.
+read and written by `calib.dataset.files.robot_toml`); here they are radians. `Base` says where the first row starts.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray
+from calib.frames import make_transform, rotation_from_rpy
 
 PARAMETER_KINDS = ("a", "alpha", "d", "theta", "beta")
 """Columns of a robot's table, in order. a and d are lengths in mm, the others angles in rad."""
@@ -37,6 +38,19 @@ class Link:
     @property
     def row(self) -> tuple[float, float, float, float, float]:
         return (self.a_mm, self.alpha_rad, self.d_mm, self.theta_rad, self.beta_rad)
+
+
+@dataclass(frozen=True)
+class Base:
+    """Where the first row starts, in the base frame: known, never fitted."""
+
+    xyz_mm: Vector = (0.0, 0.0, 0.0)
+    rpy_rad: Vector = (0.0, 0.0, 0.0)  # about the base's own x, then y, then z axis
+
+    @property
+    def transform(self) -> Array:
+        """base_T_first (4, 4)."""
+        return make_transform(rotation_from_rpy(self.rpy_rad), self.xyz_mm)
 
 
 @dataclass(frozen=True)
@@ -104,6 +118,7 @@ class Robot:
     coupling: tuple[
         tuple[float, ...], ...
     ] = ()  # (n, n) joint values by commanded ones; (): they are the same
+    base: Base = field(default_factory=Base)
 
     @property
     def n_joints(self) -> int:
@@ -129,6 +144,11 @@ class Robot:
     def is_revolute(self) -> BoolArray:
         """(n,) which joints turn."""
         return np.array([joint.is_revolute for joint in self.joints], dtype=bool)
+
+    @property
+    def base_T_first(self) -> Array:
+        """(4, 4) from the frame in which the first row starts to the base frame."""
+        return self.base.transform
 
     def target(self, name: str) -> Target:
         """A further target by its name."""

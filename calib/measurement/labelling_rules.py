@@ -88,7 +88,9 @@ def predicted_attitudes(
 
 def _nominal_attitudes(dataset: Dataset) -> Array:
     """base_R_tool (N, 3, 3) of all poses."""
-    chain = kinematics.forward(dataset.robot.table, dataset.poses.q, dataset.robot.is_revolute)
+    chain = kinematics.forward(
+        dataset.robot.table, dataset.poses.q, dataset.robot.is_revolute, dataset.robot.base_T_first
+    )
     return np.asarray(chain.base_T_frame[:, -1, :3, :3])
 
 

@@ -153,6 +153,10 @@ class FittedModel:
             raise FitError(
                 f"dataset {dataset.name}: coupling in its robot.toml is not the model's; the model is of another arm"
             )
+        if np.abs(mine.base_T_first - other.base_T_first).max() > _SAME_TABLE:
+            raise FitError(
+                f"dataset {dataset.name}: [base] in its robot.toml is not the model's; the two have to be one"
+            )
         off = np.abs(mine.table - other.table) > _SAME_TABLE
         if off.any():
             name = mine.parameter_names[int(np.flatnonzero(off)[0])]

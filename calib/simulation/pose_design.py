@@ -51,7 +51,9 @@ def target_T_jig(robot: Robot) -> Array:
 def draw_scanner_pose(robot: Robot, *, rng: np.random.Generator) -> Array:
     """base_T_scanner (4, 4): in front of the arm, facing the middle of its reach, up to 4 deg off about each axis."""
     q = random_poses(robot, 2000, rng=np.random.default_rng(0))
-    reach_mm = float(np.linalg.norm(forward(robot.table, q, robot.is_revolute).target_mm, axis=1).max())
+    reach_mm = float(
+        np.linalg.norm(forward(robot.table, q, robot.is_revolute, robot.base_T_first).target_mm, axis=1).max()
+    )
     middle_mm = np.array([0.47 * reach_mm, 0.0, 0.42 * reach_mm])
     looking_back = np.array(
         [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
@@ -84,7 +86,7 @@ def facing_poses(robot: Robot, base_T_scanner: Array, count: int, *, rng: np.ran
         CalibError: too few poses are.
     """
     q = random_poses(robot, 20 * count, rng=rng)
-    chain = forward(robot.table, q, robot.is_revolute)
+    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
     ray = chain.target_mm - base_T_scanner[:3, 3]
     towards = -jig_outward(robot) * np.sum(chain.base_T_frame[:, -1, :3, 2] * ray, axis=1)
     q = q[towards > np.cos(np.radians(75.0)) * np.linalg.norm(ray, axis=1)]
@@ -208,7 +210,7 @@ def _usable(robot: Robot, base_T_scanner: Array, apex_mm: Array, axis: Array, q:
     low, high = _limits(robot)
     q = np.where(robot.is_revolute, _wrapped(q, low), q)
     reached &= np.all((q >= low) & (q <= high), axis=1)
-    chain = forward(robot.table, q, robot.is_revolute)
+    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
     scanner_T_jig = invert(base_T_scanner) @ chain.base_T_frame[:, -1] @ target_T_jig(robot)
     _, normals = jig_geometry(jig)
     sight = scanner_T_jig[:, :3, 3] / np.linalg.norm(scanner_T_jig[:, :3, 3], axis=1, keepdims=True)
@@ -250,7 +252,7 @@ class _JigGoals:
 
     def linearise(self, q: Array, rows: IndexArray) -> tuple[Array, Array]:
         """The apex's error and the sine of the axis's, times `_LEVER_MM`; what turns about the axis is taken out."""
-        chain = forward(self.robot.table, q, self.robot.is_revolute)
+        chain = forward(self.robot.table, q, self.robot.is_revolute, self.robot.base_T_first)
         pointing, outward = self.pointing(chain), self.outward[rows]
         turn = np.cross(pointing, outward)
         # Where the axis points the wrong way round its sine vanishes too: any turn leads on.
@@ -262,7 +264,7 @@ class _JigGoals:
 
     def reached(self, q: Array) -> BoolArray:
         """(N,) whether apex and axis are where they should be, to 1 mm and 0.02 rad."""
-        chain = forward(self.robot.table, q, self.robot.is_revolute)
+        chain = forward(self.robot.table, q, self.robot.is_revolute, self.robot.base_T_first)
         off_mm = np.linalg.norm(self.apex_mm - chain.target_mm, axis=1)
         cosine = np.sum(self.pointing(chain) * self.outward, axis=1)
         return np.asarray((off_mm < 1.0) & (np.arccos(np.clip(cosine, -1.0, 1.0)) < 0.02))

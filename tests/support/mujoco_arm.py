@@ -42,6 +42,7 @@ def mujoco_model(robot: Robot, payload_kg: float = 0.0) -> Any:
         kind = "hinge" if joint.is_revolute else "slide"
         joint_xml = f'<joint type="{kind}" axis="{numbers(axis)}" pos="{numbers(origin_mm / 1e3)}"/>'
         inner = f"<body {pose(T)}>{joint_xml}{mass(joint.mass_kg or 0.0, joint.com_mm)}{inner}</body>"
+    inner = f"<body {pose(chain[0])}>{inner}</body>"
     gravity = numbers(robot.gravity_m_s2)
     return mujoco.MjModel.from_xml_string(
         f'<mujoco><compiler angle="radian"/><option gravity="{gravity}"/><worldbody>{inner}</worldbody></mujoco>'

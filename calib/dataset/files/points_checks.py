@@ -82,7 +82,7 @@ def order_doubt(robot: Robot, poses: Poses, points: Points, by_order: Mapping[st
     if len(rows) < _FEWEST_ORIENTATIONS:
         return ""
     rows = rows[:: -(-len(rows) // _ENOUGH_ORIENTATIONS)]
-    chain = kinematics.forward(robot.table, poses.q[points.pose[rows]], robot.is_revolute)
+    chain = kinematics.forward(robot.table, poses.q[points.pose[rows]], robot.is_revolute, robot.base_T_first)
     tool = chain.base_T_frame[:, -1, :3, :3]
     by_points = _turn_by_points(chain.target_mm, points.xyz_mm[rows])
     for placed in (None,) if by_points is None else (by_points, None):

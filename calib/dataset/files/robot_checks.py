@@ -29,6 +29,9 @@ def refuse_beyond(robot: Robot, path: Path) -> None:
 def _sizes(robot: Robot) -> Iterator[tuple[str, str, float | tuple[float, float, float]]]:
     """Place, key and value of every size in the file, in its units."""
     yield "", "gravity_m_s2", robot.gravity_m_s2
+    yield "[base].", "xyz_mm", robot.base.xyz_mm
+    roll, pitch, yaw = map(math.degrees, robot.base.rpy_rad)
+    yield "[base].", "rpy_deg", (roll, pitch, yaw)
     for number, joint in enumerate(robot.joints, 1):
         yield from _of_link(f"[[joints]] {number}.", joint)
     yield from _of_link("[tool].", robot.tool)

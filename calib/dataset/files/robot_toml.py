@@ -13,7 +13,7 @@ import tomli_w
 
 from calib.dataset.files.toml_table import TomlTable
 from calib.errors import DatasetError
-from calib.kinematics.robot import TARGET_TOLERANCE_MM, Joint, Robot, Target, Tool
+from calib.kinematics.robot import TARGET_TOLERANCE_MM, Base, Joint, Robot, Target, Tool
 from calib.options import BUILTIN_ROBOTS
 
 _MOST_CONDITION = 1e6  # of the coupling; beyond it commands do not follow from joints
@@ -59,9 +59,21 @@ def load_robot(path: Path) -> Robot:
         gravity_m_s2=top.vector("gravity_m_s2") or (0.0, 0.0, -9.81),
         targets=tuple(targets),
         coupling=_coupling(top, joints),
+        base=_base(top.table("base")),
     )
     _refuse_metres(robot, path)
     return replace(robot, extra=top.unread())
+
+
+def _base(table: TomlTable) -> Base:
+    """Where the first row starts, in the base frame: there itself where [base] is absent."""
+    xyz_mm, rpy_deg = table.vector("xyz_mm"), table.vector("rpy_deg")
+    for key in table.unread():
+        raise table.error(
+            key, "no such key", "[base] has xyz_mm = [x, y, z] and rpy_deg = [roll, pitch, yaw]"
+        )
+    roll, pitch, yaw = map(math.radians, rpy_deg or (0.0, 0.0, 0.0))
+    return Base(xyz_mm or (0.0, 0.0, 0.0), (roll, pitch, yaw))
 
 
 def _joint_of(table: TomlTable, joints: int) -> int | None:
@@ -184,6 +196,9 @@ def robot_to_toml(robot: Robot) -> str:
     document: dict[str, Any] = {"name": robot.name, "gravity_m_s2": list(robot.gravity_m_s2), **robot.extra}
     if robot.coupling:
         document["coupling"] = [list(row) for row in robot.coupling]
+    if robot.base != Base():
+        rpy_deg = [degrees(angle_rad) for angle_rad in robot.base.rpy_rad]
+        document["base"] = {"xyz_mm": list(robot.base.xyz_mm), "rpy_deg": rpy_deg}
     document["joints"] = [_joint_document(joint) for joint in robot.joints]
     tool = robot.tool
     document["tool"] = _present(

@@ -51,7 +51,9 @@ class ToolPointProblem:
         """Of the tool's points: further targets are given in the last joint's frame and do not depend on p."""
         poses, row = observed.used_poses
         is_tool = observed.points.target == "jig"
-        flange = kinematics.forward(robot.table, poses.q, robot.is_revolute).base_T_flange[row[is_tool]]
+        flange = kinematics.forward(
+            robot.table, poses.q, robot.is_revolute, robot.base_T_first
+        ).base_T_flange[row[is_tool]]
         setup = observed.setup[is_tool]
         return cls(
             flange_mm=flange[:, :3, 3],

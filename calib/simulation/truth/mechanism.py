@@ -97,7 +97,11 @@ class Arm:
     def _chain(self) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...]]:
         robot, count = self.robot, len(self.q)
         axes, straight = [], []
-        frame = [moved_by(np.broadcast_to(np.eye(4), (count, 4, 4)), self.base_turn_rad)]
+        first = np.eye(4)
+        first[:3, :3] = Rotation.from_euler("xyz", robot.base.rpy_rad).as_matrix()
+        first[:3, 3] = robot.base.xyz_mm
+        turned = moved_by(np.broadcast_to(np.eye(4), (count, 4, 4)), self.base_turn_rad)
+        frame = [turned @ first]
         for j, row in enumerate((*robot.joints, robot.tool)):
             here = frame[-1]
             turn_rad, slide_mm = np.full(count, row.theta_rad), row.d_mm * self.growth
