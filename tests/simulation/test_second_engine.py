@@ -18,6 +18,7 @@ from tests.support.engine.arms import FIXED, random_six
 from tests.support.engine.cases import Case, simulate
 from tests.support.engine.cell import draw_cell
 from tests.support.engine.classes import cases as standard_cases
+from tests.support.engine.joint_causes import axis_wobble
 from tests.support.engine.load_causes import bent_rod
 from tests.support.engine.noise import KINDS, draw_noise
 
@@ -96,3 +97,17 @@ def test_the_same_case_gives_the_same_dataset() -> None:
     assert one is not None
     assert other is not None
     np.testing.assert_array_equal(one.xyz_mm, other.xyz_mm)
+
+
+def test_the_twins_are_twins() -> None:
+    """The last joint's axis leaning in a circle twice a turn moves the tool as its angle's error once a turn does."""
+    drawn = draw_cell(ARMS["UR5e"], np.random.default_rng(6))
+    wobble = axis_wobble(drawn, np.random.default_rng(7), joint=5, order=2)
+    moved = drawn.reported([(wobble, 1.0)])["jig"] - drawn.seen(drawn.plain.point)
+    waves = []
+    for wave in (np.cos, np.sin):
+        turned = replace(drawn, q=drawn.q + 1e-5 * np.outer(wave(drawn.q[:, 5]), np.eye(6)[5]))
+        waves.append((turned.seen(turned.plain.point) - drawn.seen(drawn.plain.point)).ravel())
+    columns = np.column_stack([drawn.geometry, *waves])
+    left = moved.ravel() - columns @ np.linalg.lstsq(columns, moved.ravel(), rcond=None)[0]
+    assert np.linalg.norm(left) < 0.01 * drawn.visible_mm([(wobble, 1.0)]) * np.sqrt(len(left))

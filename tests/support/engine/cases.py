@@ -125,10 +125,11 @@ def _cell(case: Case, arm: ArmTable, rng: np.random.Generator) -> Cell:
 
 
 def _cause(case: Case, name: str, cell: Cell, rng: np.random.Generator) -> Cause:
-    if (
-        case.twin
-    ):  # the last joint's axis, twice a turn, is its own angle once a turn; and the other way round
-        return joint_causes.axis_wobble(cell, rng, joint=cell.arm.n - 1, order=2)
+    if case.twin:  # of points on one link, these two move them alike
+        last = cell.arm.n - 1
+        if name == "axis_wobble":
+            return joint_causes.axis_wobble(cell, rng, joint=last, order=2)
+        return joint_causes.transmission_error(cell, rng, joint=last)
     return CAUSES[name](cell, rng)
 
 

@@ -103,7 +103,7 @@ class Cell:
         return out
 
     @cached_property
-    def _geometry(self) -> Array:
+    def geometry(self) -> Array:
         """(3 N, K) orthonormal: all that link errors and the scanner's placements can do to the tool points."""
         nominal = self.seen(self.plain.point)
         columns = []
@@ -125,7 +125,7 @@ class Cell:
     def visible_mm(self, causes: Sequence[tuple[Cause, float]]) -> float:
         """Root mean square a coordinate of the tool points' displacement that no geometry imitates."""
         shift = (self.reported(causes)["jig"] - self.seen(self.plain.point)).ravel()
-        left = shift - self._geometry @ (self._geometry.T @ shift)
+        left = shift - self.geometry @ (self.geometry.T @ shift)
         return float(np.sqrt(np.mean(left**2)))
 
     def size_for(self, cause: Cause, visible_mm: float) -> float:

@@ -119,7 +119,10 @@ def backlash(cell: Cell, rng: Rng) -> Cause:
 
 
 def axis_wobble(cell: Cell, rng: Rng, joint: int | None = None, order: int | None = None) -> Cause:
-    """An axis leans about its origin, an ellipse once or twice a turn."""
+    """An axis leans about its origin, an ellipse once or twice a turn; that of a certain joint in a circle.
+
+    A circle twice a turn is, beside geometry, what an error once a turn of that joint's angle does to points beyond it.
+    """
     n = cell.arm.n
     order = int(rng.integers(1, 3)) if order is None else order
     wave = rng.standard_normal((n, 2)) + 1j * rng.standard_normal((n, 2))
@@ -136,6 +139,7 @@ def axis_wobble(cell: Cell, rng: Rng, joint: int | None = None, order: int | Non
         return Cause("axis_wobble", deform)
 
     if joint is not None:
+        wave[joint, 1] = -1j * wave[joint, 0]
         return make(np.eye(n)[joint])
     return make(carriers(cell, rng, make, cell.turns))
 
