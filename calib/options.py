@@ -1,9 +1,11 @@
-"""What a user may choose. Nothing of `calib` is imported here, so that `inspector --help` answers at once."""
+"""What a user may choose. Nothing that takes time is imported here, so that `inspector --help` answers at once."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+
+from calib.noise_shape import NoiseShape
 
 RESIDUAL_KINDS = ("position", "distance", "pairs", "pose")
 """What a fit may make small: `calib.fitting.residual_kinds`."""
@@ -27,6 +29,8 @@ class FitOptions:
     """Of single link parameters, by name, in mm or rad, where the default of 1 mm and 0.5 deg is wrong."""
     robust: bool = False
     """Leave poses out that stand out of all others (`calib.fitting.robust`); not for "distance"."""
+    noise: NoiseShape | None = None
+    """Of the measured points, where it is known to differ from the declared one."""
 
     def with_residual(self, residual: str) -> FitOptions:
         """The same for another kind of residual."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -56,6 +57,8 @@ def calibrate(
         FitError: no points, an unknown name, a weight that the residual cannot have, or fewer equations than unknowns.
     """
     residual = options.residual
+    if options.noise is not None:
+        dataset = replace(dataset, noise=options.noise)
     given, dataset = dataset, counted_by_stands(dataset, residual)
     observed = Observations.of(dataset)
     geometry = geometry_of(dataset.robot, observed, options)

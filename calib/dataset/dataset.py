@@ -19,6 +19,7 @@ from calib.array_types import Array, BoolArray, IndexArray
 from calib.errors import DatasetError
 from calib.jig import Jig
 from calib.kinematics.robot import Robot
+from calib.noise_shape import NoiseShape
 
 ROLES = ("reference", "train", "test")
 
@@ -195,6 +196,7 @@ class Dataset:
     jig_is_declared: bool = True  # False: dataset.toml has no [jig], so points.csv may be of mirrors or balls
     notes: tuple[str, ...] = ()  # what is no mistake, and worth knowing
     left_out: tuple[str, ...] = ()  # ids of poses that count for nothing
+    noise: NoiseShape | None = None  # of the points, where it is known to differ from the declared one
 
     def scan_path(self, pose: int) -> Path | None:
         """Where the scan of a pose lies; None where the dataset has no scans."""

@@ -11,12 +11,14 @@ from dataclasses import dataclass, replace
 from calib.diagnosis.conclusion import (
     AddCurves,
     SearchAgain,
+    SearchWithNoise,
     closing_move,
     concluded,
     with_discriminating_poses,
 )
 from calib.diagnosis.decision_rules import curves_say_more
 from calib.diagnosis.effect_selection import FitStep
+from calib.diagnosis.explanation import noise_told
 from calib.diagnosis.moves import AddEffect, DropEffect, Stop, Tell, next_move
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace
@@ -24,7 +26,7 @@ from calib.diagnosis.words import conclusions as words
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.residual_tests import ResidualTests
 
-Move = AddEffect | DropEffect | SearchAgain | AddCurves
+Move = AddEffect | DropEffect | SearchAgain | SearchWithNoise | AddCurves
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class Advice:
         match self.move:
             case AddCurves():
                 return LEARNED
-            case SearchAgain():
+            case SearchAgain() | SearchWithNoise():
                 return ""
         return self.move.name
 
@@ -81,6 +83,10 @@ def advice_on(move: Move, tests: ResidualTests) -> Advice:
             return Advice(move, (residual_summary(tests), words.RemoveEffect(move.name)))
         case SearchAgain():
             return Advice(move, (residual_summary(tests), words.LeaveOut(move.poses, move.found.missing)))
+        case SearchWithNoise():
+            noise = noise_told(move.found)
+            assert noise is not None
+            return Advice(move, (residual_summary(tests), words.WeighNoise(noise, move.found.missing)))
         case AddCurves():
             curves = move.curves
             unsaid = tests.fault is not None and curves_say_more(curves, tests.fault)

@@ -17,6 +17,7 @@ from calib.diagnosis.decision_rules import (
     carries_its_names,
     curves_say_more,
     is_convincing,
+    noise_is_believed,
     predicts_worse,
     verdict_of,
 )
@@ -30,6 +31,8 @@ from calib.errors import FitError
 from calib.screening.curves.effect_file import formula_text
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError
+from calib.screening.noise.from_repeats import scatter_of_repeats
+from calib.screening.noise.shown_noise import ShownNoise, noise_of_repeats, noise_of_residual
 from calib.screening.pose_recommendation import DiscriminatingPose, discriminating_poses
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests, run_residual_tests
@@ -53,21 +56,33 @@ class AddCurves:
     curves: LearnedCurves
 
 
-ClosingMove = SearchAgain | AddCurves
+@dataclass(frozen=True)
+class SearchWithNoise:
+    """The search once more, with the points weighed by the shape of the noise, leads to a clean verdict."""
+
+    found: Diagnosis
+
+
+ClosingMove = SearchAgain | SearchWithNoise | AddCurves
 
 
 def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:
     """The search, its conclusion, and the moves that follow it."""
+    repeated = noise_of_repeats(space.dataset)
+    if repeated is not None:
+        space = replace(space, options=replace(space.options, noise=repeated.shape))
     found = _searched(space, tell)
     while (move := closing_move(space, found, tell)) is not None:
         found = move.found
     return with_discriminating_poses(found)
 
 
-def _searched(space: SearchSpace, tell: Tell) -> Diagnosis:
-    search = search_stepwise(space, tell)
+def _searched(space: SearchSpace, tell: Tell, rival: str = "") -> Diagnosis:
+    """The verdict at the end of a search, which does not add the rival of a wander."""
+    search = search_stepwise(space, tell, rival)
     tell("judging what is left")
-    return concluded(space, search.steps, search.stop)
+    found = concluded(space, search.steps, search.stop)
+    return replace(found, noise=replace(found.noise, rival=rival)) if found.noise is not None else found
 
 
 def concluded(
@@ -107,7 +122,16 @@ def concluded(
         residual_tests=tests,
         refused=stop.refused,
         left_to_curves=stop.left_to_curves,
+        noise=_noise_taken(last.calibration),
     )
+
+
+def _noise_taken(calibration: Calibration) -> ShownNoise | None:
+    """The shape of the noise that a fit took."""
+    shape = calibration.options.noise
+    if shape is None:
+        return None
+    return ShownNoise(shape, from_repeats=scatter_of_repeats(calibration.dataset) is not None)
 
 
 def _tests_beside_open_set(space: SearchSpace, last: FitStep, stop: Stop) -> ResidualTests | None:
@@ -122,17 +146,43 @@ def closing_move(space: SearchSpace, found: Diagnosis, tell: Tell) -> ClosingMov
     """What may follow a verdict; None where it stands."""
     if found.learned is not None:
         return None
+    space = replace(space, options=found.calibration.options)
+    shaped = _with_noise_as_it_is(space, found, tell)
+    if shaped is not None:
+        return SearchWithNoise(shaped)
     left_out = found.calibration.outliers
     outliers = tuple(pose for pose in found.residual_tests.outlier_poses if pose not in left_out)
     again = not found.steps[-1].left_out and outliers
     if again and len(outliers) <= max(2, MAX_OUTLIER_SHARE * _measured_poses(found.calibration)):
         # Only now, with the effects in: a few wrong points bend the fit and hide or feign a pattern in all others.
         tell("once more without the poses that stand out")
-        rest = _searched(space.without(outliers), tell)
+        rest = _searched(space.without(outliers), tell, found.noise.rival if found.noise is not None else "")
         clean = rest.verdict in ("adequate", "named", "outliers")
         if clean and set(found.named) <= set(rest.missing):
             return SearchAgain(_of_all_poses(rest, outliers), outliers)
     return _curves_to_add(space.without(found.steps[-1].left_out), found, tell)
+
+
+def _with_noise_as_it_is(space: SearchSpace, found: Diagnosis, tell: Tell) -> Diagnosis | None:
+    """The search with the points weighed by the noise's shape; None where none shows, or it is not believed.
+
+    Repeated measurements are believed whatever else is left.
+    """
+    taken, last = space.options.noise, found.calibration
+    of_repeats = noise_of_repeats(space.dataset)
+    told = taken is not None and (of_repeats is None or taken.wander is not None)
+    if told or found.steps[-1].left_out or implausibility_reason(last):
+        return None
+    tell("once more with the noise as it is")
+    start = found.steps[0].calibration
+    if of_repeats is not None and taken is None:
+        return _searched(space.with_noise(of_repeats.shape, start), tell)
+    outliers = found.residual_tests.outlier_poses
+    shown = noise_of_residual(last.fitted_dataset, found.added, project_residual(last), outliers)
+    if shown is None:
+        return None
+    again = _searched(space.with_noise(shown.shape, start), tell, shown.rival)
+    return again if noise_is_believed(found, again, shown.rival) else None
 
 
 def _measured_poses(calibration: Calibration) -> int:

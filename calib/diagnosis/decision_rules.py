@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.calibration.result import Calibration
 from calib.dataset.stands import stands_of
+from calib.diagnosis.findings import Findings
 from calib.fitting.pose_means import mean_by_pose
 from calib.screening.candidates import MIN_RIVAL_OVERLAP, Candidate, Screening, Untestable
 from calib.screening.curves.joint_curves import LearnedCurves
@@ -141,3 +142,16 @@ def curves_say_more(curves: LearnedCurves, fault: JointFault) -> bool:
     """Whether curves have clearly more evidence than a fault of one joint, and not by that joint's curve alone."""
     others = any(member.joint != fault.joint for member in curves.members)
     return others and curves.log_evidence > fault.log_evidence + MIN_LEAD
+
+
+def noise_is_believed(before: Findings, again: Findings, rival: str) -> bool:
+    """Whether a search with the noise as it shows is clean, and loses no claim but what a wander explains as well.
+
+    An unknown cause may look like noise of a strange shape. As a shape keeps the declared size, its size gives it away:
+    so a size has to be known where something was left without the shape.
+    """
+    if before.verdict == "unexplained" and again.residual_tests.lack_of_fit_p is None:
+        return False
+    doubted = before.named[before.named.index(rival) :] if rival in before.named else ()
+    clean = again.verdict in ("adequate", "named", "outliers")
+    return clean and set(before.missing) <= {*again.missing, *doubted}

@@ -7,6 +7,7 @@ import numpy as np
 from calib.calibration.noise_check import is_declared
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
+from calib.dataset.repeats import find_repeats, pooled_sigma_mm
 from calib.diagnosis.decision_rules import untestable_names
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.findings import Findings, Learned
@@ -18,6 +19,7 @@ from calib.diagnosis.words.conclusions import (
     Unexplained,
     VerdictSentence,
 )
+from calib.diagnosis.words.noise_text import NoiseShaped
 from calib.diagnosis.words.phrases import meaning
 from calib.diagnosis.words.sentences import (
     SMALL_CHANGE,
@@ -65,6 +67,9 @@ def explain(findings: Findings) -> Explanation:
     if findings.refused:
         single.append(EffectRefused(findings.refused))
     paragraphs = [opening, *((reason,) for reason in single), residual_sentences(findings.residual_tests)]
+    noise = noise_told(findings)
+    if noise is not None:
+        paragraphs.append((noise,))
     if findings.learned is not None:
         paragraphs.append((_curves_learned(findings.steps[-1], findings.learned),))
     return Explanation(tuple(paragraphs), _verdict(findings))
@@ -148,6 +153,17 @@ def _effects_tied(findings: Findings) -> EffectsTied:
         poses=findings.discriminating_poses[:POSES_TOLD],
         is_revolute=findings.calibration.dataset.robot.is_revolute,
     )
+
+
+def noise_told(findings: Findings) -> NoiseShaped | None:
+    """The shape of the noise, where it is not as declared."""
+    shown = findings.noise
+    if shown is None:
+        return None
+    size_mm = findings.residual_tests.residual_mm
+    if shown.from_repeats:
+        size_mm = pooled_sigma_mm(find_repeats(findings.calibration.dataset))
+    return NoiseShaped(shown.shape, size_mm, shown.rival, shown.from_repeats)
 
 
 def residual_sentences(tests: ResidualTests) -> tuple[ResidualSentence, ...]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 from calib.calibration.result import Calibration
 from calib.diagnosis.effect_selection import FitStep
 from calib.screening.candidates import Candidate, Screening, Untestable
 from calib.screening.curves.smooth_joint_error import SmoothJointError, inputs_of, joints_of
+from calib.screening.noise.shown_noise import Added, ShownNoise
 from calib.screening.pose_recommendation import DiscriminatingPose
 from calib.screening.residual_tests import ResidualTests
 
@@ -52,6 +54,7 @@ class Findings:
     suspected: tuple[
         str, ...
     ] = ()  # effects that were added and are not claimed, see `decision_rules.claims_of`
+    noise: ShownNoise | None = None  # where the noise has another shape than was declared
     discriminating_poses: tuple[DiscriminatingPose, ...] = ()  # at which the ambiguous set differs most
 
     @property
@@ -63,6 +66,15 @@ class Findings:
     def named(self) -> tuple[str, ...]:
         """The effects that the search added, claimed or suspected; learned curves are none."""
         return (*self.missing, *self.suspected)
+
+    @property
+    def added(self) -> tuple[Added, ...]:
+        """Each effect that the search added, by which evidence, and what was left before it."""
+        return tuple(
+            Added(after.effect, after.candidate.log_evidence, before.screening.projected)
+            for before, after in pairwise(self.steps)
+            if after.effect and after.candidate is not None and before.screening is not None
+        )
 
     @property
     def screenings(self) -> tuple[Screening, ...]:

@@ -20,6 +20,7 @@ from calib.diagnosis.effect_selection import (
 )
 from calib.effects.catalogue import available_family, effects_for
 from calib.effects.effect import Effect, Family
+from calib.noise_shape import NoiseShape
 from calib.options import FitOptions
 from calib.screening.candidates import Candidate, Screening, screen
 from calib.screening.curves.smooth_joint_error import LEARNED
@@ -36,6 +37,7 @@ class SearchSpace:
     given: tuple[Effect, ...]  # in the model from the start, whole
     families: tuple[Family, ...]  # that may be missing
     max_effects: int = MAX_EFFECTS  # to add
+    start: Calibration | None = None  # that a first fit goes on from
 
     @classmethod
     def of(
@@ -55,9 +57,15 @@ class SearchSpace:
         """The same without some poses."""
         return replace(self, dataset=without_poses(self.dataset, tuple(pose_ids))) if pose_ids else self
 
+    def with_noise(self, shape: NoiseShape, start: Calibration) -> SearchSpace:
+        """The same with noise of this shape, going on from an earlier fit."""
+        return replace(self, options=replace(self.options, noise=shape), start=start)
+
     def fit(self, selected: Sequence[SelectedEffect], start: Calibration | None) -> Calibration:
         """The given and the selected effects fitted together, going on from an earlier fit."""
-        return calibrate_with(self.dataset, selected, self.options, effects=self.given, start=start)
+        return calibrate_with(
+            self.dataset, selected, self.options, effects=self.given, start=start or self.start
+        )
 
     def screen(self, calibration: Calibration) -> Screening:
         """Every family that is not in a fit's model, tested against what that fit leaves over."""

@@ -19,11 +19,11 @@ class Search:
     stop: Stop
 
 
-def search_stepwise(space: SearchSpace, tell: Tell) -> Search:
-    """Add one effect after the other while one is convincing; take out what a later one made superfluous."""
+def search_stepwise(space: SearchSpace, tell: Tell, refused: str = "") -> Search:
+    """Add one effect after the other while one is convincing, but not the `refused` one; take out superfluous ones."""
     tell("fitting the geometry")
     steps = [space.ranked(first_fit(space))]
-    dropped: list[str] = []
+    dropped = [refused]
     while not isinstance(move := next_move(space, steps[-1], dropped, tell), Stop):
         if not isinstance(move, AddEffect):
             dropped.append(move.name)

@@ -14,9 +14,11 @@ from calib.dataset.dataset import Dataset, Points, Poses
 from calib.effects.state import RobotState, Seen
 from calib.errors import FitError
 from calib.fitting.model import Model, geometric_model
+from calib.fitting.noise.point_covariance import noise_factors, shaped_covariance
 from calib.fitting.pose_means import mean_by_pose, points_by_pose
 from calib.fitting.scanner_frame import fit_scanner_frame
 from calib.kinematics.robot import Robot
+from calib.noise_shape import NoiseShape
 
 
 @dataclass(frozen=True)
@@ -33,8 +35,8 @@ class Observations:
     def of(cls, dataset: Dataset, keep: ArrayLike | None = None) -> Observations:
         """The dataset's points whose pose is in `keep` (N,) bool; the training and reference poses by default.
 
-        A point's covariance is its own where it has one, else the scanner's declared sigma, else 1 mm; over the number
-        of measurements that it counts as.
+        A point's covariance is its own where it has one, else the scanner's declared sigma, else 1 mm, reshaped where
+        the dataset knows the noise's shape; over the number of measurements that it counts as.
         """
         if dataset.points is None:
             raise FitError(
@@ -56,6 +58,8 @@ class Observations:
         if turns is None and dataset.scanner.orientation_sigma_rad is not None:
             sigma_rad = dataset.scanner.orientation_sigma_rad
             turns = np.broadcast_to(sigma_rad**2 * np.eye(3), (len(points), 3, 3))
+        if dataset.noise is not None and dataset.noise.reshapes_points:
+            points, covariance = _reshaped(dataset.noise, points, covariance)
         observed = cls(dataset.poses, points, covariance, turn_covariance_rad2=turns)
         return observed if points.counts_as is None else weighted(observed, points.counts_as)
 
@@ -103,6 +107,15 @@ class Observations:
             mean_mm = mean_by_pose(self.points.xyz_mm[of_target], row[of_target], len(poses))
             out[target] = Seen(mean_mm, placed)
         return out
+
+
+def _reshaped(noise: NoiseShape, points: Points, covariance_mm2: Array) -> tuple[Points, Array]:
+    """The points, and their covariances (M, 3, 3), under a shape of the noise."""
+    factors = noise_factors(noise, points.xyz_mm)
+    if points.orientations is not None and points.orientations.cross_mm_rad is not None:
+        cross = factors @ points.orientations.cross_mm_rad
+        points = replace(points, orientations=replace(points.orientations, cross_mm_rad=cross))
+    return points, shaped_covariance(factors, covariance_mm2)
 
 
 def weighted(observed: Observations, weights: Array) -> Observations:

@@ -27,6 +27,7 @@ import numpy as np
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.distributions import chi2_ppf, chi_median, f_sf
 from calib.fitting.fit import Fit
+from calib.fitting.noise.student import student_weights
 from calib.fitting.observations import Observations, weighted
 from calib.fitting.pose_residuals import PoseResiduals
 from calib.fitting.position_residuals import PositionResiduals
@@ -44,6 +45,7 @@ _TAIL = 5.0  # degrees of freedom of the bulk's tails: misfit is not normal
 LEVEL = 0.05  # p, times the number of poses, below which a pose stands out
 BACK_LEVEL = 0.5  # above which one that stood out of an earlier fit belongs again
 _FLOOR = 1e-12  # of the noise's variance over the declared one: exact data have rounding only
+_TAIL_ROUNDS = 2
 
 
 def fit_belonging(
@@ -162,6 +164,31 @@ def resistant_core(
     least = np.full(int(pose.max()) + 1, np.inf)
     np.minimum.at(least, pose, weights)
     return np.asarray((least > _LEAST)[pose])
+
+
+def solve_with_tails(
+    make: Callable[[Observations], Residuals],
+    observed: Observations,
+    tail: float,
+    *,
+    start: Array | None = None,
+    prior: bool = True,
+) -> Fit:
+    """Fit with noise that follows Student's t of `tail` degrees of freedom; other arguments as of `solve`.
+
+    Weights settle in a few rounds, as they change little with the fit. Distances share their points: they have no
+    residual of each point, and no weights.
+    """
+    residuals = make(observed)
+    fit = solve(residuals, start=start, prior=prior)
+    rows = rows_of_points(residuals, observed)
+    if fit.rows != rows.sum():
+        return fit
+    for _ in range(_TAIL_ROUNDS):
+        norm = point_norms(make(observed).residual(fit.x), rows)
+        weights = student_weights(3.0 * norm**2 / rows, tail)
+        fit = solve(make(weighted(observed, weights)), start=fit.x, prior=prior)
+    return fit
 
 
 def rows_of_points(residuals: Residuals, observed: Observations) -> IndexArray:

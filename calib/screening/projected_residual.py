@@ -14,6 +14,7 @@ from calib.effects.effect import is_held_by_prior
 from calib.effects.state import RobotState
 from calib.errors import FitError
 from calib.fitting.model import point_by_state
+from calib.fitting.noise.whitening import Whitening
 from calib.fitting.observations import Observations, with_scanner_frames
 from calib.fitting.position_residuals import PositionResiduals
 from calib.screening.nuisance import Nuisance, load_columns
@@ -40,6 +41,7 @@ class ProjectedResidual:
     basis: Array  # (R, rank) orthonormal: fitted parameters and frames
     freedom: int
     nuisance: Nuisance | None = None  # what is uncertain about the effects in the model
+    whitening: Whitening | None = None  # beyond the points' own covariances; residual and basis have it
 
     @property
     def state(self) -> RobotState:
@@ -56,8 +58,8 @@ class ProjectedResidual:
         return np.asarray(columns - self.basis @ (self.basis.T @ columns))
 
     def visible(self, columns: Array) -> Array:
-        """Columns (R, K) without what the fit could have absorbed, and small along the nuisance."""
-        left = self.project(columns)
+        """Columns (R, K), whitened by point, without what the fit could have absorbed; small along the nuisance."""
+        left = self.project(columns if self.whitening is None else self.whitening.apply(columns))
         return left if self.nuisance is None else self.nuisance.whitened(left)
 
     def motion_columns(self, direction: Array, motion: Array) -> Array:
@@ -78,21 +80,29 @@ def project_residual(calibration: Calibration) -> ProjectedResidual:
     at = residuals.linearise(x)
     frames = residuals.frame_directions(x)
     scaled = at.jacobian * model.scales
+    missed = at.residual
+    whitening = None if dataset.noise is None else Whitening.of(dataset.noise, *observed.used_poses, missed)
+    if whitening is not None:
+        missed, scaled = whitening.apply(missed[:, None])[:, 0], whitening.apply(scaled)
+        frames = np.linalg.qr(whitening.apply(frames))[0]
+        scaled = scaled - frames @ (frames.T @ scaled)
     q, triangle = np.linalg.qr(scaled)
     turn, s, _ = np.linalg.svd(triangle)  # of a few rows, however many poses there are
     noise = calibration.fit.noise if np.isfinite(calibration.fit.noise) else 1.0
     least = _KNOWN_OF_CURVES if any(map(is_held_by_prior, model.effects)) else _KNOWN
     known = s > max(least * noise, 1e-9 * float(s[0]))
     basis = np.linalg.qr(np.concatenate([frames, q @ turn[:, known]], axis=1))[0]
-    freedom = len(at.residual) - basis.shape[1]
+    freedom = len(missed) - basis.shape[1]
     if freedom < 3:
         raise FitError(
-            f"dataset {dataset.name}: {len(at.residual)} equations and {basis.shape[1]} fitted directions leave "
+            f"dataset {dataset.name}: {len(missed)} equations and {basis.shape[1]} fitted directions leave "
             "nothing to judge a further cause by; measure more poses"
         )
-    residual = at.residual - basis @ (basis.T @ at.residual)
+    residual = missed - basis @ (basis.T @ missed)
     base_to_residual = residuals.base_to_residual(x)
     loads = load_columns(residuals, x, base_to_residual)
+    if whitening is not None:
+        loads = whitening.apply(loads)
     nuisance = Nuisance.of(loads - basis @ (basis.T @ loads), residual, freedom)
     if nuisance is not None:
         residual = nuisance.whitened(residual)
@@ -109,6 +119,7 @@ def project_residual(calibration: Calibration) -> ProjectedResidual:
         basis=basis,
         freedom=freedom,
         nuisance=nuisance,
+        whitening=whitening,
     )
 
 

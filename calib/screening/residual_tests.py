@@ -115,14 +115,18 @@ def _without(projected: ProjectedResidual, outlier: BoolArray) -> ProjectedResid
 
 def _outliers(projected: ProjectedResidual, noise: Callable[[], Iterable[Array]]) -> BoolArray:
     """(N,) poses whose residual is larger than the largest of a whole dataset of noise should be."""
-    of_pose = sum_by_pose(projected)
+    of_pose, rng = sum_by_pose(projected), np.random.default_rng(1)
     numbers = 3.0 * np.asarray(of_pose.sum(axis=1))  # (N, 1) coordinates at each pose
 
     def mean_square(values: Array) -> Array:
         return np.asarray(of_pose @ np.sum(values.reshape(of_pose.shape[1], 3, -1) ** 2, axis=1) / numbers)
 
-    ours = mean_square(projected.residual)[:, 0]
-    largest = [np.max(theirs / np.median(theirs, axis=0), axis=0) for theirs in map(mean_square, noise())]
+    residual, draws = projected.residual, noise()
+    if projected.whitening is not None:
+        residual = projected.whitening.unweighted(residual)
+        draws = (projected.whitening.with_tails(block, rng) for block in draws)
+    ours = mean_square(residual)[:, 0]
+    largest = [np.max(theirs / np.median(theirs, axis=0), axis=0) for theirs in map(mean_square, draws)]
     # A large outlier swells the common scale, so each is compared with the median of its own dataset.
     limit = np.quantile(np.concatenate(largest), 1.0 - OUTLIER_LEVEL)
     return np.asarray(ours / np.median(ours) > limit)

@@ -6,9 +6,12 @@ from dataclasses import asdict
 from typing import Any
 
 from calib.diagnosis.effect_selection import FitStep
+from calib.diagnosis.explanation import noise_told
 from calib.diagnosis.findings import Learned
 from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.words.noise_text import noise_text
 from calib.diagnosis.words.phrases import fault_text
+from calib.diagnosis.words.sentences import NoiseShaped
 from calib.effects.catalogue import descriptions
 from calib.screening.candidates import Candidate
 from calib.screening.fault_models import JointFault
@@ -48,6 +51,26 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
         ],
         "explanation": diagnosis.summary(),
         "learned": _learned(diagnosis.learned),
+        "noise": _noise(noise_told(diagnosis)),
+    }
+
+
+def _noise(noise: NoiseShaped | None) -> dict[str, Any] | None:
+    """The noise's shape, where it is not as declared; what does not show is null."""
+    if noise is None:
+        return None
+    shape, wander = noise.shape, noise.shape.wander
+    return {
+        "isotropic_mm": noise.isotropic_mm,
+        "axes_mm": noise.axes_mm,
+        "growth_per_m": shape.growth_per_m or None,
+        "correlation_s": wander.time if wander is not None and not wander.in_poses else None,
+        "correlation_poses": wander.time if wander is not None and wander.in_poses else None,
+        "wander_share": wander.share if wander is not None else None,
+        "tail": shape.tail,
+        "rival": noise.rival or None,
+        "from": "repeats" if noise.from_repeats else "fit",
+        "words": noise_text(noise),
     }
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from calib.calibration.noise_check import noise_floor_mm
 from calib.calibration.result import Calibration
 from calib.diagnosis.advice import Advice, residual_summary
-from calib.diagnosis.conclusion import AddCurves, SearchAgain
+from calib.diagnosis.conclusion import AddCurves, SearchAgain, SearchWithNoise
 from calib.diagnosis.decision_rules import is_convincing
 from calib.diagnosis.effect_selection import SelectedEffect
 from calib.diagnosis.moves import AddEffect, DropEffect
@@ -124,6 +124,8 @@ def follow_label(advice: Advice) -> str:
             return f"Remove {advice.effect}"
         case SearchAgain():
             return f"Leave out {', '.join(advice.move.poses)}"
+        case SearchWithNoise():
+            return "Weigh the points by their noise"
 
 
 def effect_label(effect: SelectedEffect) -> str:

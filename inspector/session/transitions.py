@@ -12,7 +12,7 @@ from calib.calibration.result import Calibration
 from calib.corners.batch import search_file
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.advice import Advice, Move, advice_or_verdict
-from calib.diagnosis.conclusion import AddCurves, SearchAgain
+from calib.diagnosis.conclusion import AddCurves, SearchAgain, SearchWithNoise
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import (
     GEOMETRY,
@@ -236,7 +236,7 @@ def with_advice_followed(session: Session) -> Session:
         raise CalibError("there is nothing to follow: no move leads on from this model")
     move = session.advice.move
     match move:
-        case SearchAgain():
+        case SearchAgain() | SearchWithNoise():
             return with_found(session, move.found)
         case DropEffect():
             return without_effect(session, move.name)
@@ -253,7 +253,8 @@ def with_diagnosis(session: Session, on_step: Callable[[str], None] | None = Non
 
 def with_found(session: Session, found: Diagnosis) -> Session:
     """Take over a diagnosis of what is measured, and the model that it leads to."""
-    return replace(_judged(with_steps(session, found.steps), found), searched=True)
+    dropped = session.dropped if found.noise is None else session.dropped | {found.noise.rival}
+    return replace(_judged(with_steps(session, found.steps), found), searched=True, dropped=dropped)
 
 
 def _judged(session: Session, found: Diagnosis) -> Session:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from calib.diagnosis.words import conclusions as facts
+from calib.diagnosis.words.noise_text import noise_text
 from calib.diagnosis.words.phrases import capitalised, curves_text, fault_text, input_text, listed
 
 _SHOWN_INPUTS = 3
@@ -116,6 +117,8 @@ def _advice_sentence(sentence: facts.AdviceSentence) -> str:
             )
         case facts.RemoveEffect(effect):
             return f"{effect} is superfluous now: the other effects explain what it does. Remove it."
+        case facts.WeighNoise(noise, effects):
+            return f"What is left is noise of a shape of its own{_beside(effects)}. {noise_text(noise)}"
         case facts.LeaveOut(poses, effects):
             return (
                 f"Without {listed(poses)} nothing but noise is left{_beside(effects)}. Leave {_them(poses)} out, and measure "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from calib.diagnosis.words.noise_text import NoiseShaped
 from calib.screening.fault_models import JointFault
 
 
@@ -99,5 +100,13 @@ class LeaveOut:
     effects: tuple[str, ...]  # in the model that is found without them
 
 
+@dataclass(frozen=True)
+class WeighNoise:
+    """With the points weighed by the shape of the noise nothing is left over."""
+
+    noise: NoiseShaped
+    effects: tuple[str, ...]  # in the model that is found with it
+
+
 VerdictSentence = Adequate | Named | Ambiguous | Unexplained | Outliers
-AdviceSentence = ResidualSummary | AddEffect | AddCurves | RemoveEffect | LeaveOut
+AdviceSentence = ResidualSummary | AddEffect | AddCurves | RemoveEffect | LeaveOut | WeighNoise

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from calib.array_types import BoolArray
 from calib.dataset.stands import ShotCount
 from calib.diagnosis.words.conclusions import VerdictSentence
+from calib.diagnosis.words.noise_text import NoiseShaped
 from calib.fitting.tool_point.placement import ToolShift
 from calib.screening.fault_models import JointFault
 from calib.screening.pose_recommendation import DiscriminatingPose
@@ -157,6 +158,7 @@ class PosesStandOut:
 ResidualSentence = (
     ResidualSize
     | MassesOff
+    | NoiseShaped
     | ResidualOrder
     | ResidualWithoutOrder
     | ResidualTooLarge

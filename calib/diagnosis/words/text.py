@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from calib.diagnosis.words import sentences as facts
 from calib.diagnosis.words.conclusion_text import verdict_text
+from calib.diagnosis.words.noise_text import noise_text
 from calib.diagnosis.words.phrases import capitalised, curves_text, fault_text, poses_text, shots_text
 
 _SHOWN_VALUES = 4  # fitted parameters of an effect that are told; the others are counted
@@ -61,6 +62,8 @@ def reason_text(reason: facts.Reason) -> str:
                 f"{log_evidence:.0f}): it was allowed for before anything else was looked for. Better masses in robot.toml "
                 "would take it away."
             )
+        case facts.NoiseShaped():
+            return noise_text(reason)
         case facts.ResidualOrder(inputs, p_value, channel):
             axis, motion = f"the {channel.name} of the scanner's frame", f"the motion of {channel.name}"
             where = axis if channel.joint is None else motion

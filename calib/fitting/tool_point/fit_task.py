@@ -14,6 +14,7 @@ from calib.fitting.model import Model
 from calib.fitting.observations import Observations, with_nominal_scanner_frames
 from calib.fitting.residual import Residuals
 from calib.fitting.residual_kinds import make_residuals
+from calib.fitting.robust import solve_with_tails
 from calib.fitting.tool_point.far_off import fitted_tool_point, search_tool_point, with_loose_tool
 from calib.fitting.trust_region import solve
 from calib.kinematics.robot import Robot
@@ -85,8 +86,18 @@ class FitTask:
         first_x = way[-1].x if way else np.zeros(len(model.parameters))
         if model.added_effects:
             model = model.with_loads_at(first_x)
-        residuals = make_residuals(self.options.residual, model, observed)
-        fit = solve(residuals, start=first_x, prior=prior)
+        noise = self.options.noise
+        if noise is not None and noise.tail is not None:
+            fit = solve_with_tails(
+                lambda seen: make_residuals(self.options.residual, model, seen),
+                observed,
+                noise.tail,
+                start=first_x,
+                prior=prior,
+            )
+        else:
+            residuals = make_residuals(self.options.residual, model, observed)
+            fit = solve(residuals, start=first_x, prior=prior)
         return Fitted(model, replace(fit, iterations=(*way[:-1], *fit.iterations)))
 
 

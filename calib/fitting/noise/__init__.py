@@ -1,0 +1,1 @@
+"""What a shape of the noise (`calib.noise_shape`) means for measured points: covariances, correlation, weights."""

@@ -1,0 +1,44 @@
+"""How the noise of measured points is shaped, where it is not the same in every direction, everywhere, all the time.
+
+Only the shape: the mean variance stays what was declared. `calib.fitting.shaped_noise` applies it to points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+Row = tuple[float, float, float]
+IDENTITY: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Wander:
+    """A slow part of the noise that points measured soon after each other share: correlation exp(-|dt| / time).
+
+    It moves what is measured as a whole, each axis by itself (an Ornstein-Uhlenbeck process).
+    """
+
+    share: float  # of the noise's variance, 0 ... 1
+    time: float  # s, or poses in the order of measuring
+    in_poses: bool = False  # whether times are not known, so that poses are counted
+
+
+@dataclass(frozen=True)
+class NoiseShape:
+    """Noise of a point = scale x exp(growth (d - distance)) x axes x (1 + (depth - 1) u u^T) x declared noise.
+
+    u is the line of sight from the scanner's origin, d the point's distance from there.
+    """
+
+    scale: float = 1.0  # so that the mean variance stays as declared
+    depth: float = 1.0  # along the line of sight over across it
+    axes: tuple[Row, Row, Row] = IDENTITY  # symmetric, in the scanner's frame
+    growth_per_m: float = 0.0
+    distance_mm: float = 0.0
+    wander: Wander | None = None
+    tail: float | None = None  # degrees of freedom of Student's t; None: normal
+
+    @property
+    def reshapes_points(self) -> bool:
+        """Whether single points have another covariance than was declared."""
+        return self.depth != 1.0 or self.axes != IDENTITY or self.growth_per_m != 0.0

@@ -1,0 +1,115 @@
+"""The likelihood of a shape of the noise, from a residual with the directions that the fit could absorb taken out.
+
+Restricted likelihood (Patterson and Thompson 1971): with whitened residual y, fitted directions X, and noise of
+covariance s^2 C, s unknown,
+
+    l(C) = -1/2 log det C - 1/2 log det(X^T C^-1 X) - nu/2 log(y^T C^-1 (y - X b)),   b by generalised least squares.
+
+So a point that the fit follows closely (leverage) is not taken for a quiet one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.array_types import Array, IndexArray
+from calib.fitting.noise.point_covariance import noise_factors
+from calib.fitting.noise.student import student_weights
+from calib.fitting.noise.time_correlation import Moments, decorrelated
+from calib.fitting.scanner_frame import whitener
+from calib.noise_shape import NoiseShape
+from calib.screening.projected_residual import ProjectedResidual
+
+
+@dataclass(frozen=True)
+class LinearResidual:
+    """What a linear fit left of M points, and the F directions that it could absorb; whitened as declared."""
+
+    xyz_mm: Array  # (M, 3) scanner frame
+    whiten: Array  # (M, 3, 3)
+    rows: Array  # (M, 3, 1 + F) the residual, then the fitted directions
+    moments: Moments
+
+    @classmethod
+    def of(cls, projected: ProjectedResidual) -> LinearResidual:
+        """Of a fit whose noise has no shape yet."""
+        observed = projected.residuals.observed
+        poses, row = observed.used_poses
+        missed, fitted = projected.residual, projected.basis
+        if projected.nuisance is not None:  # what is uncertain about the model is no noise
+            missed = projected.nuisance.coloured(missed)
+            fitted = np.column_stack([fitted, projected.nuisance.directions])
+        both = np.column_stack([missed, fitted])
+        return cls(
+            observed.points.xyz_mm,
+            whitener(observed.covariance_mm2),
+            both.reshape(len(row), 3, -1),
+            Moments.of(poses, row),
+        )
+
+    def select(self, keep: IndexArray) -> LinearResidual:
+        """Some of the points."""
+        moments = self.moments.select(keep)
+        return LinearResidual(self.xyz_mm[keep], self.whiten[keep], self.rows[keep], moments)
+
+    @property
+    def freedom(self) -> int:
+        return 3 * len(self.rows) - self.rows.shape[2] + 1
+
+    def likelihood(self, shape: NoiseShape, weights: Array | None = None) -> float:
+        """l(C) up to a constant that depends on the weights (M,) alone."""
+        rows, log_det = self._in_units_of(shape)
+        if weights is not None:
+            rows = rows * np.sqrt(weights)[:, None, None]
+        if shape.wander is None:
+            flat = rows.reshape(-1, rows.shape[2])
+            products, of_time = flat.T @ flat, 0.0
+        else:
+            products, of_time = self.moments.products(shape.wander, rows)
+        return _restricted(products, self.freedom) - log_det - 1.5 * of_time
+
+    def standardised(self, shape: NoiseShape) -> Array:
+        """(M, 3) residuals in units of their noise, over what the fit leaves of it; white under the shape."""
+        rows, _ = self._in_units_of(shape)
+        if shape.wander is not None:
+            rows = decorrelated(rows, self.moments.decorrelator(shape.wander), self.moments.order)
+        basis = np.linalg.qr(rows[:, :, 1:].reshape(3 * len(rows), -1))[0]
+        left = rows[:, :, 0].ravel() - basis @ (basis.T @ rows[:, :, 0].ravel())
+        blocks = basis.reshape(len(rows), 3, -1)
+        size, turn = np.linalg.eigh(np.eye(3) - blocks @ np.swapaxes(blocks, 1, 2))
+        along = np.einsum("mji,mj->mi", turn, left.reshape(-1, 3)) / np.sqrt(np.maximum(size, 0.05))
+        return np.asarray(np.einsum("mij,mj->mi", turn, along))
+
+    def weights(self, shape: NoiseShape) -> Array | None:
+        """(M,) of the points under the tails of the shape; None where it has none."""
+        if shape.tail is None:
+            return None
+        return student_weights(np.sum(self.standardised(shape) ** 2, axis=1), shape.tail)
+
+    def normalised(self, shape: NoiseShape) -> NoiseShape:
+        """The shape scaled so that the mean variance of these points stays as declared."""
+        plain = np.linalg.inv(self.whiten)
+        shaped = noise_factors(shape, self.xyz_mm) @ plain
+        return replace(shape, scale=shape.scale * float(np.sqrt(np.sum(plain**2) / np.sum(shaped**2))))
+
+    def _in_units_of(self, shape: NoiseShape) -> tuple[Array, float]:
+        """The rows in units of the shaped noise of single points, and half the log determinant of that."""
+        if not shape.reshapes_points:
+            return self.rows, 0.0
+        factors = noise_factors(shape, self.xyz_mm)
+        inverse = self.whiten @ np.linalg.inv(factors) @ np.linalg.inv(self.whiten)
+        return inverse @ self.rows, float(np.sum(np.log(np.abs(np.linalg.det(factors)))))
+
+
+def _restricted(products: Array, freedom: int) -> float:
+    """-1/2 log det(X^T X) - nu/2 log |y - X b|^2 from the products of y and X (1 + F, 1 + F)."""
+    information, along, square = products[1:, 1:], products[1:, 0], float(products[0, 0])
+    if not len(along):
+        return -0.5 * freedom * float(np.log(max(square, 1e-300)))
+    jitter = 1e-12 * float(np.trace(information)) / len(along)
+    root = np.linalg.cholesky(information + jitter * np.eye(len(along)))
+    fitted = np.linalg.solve(root, along)
+    left = max(square - float(fitted @ fitted), 1e-12 * square, 1e-300)
+    return -float(np.sum(np.log(np.diag(root)))) - 0.5 * freedom * float(np.log(left))

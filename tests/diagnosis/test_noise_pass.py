@@ -1,0 +1,118 @@
+"""Noise that is not white is no missing effect, and no missing effect is noise of a strange shape."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.dataset.dataset import Dataset
+from calib.diagnosis.decision_rules import noise_is_believed
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.result import Diagnosis
+from inspector.export.diagnosis_documents import diagnosis_document
+from tests.support.odd_noise import SIGMA_MM, odd_arm
+
+pytestmark = pytest.mark.slow
+
+
+def shape_words(found: Diagnosis) -> str:
+    noise = diagnosis_document(found)["noise"]
+    assert noise is not None
+    assert noise["words"] in found.summary()
+    return str(noise["words"])
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed", "words"),
+    [
+        ("deep", 3, "times coarser in depth, along z of its frame,"),
+        ("growing", 0, "with each metre of distance"),
+        ("wandering", 4, "is a slow wander"),
+        ("student", 5, "heavier tails than a normal distribution"),
+    ],
+)
+def test_a_clean_arm_is_adequate_and_the_noise_is_told(kind: str, seed: int, words: str) -> None:
+    found = diagnose(odd_arm(kind, seed))
+    assert found.verdict == "adequate"
+    assert not found.missing
+    assert not found.suspected
+    assert words in shape_words(found)
+    assert found.calibration.sigma_mm == pytest.approx(SIGMA_MM, rel=0.3)
+
+
+@pytest.mark.parametrize("kind", ["deep", "growing", "wandering"])
+def test_an_effect_stays_named_in_such_noise(kind: str) -> None:
+    found = diagnose(odd_arm(kind, 2, ["transmission_error"], sigmas=4.0))
+    assert (found.verdict, found.missing) == ("named", ("transmission_error",))
+    assert found.noise is not None
+    assert found.calibration.options.noise == found.noise.shape
+
+
+@pytest.mark.parametrize("effect", ["scanner_drift", "thermal_growth"])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_true_drift_is_no_wander(effect: str, seed: int) -> None:
+    found = diagnose(odd_arm("white", seed, [effect], sigmas=3.0))
+    assert (found.verdict, found.missing) == ("named", (effect,))
+    assert found.noise is None
+
+
+def swaying(seed: int, sigmas: float) -> Dataset:
+    """A scanner that sways three times in a session: no effect of the catalogue, and it looks like a wander."""
+    dataset = odd_arm("white", seed)
+    assert dataset.points is not None
+    assert dataset.poses.time_s is not None
+    phase = 6.0 * np.pi * dataset.poses.time_s / np.ptp(dataset.poses.time_s)
+    shift = sigmas * SIGMA_MM * np.sin(phase)[:, None] * [1.0, -0.7, 0.5]
+    points = replace(dataset.points, xyz_mm=dataset.points.xyz_mm + shift[dataset.points.pose])
+    return dataset.with_points(points)
+
+
+def test_a_cause_larger_than_the_noise_is_not_taken_for_its_shape() -> None:
+    found = diagnose(swaying(0, 4.0))
+    assert found.verdict == "unexplained"
+    assert found.noise is None
+
+
+def test_without_a_declared_sigma_no_shape_explains_what_is_left() -> None:
+    found = diagnose(odd_arm("deep", 3))
+    before = replace(found, verdict="unexplained")
+    assert noise_is_believed(before, found, "")
+    undeclared = replace(found, residual_tests=replace(found.residual_tests, lack_of_fit_p=None))
+    assert not noise_is_believed(before, undeclared, "")
+
+
+def test_a_claim_is_lost_to_a_wander_only() -> None:
+    found = diagnose(odd_arm("deep", 3))
+    before = replace(found, verdict="named", missing=("scanner_drift",))
+    assert noise_is_believed(before, found, "scanner_drift")
+    assert not noise_is_believed(before, found, "")
+
+
+def test_nothing_is_told_of_white_noise() -> None:
+    found = diagnose(odd_arm("white", 1))
+    assert found.noise is None
+    assert diagnosis_document(found)["noise"] is None
+    assert found.calibration.options.noise is None
+
+
+def test_repeats_are_believed_whatever_else_is_left() -> None:
+    shots = odd_arm("deep", 0, shots=3)
+    found = diagnose(shots)
+    assert found.verdict == "adequate"
+    assert found.noise is not None
+    assert found.noise.from_repeats
+    assert "the repeated measurements show;" in shape_words(found)
+    noise = diagnosis_document(found)["noise"]
+    assert noise["axes_mm"][2] / noise["axes_mm"][0] == pytest.approx(3.0, rel=0.2)
+    assert noise["isotropic_mm"] == pytest.approx(SIGMA_MM, rel=0.15)
+
+
+def test_a_wander_that_explains_as_much_keeps_a_drift_from_being_claimed() -> None:
+    found = diagnose(odd_arm("wandering", 5))
+    assert found.noise is not None
+    rival = found.noise.rival
+    assert rival in ("scanner_drift", "scanner_step")
+    assert rival not in found.named
+    assert f"so {rival} is not claimed" in shape_words(found)
