@@ -70,6 +70,8 @@ class JsonFile:
             raise self.error(f"{self.path}: found {name}; a {self.kind} holds finite numbers only")
 
         try:
+            if self.path.exists() and not self.path.is_file():  # reading a pipe would wait for ever
+                raise self.error(f"{self.path}: this is no file, so no {self.kind}")
             if self.path.stat().st_size > self.size_limit:
                 limit = f"{self.size_limit // 1_000_000} MB"
                 raise self.error(f"{self.path}: larger than {limit}, this is no {self.kind}")

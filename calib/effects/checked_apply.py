@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import traceback
 from collections.abc import Mapping
 from typing import Any
@@ -32,7 +33,9 @@ def checked_apply(effect: Any, state: RobotState, values: Mapping[str, float]) -
             after = effect.apply(state, **values)
     except CalibError:
         raise
-    except Exception as error:
+    except BaseException as error:  # one that calls exit() must not end the server
+        if is_interrupt(error):
+            raise
         raise CalibError(f"{label}: `apply` fails{_at(effect, error)} with {error_words(error)}") from error
     if not isinstance(after, RobotState):
         raise CalibError(
@@ -63,16 +66,23 @@ def checked_meaning(effect: Any, parameter: object, value: float, state: RobotSt
     label = f"effect {type(effect).__name__}"
     try:
         words = effect.meaning(parameter, value, state)
-    except Exception as error:
+    except BaseException as error:
+        if is_interrupt(error):
+            raise
         raise CalibError(f"{label}: `meaning` fails with {error_words(error)}") from error
     if not isinstance(words, str):
         raise CalibError(f"{label}: `meaning` returns {type(words).__name__}; return text")
     return words
 
 
+def is_interrupt(error: BaseException) -> bool:
+    """Whether an error is that of a user who stops the program: Python raises it on the main thread alone."""
+    return isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread()
+
+
 def error_words(error: BaseException) -> str:
     """ "KeyError: 'humidity'": what an error is, in one line."""
-    return f"{type(error).__name__}: {one_line(error)}"
+    return f"{type(error).__name__}: {one_line(error)}".removesuffix(": ")
 
 
 def one_line(error: BaseException) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import viser
 
+from calib.corners.search import CornerSearch
 from calib.errors import ScanError
 from calib.scans.scan import Scan
 from inspector.app.camera import Camera
@@ -55,10 +56,12 @@ class Stage:
     def load(self, pose: int) -> Scan | None:
         """A pose's scan; None where there is none, or none that can be read (`View.failures` says why)."""
         view = self._state.now
+        pose_id = view.session.dataset.poses.ids[pose]
         try:
-            return self._scans.load(pose, keep=pose == view.pose)
+            scan = self._scans.load(pose, keep=pose == view.pose)
+            _require_as_searched(scan, view.session.searches.get(pose_id))
+            return scan
         except ScanError as error:
-            pose_id = view.session.dataset.poses.ids[pose]
             self._state.change(failures={**view.failures, pose_id: str(error)})
             return None
 
@@ -156,3 +159,13 @@ class Stage:
     def view_name(self) -> str:
         """The view on show."""
         return self._camera.name
+
+
+def _require_as_searched(scan: Scan | None, search: CornerSearch | None) -> None:
+    """Raise ScanError where a scan's file has changed since it was searched: found faces are of other points."""
+    if scan is None or search is None or search.count is None or search.count.points == len(scan.points_mm):
+        return
+    raise ScanError(
+        f"{scan.name}: the file has changed since it was searched, from {search.count.points} to "
+        f"{len(scan.points_mm)} points; open the dataset again in a new start of the program"
+    )

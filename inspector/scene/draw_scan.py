@@ -26,7 +26,7 @@ def draw_pose(scene: SceneView, view: View, scan: Scan | None, visible: set[str]
     """The selected pose's scan, planes and corner. Returns how many points of the scan are drawn."""
     search = view.search
     corner = None if search is None else search.corner
-    faces = [] if corner is None else [face.inliers for face in corner.faces]
+    faces = [] if corner is None or scan is None else [face.inliers for face in corner.faces]
     drawn = scene.draw_scan(np.zeros((0, 3)) if scan is None else scan.points_mm, faces)
     draw_planes(scene, view, visible)
     draw_corner(scene, view)

@@ -23,6 +23,13 @@ Job = Callable[[], "LongWork | None"]
 T = TypeVar("T")
 
 
+class WorkEnded(Exception):
+    """Work that tried to end its thread, as by sys.exit()."""
+
+    def __init__(self, cause: BaseException) -> None:
+        super().__init__(f"the work ended with {type(cause).__name__}: {cause}".rstrip(": "))
+
+
 class Worker:
     """Runs jobs on one thread; `on_error(key, exception)` is called for every job that fails, on that same thread."""
 
@@ -34,8 +41,12 @@ class Worker:
         self._dropped: set[Hashable] = set()  # long work that is to end at its next yield
         self._busy = False
         self._stopping = False
-        self._thread = threading.Thread(target=self._run, name="inspector", daemon=True)
-        self._thread.start()
+        self._thread = self._started()
+
+    def _started(self) -> threading.Thread:
+        thread = threading.Thread(target=self._run, name="inspector", daemon=True)
+        thread.start()
+        return thread
 
     def submit(self, key: Hashable, job: Job) -> None:
         """Do `job` soon. A waiting or long-running job with the same key gives way to this one.
@@ -46,6 +57,11 @@ class Worker:
         with self._changed:
             if self._stopping:
                 return
+            if (
+                not self._thread.is_alive()
+            ):  # nothing is known that ends it; a page that never reacts would be worse
+                log.error("the worker's thread has died; another takes its place")
+                self._thread = self._started()
             self._waiting.pop(key, None)
             self._waiting[key] = job
             if any(k == key for k, _ in self._long):
@@ -128,9 +144,9 @@ class Worker:
     def _guarded(self, key: Hashable, call: Callable[[], T]) -> T | None:
         try:
             return call()
-        except Exception as error:
+        except BaseException as error:  # whatever it is, it must not end the thread that does all the work
             try:
-                self._on_error(key, error)
-            except Exception:
+                self._on_error(key, error if isinstance(error, Exception) else WorkEnded(error))
+            except BaseException:
                 log.exception("the error handler failed while it reported %r", error)
             return None

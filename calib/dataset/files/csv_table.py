@@ -14,7 +14,10 @@ import numpy as np
 import pandas as pd
 
 from calib.array_types import Array
+from calib.dataset.files.text_file import read_text
 from calib.errors import DatasetError
+
+MOST_BYTES = 200_000_000  # a million rows of two hundred characters
 
 
 @dataclass(frozen=True)
@@ -29,19 +32,11 @@ class TableFile:
 
     @classmethod
     def load(cls, path: Path) -> TableFile:
+        """The file's cells. Raises DatasetError."""
+        text = read_text(path, missing="dataset.toml names it", kind="CSV", most_bytes=MOST_BYTES)
         try:
-            text = path.read_text(encoding="utf-8-sig")  # spreadsheets begin UTF-8 with a byte order mark
             reader = csv.reader(StringIO(text, newline=""), skipinitialspace=True)
             numbered = [(reader.line_num, row) for row in reader if any(row)]
-        except FileNotFoundError:
-            raise DatasetError(f"{path}: no such file; dataset.toml names it") from None
-        except OSError as error:
-            raise DatasetError(
-                f"{path}: {error.strerror or error}; check that the file can be read"
-            ) from None
-        except UnicodeDecodeError as error:
-            words = " ".join(str(error).split())
-            raise DatasetError(f"{path}: cannot be read as CSV ({words}); save it as UTF-8") from None
         except csv.Error as error:
             raise DatasetError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
         if not numbered:

@@ -8,7 +8,12 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from calib.dataset.files.text_file import read_text
 from calib.errors import DatasetError
+
+MOST_BYTES = 10_000_000
+LARGEST_INTEGER = 2**63  # beyond it TOML promises nothing
+REMEDY = "write numbers of usual size"
 
 
 class TomlTable:
@@ -22,18 +27,20 @@ class TomlTable:
 
     @classmethod
     def load(cls, path: Path) -> TomlTable:
+        """The file's outermost table. Raises DatasetError."""
+        missing = f"a dataset folder needs {path.name}"
+        text = read_text(path, missing=missing, kind="TOML", most_bytes=MOST_BYTES)
         try:
-            text = path.read_text(encoding="utf-8-sig")  # editors on Windows begin with a byte order mark
-        except FileNotFoundError:
-            raise DatasetError(f"{path}: no such file; a dataset folder needs {path.name}") from None
-        except NotADirectoryError:
-            raise DatasetError(f"{path.parent}: is a file; name the folder that it lies in") from None
-        except (OSError, UnicodeDecodeError) as error:
-            raise DatasetError(f"{path}: cannot be read as text ({error})") from None
-        try:
-            return cls(tomllib.loads(text), path)
+            data = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
             raise DatasetError(f"{path}: not valid TOML: {error}") from None
+        except RecursionError:
+            raise DatasetError(f"{path}: nested hundreds deep; a dataset's tables are two deep") from None
+        except ValueError:  # an integer of more digits than Python reads
+            raise DatasetError(f"{path}: holds an integer of thousands of digits; {REMEDY}") from None
+        for key, value in data.items():
+            _require_usual_integers(path, key, value)
+        return cls(data, path)
 
     def error(self, key: str, found: str, remedy: str) -> DatasetError:
         place = f"{self.place}.{key}" if self.place else key
@@ -132,3 +139,16 @@ class TomlTable:
     def unread(self) -> dict[str, Any]:
         """Keys that were not read: kept, so that writing the file again loses nothing."""
         return {key: value for key, value in self.data.items() if key not in self._read}
+
+
+def _require_usual_integers(file: Path, place: str, value: object) -> None:
+    """Raise DatasetError, with the place, where a value holds an integer that is no number of a measurement."""
+    if isinstance(value, dict):
+        for key, inside in value.items():
+            _require_usual_integers(file, f"{place}.{key}", inside)
+    elif isinstance(value, list):
+        for k, inside in enumerate(value):
+            _require_usual_integers(file, f"{place}[{k}]", inside)
+    elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+        digits = round(abs(value).bit_length() * math.log10(2.0))
+        raise DatasetError(f"{file}: {place}: found an integer of about {digits} digits; {REMEDY}")

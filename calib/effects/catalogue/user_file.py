@@ -21,7 +21,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.effects.catalogue import catalogue_names
-from calib.effects.checked_apply import error_words
+from calib.effects.checked_apply import error_words, is_interrupt
 from calib.effects.effect import (
     Effect,
     Family,
@@ -79,7 +79,9 @@ def _load(path: Path) -> ModuleType:
     except SyntaxError as error:
         where = f"line {error.lineno}: " if error.lineno else ""
         raise CalibError(f"{path}: {where}{error.msg}; mend the syntax") from None
-    except (Exception, SystemExit) as error:  # a file that calls exit() must not end the server
+    except BaseException as error:  # a file that calls exit() must not end the server
+        if is_interrupt(error):
+            raise
         raise CalibError(f"{path}: line {_line(error, path)}: {error_words(error)}") from None
     return module
 
@@ -134,7 +136,9 @@ def _instances(path: Path, module: ModuleType, joints: int) -> Iterable[Effect]:
             )
         try:
             yield from (value(joint=j) for j in range(joints)) if needed else (value(),)
-        except Exception as error:
+        except BaseException as error:
+            if is_interrupt(error):
+                raise
             raise CalibError(
                 f"{path}: {value.__name__} cannot be made, {error_words(error)}; a dataclass with the field `joint` or "
                 "without fields is, others go into EFFECTS"

@@ -7,7 +7,7 @@ from collections.abc import Hashable, Iterator
 
 import pytest
 
-from inspector.server.worker import LongWork, Worker
+from inspector.server.worker import LongWork, WorkEnded, Worker
 
 WAIT_S = 20.0
 
@@ -230,3 +230,38 @@ def test_stop_drops_what_waits_closes_what_runs_and_ends_the_thread(errors: Erro
     worker.submit("late", lambda: done.append(2))  # a page that has not noticed yet
     assert worker.wait_idle(WAIT_S)
     assert (done, list(errors)) == ([], [])
+
+
+@pytest.mark.parametrize(
+    "ending", [SystemExit(3), KeyboardInterrupt(), GeneratorExit("x"), BaseException("y")]
+)
+def test_work_that_would_end_the_thread_is_an_error_like_others(
+    worker: Worker, errors: Errors, ending: BaseException
+) -> None:
+    def ends() -> None:
+        raise ending
+
+    def ends_later() -> LongWork:
+        yield
+        raise ending
+
+    done = threading.Event()
+    worker.submit("ends", ends)
+    worker.submit("ends later", ends_later)
+    worker.submit("next", done.set)
+    assert worker.wait_idle(WAIT_S)
+    assert done.is_set()
+    assert [key for key, _ in errors] == ["ends", "ends later"]
+    assert all(isinstance(error, WorkEnded) for _, error in errors)
+    assert type(ending).__name__ in str(errors[0][1])
+
+
+def test_a_thread_that_died_is_replaced(errors: Errors, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as broken:
+        broken.setattr(Worker, "_run", lambda self: None)
+        worker = Worker(errors)
+        worker._thread.join(WAIT_S)
+    done = threading.Event()
+    worker.submit("job", done.set)
+    assert done.wait(WAIT_S)
+    assert worker.stop(WAIT_S)

@@ -1,0 +1,40 @@
+"""The text of a dataset's small files, read so that nothing odd in their place holds the program up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from calib.errors import DatasetError
+
+
+def read_text(path: Path, *, missing: str, kind: str, most_bytes: int) -> str:
+    """A file's text; a byte order mark, as editors on Windows and spreadsheets write it, is left out.
+
+    Args:
+        path: of the file.
+        missing: what would do where there is none.
+        kind: as what it is read, "TOML" or "CSV".
+        most_bytes: that a file of this kind has.
+
+    Raises:
+        DatasetError: it is missing, no file (reading a pipe would wait for ever), too large, or not UTF-8.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise DatasetError(f"{path}: this is no file; put a {kind} file in its place")
+        size = path.stat().st_size
+        if size > most_bytes:
+            raise DatasetError(
+                f"{path}: the file has {size / 1e6:.4g} MB; a {kind} file of a dataset has at most "
+                f"{most_bytes / 1e6:g} MB"
+            )
+        return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise DatasetError(f"{path}: no such file; {missing}") from None
+    except NotADirectoryError:
+        raise DatasetError(f"{path.parent}: is a file; name the folder that it lies in") from None
+    except UnicodeDecodeError as error:
+        words = " ".join(str(error).split())
+        raise DatasetError(f"{path}: cannot be read as {kind} ({words}); save it as UTF-8") from None
+    except OSError as error:
+        raise DatasetError(f"{path}: {error.strerror or error}; check that the file can be read") from None
