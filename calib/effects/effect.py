@@ -72,6 +72,19 @@ class RobotCorrection(Effect, Protocol):
         ...
 
 
+class JointMotion(Effect, Protocol):
+    """A linear effect that adds to one joint and has so many parameters that its derivative is wanted at once."""
+
+    @property
+    def joint(self) -> int:
+        """Counted from 0."""
+        ...
+
+    def joint_motions(self, state: RobotState) -> Array:
+        """(N, K) what a unit of each parameter adds to the joint."""
+        ...
+
+
 @dataclass(frozen=True)
 class Family:
     """An effect as it is named: one cause, with a member for each joint (and harmonic) that may carry it or not."""
@@ -215,6 +228,11 @@ def is_held_by_prior(effect: Effect) -> bool:
 def is_linear(effect: Effect) -> bool:
     """Whether the effect says, by `linear = True`, that it adds to the state a multiple of each parameter's value."""
     return getattr(effect, "linear", False) is True
+
+
+def moves_one_joint(effect: Effect) -> TypeGuard[JointMotion]:
+    """Whether the effect tells its derivative at once: a linear one of this package that adds to one joint only."""
+    return not is_users(effect) and is_linear(effect) and hasattr(effect, "joint_motions")
 
 
 def state_derivative(effect: Effect, state: RobotState, values: Array) -> Iterator[Array]:

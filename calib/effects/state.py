@@ -81,6 +81,11 @@ class RobotState:
         table[:, frame, PARAMETER_KINDS.index(kind)] += error
         return replace(self, table=table)
 
+    def entry_of_joint(self, joint: int) -> int:
+        """Where `vector` has what `add_joint_error` adds to."""
+        kind = "theta" if self.robot.joints[joint].is_revolute else "d"
+        return joint * len(PARAMETER_KINDS) + PARAMETER_KINDS.index(kind)
+
     def add_joint_error(self, joint: int, error: ArrayLike) -> RobotState:
         """Add to where a joint stands: rad, or mm for a prismatic joint; a scalar or (N,)."""
         kind = "theta" if self.robot.joints[joint].is_revolute else "d"

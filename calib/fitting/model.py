@@ -23,6 +23,7 @@ from calib.effects.effect import (
     corrects_robot,
     family_name,
     full_name,
+    moves_one_joint,
     state_derivative,
 )
 from calib.effects.link_errors import LinkErrors
@@ -250,6 +251,9 @@ def effect_columns(by_state: Array, effect: Effect, state: RobotState, values: A
     """
     if isinstance(effect, LinkErrors):  # the table comes first in the state's vector
         return by_state[..., : len(values)]
+    if moves_one_joint(effect):
+        entry = state.entry_of_joint(effect.joint)
+        return by_state[..., entry, None] * effect.joint_motions(state)[:, None, :]
     out = np.empty((*by_state.shape[:2], len(values)))
     for k, derivative in enumerate(state_derivative(effect, state, values)):
         touched = np.flatnonzero(derivative.any(axis=0))  # a few entries of the state's vector

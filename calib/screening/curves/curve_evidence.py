@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
-from scipy.linalg.lapack import dpotri
+from scipy.linalg.lapack import dtrtri
 from scipy.optimize import minimize
 
 from calib.array_types import Array, BoolArray, IndexArray
@@ -31,6 +31,8 @@ _FIRST_STEPS, _LAST_STEPS = 7, 20
 _BANDWIDTHS = (0.7, 200.0)
 _SLOPES = (0.6, 4.0)
 _OTHER_BANDWIDTH, _OTHER_SLOPE = 2.0, 2.0
+_SETTLED = 1e-5  # relative change of log E that ends the climb
+_FAINT = 1e-5  # share of the noise that a harmonic moves: all of them together stay below 0.01 in log E
 _LEAST_LOG_SIZE = -20.0  # of the usual size: it moves nothing
 _MOST_LOG_SIZE = 4.6
 _BLOCK_SIZES = np.geomspace(1e-3, 1e2, 26)
@@ -94,25 +96,39 @@ class CurveEvidence:
 
     def at(self, spectrum: Spectrum) -> CurvePosterior:
         """The posterior at a spectrum."""
+        return self._at_with_share(spectrum, wanted=False)[0]
+
+    def _at_with_share(self, spectrum: Spectrum, *, wanted: bool) -> tuple[CurvePosterior, Array]:
+        """And, where wanted, the share (K,) of each coefficient's prior variance that the data take away."""
         sigma, _ = self.prior_sigma(spectrum)
-        shaped = self.curve.columns * sigma
         if self.few_rows:
+            shaped = self.curve.columns * sigma
             outer = shaped @ shaped.T
             outer[np.diag_indices_from(outer)] += 1.0
             factor = cholesky(outer, lower=True, overwrite_a=True, check_finite=False)
             mean = shaped.T @ cho_solve((factor, True), self.residual, check_finite=False)
-            visible = np.sum(solve_triangular(factor, shaped, lower=True, check_finite=False) ** 2, axis=0)
+            half_log_det = _sum_log_diagonal(factor)
+            share = np.zeros(0)
+            if wanted:
+                share = np.sum(solve_triangular(factor, shaped, lower=True, check_finite=False) ** 2, axis=0)
         else:
             assert self.gram is not None
-            inner = sigma[:, None] * self.gram * sigma
+            share = sigma**2 * self.square
+            # A harmonic that moves next to nothing is taken to first order.
+            shown = np.flatnonzero(share >= min(_FAINT, float(share.max())))
+            inner = sigma[shown, None] * self.gram[np.ix_(shown, shown)] * sigma[shown]
             inner[np.diag_indices_from(inner)] += 1.0
             factor = cholesky(inner, lower=True, overwrite_a=True, check_finite=False)
-            mean = cho_solve((factor, True), sigma * self.towards, check_finite=False)
-            visible = 1.0 - np.diag(dpotri(factor, lower=1)[0])
+            found = cho_solve((factor, True), sigma[shown] * self.towards[shown], check_finite=False)
+            mean = sigma * (self.towards - self.gram[:, shown] @ (sigma[shown] * found))
+            mean[shown] = found
+            half_log_det = _sum_log_diagonal(factor) + 0.5 * float(np.sum(np.delete(share, shown)))
+            if wanted:
+                inverse = dtrtri(factor, lower=1)[0]
+                share[shown] = 1.0 - np.einsum("ij,ij->j", inverse, inverse)  # (L L^T)^-1 = L^-T L^-1
         quadratic = self.total - float(mean @ (sigma * self.towards))
-        log_det = float(np.sum(np.log(np.diag(factor))))
-        value = -0.5 * self.freedom * float(np.log(quadratic / self.total)) - log_det
-        return CurvePosterior(value, sigma, mean, visible, quadratic)
+        value = -0.5 * self.freedom * float(np.log(quadratic / self.total)) - half_log_det
+        return CurvePosterior(value, sigma, mean, quadratic), share
 
     def best(self, starts: tuple[Spectrum, ...] = ()) -> tuple[float, Spectrum]:
         """The largest log E that is found, and where."""
@@ -122,7 +138,12 @@ class CurveEvidence:
 
         def climb(start: Array, steps: int) -> tuple[float, Array]:
             found = minimize(
-                self._falling, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps}
+                self._falling,
+                start,
+                jac=True,
+                method="L-BFGS-B",
+                bounds=bounds,
+                options={"maxiter": steps, "ftol": _SETTLED},
             )
             return -float(found.fun), np.asarray(found.x)
 
@@ -138,8 +159,8 @@ class CurveEvidence:
     def _falling(self, logs: Array) -> tuple[float, Array]:
         """-log E and its gradient by the logarithms."""
         spectrum = Spectrum(logs)
-        now = self.at(spectrum)
-        by_sigma = self.freedom * now.mean**2 / now.quadratic - now.visible
+        now, taken = self._at_with_share(spectrum, wanted=True)
+        by_sigma = self.freedom * now.mean**2 / now.quadratic - taken
         _, relative = self.prior_sigma(spectrum)
         share = np.where(self.curve.shares, by_sigma * relative / (1.0 + relative), 0.0)
         gradient = np.concatenate(
@@ -195,5 +216,8 @@ class CurvePosterior:
     log_evidence: float
     prior_sigma: Array  # (K,) s, over the noise
     mean: Array  # (K,) posterior mean of each coefficient over its s
-    visible: Array  # (K,) share of a coefficient's prior variance that the data take away
     quadratic: float  # r^T (1 + X S^2 X^T)^-1 r
+
+
+def _sum_log_diagonal(factor: Array) -> float:
+    return float(np.sum(np.log(np.diag(factor))))

@@ -109,7 +109,8 @@ def _told_joint_by_joint(
     left: ProjectedResidual, chosen: list[_Candidate], evidence: CurveEvidence, spectrum: Spectrum
 ) -> list[SmoothJointError]:
     """The members that carry a curve beside the others, the strongest first; a short formula where it says as much."""
-    worth = [evidence.at(spectrum).log_evidence - _without(evidence, spectrum, k) for k in range(len(chosen))]
+    whole = evidence.at(spectrum).log_evidence
+    worth = [whole - _without(evidence, spectrum, k) for k in range(len(chosen))]
     order = [k for k in np.argsort(worth)[::-1].tolist() if worth[k] > _MIN_MEMBER_GAIN]
     curves: list[int] = []
     out: list[SmoothJointError] = []

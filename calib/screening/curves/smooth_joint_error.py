@@ -135,8 +135,11 @@ class SmoothJointError:
 
     def apply(self, state: RobotState, **values: float) -> RobotState:
         """The joint's error added."""
-        curves = self.modes.at(input_values(state, self.modes.input))
-        return state.add_joint_error(self.joint, curves @ np.array(list(values.values())))
+        return state.add_joint_error(self.joint, self.joint_motions(state) @ np.array(list(values.values())))
+
+    def joint_motions(self, state: RobotState) -> Array:
+        """(N, K) the joint's error by each parameter: what hundreds of applications would tell one by one."""
+        return self.modes.at(input_values(state, self.modes.input))
 
 
 def joints_of(members: Iterable[SmoothJointError]) -> tuple[int, ...]:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from calib.array_types import Array
-from calib.effects.effect import apply_values
+from calib.effects.effect import apply_values, moves_one_joint, state_derivative
+from calib.fitting.model import effect_columns
 from calib.fitting.observations import nominal_state
 from calib.screening.curves.curve_evidence import CurveColumns, CurveEvidence, Spectrum
 from calib.screening.curves.smooth_joint_error import (
@@ -108,3 +109,18 @@ def test_an_effect_of_curves_is_linear_and_absent_at_zero(modes: CurveModes | Fo
     np.testing.assert_array_equal(np.broadcast_to(state.vector, zero.shape), zero)
     once, twice = (apply_values(effect, state, k * values).vector - state.vector for k in (1.0, 2.0))
     np.testing.assert_allclose(twice, 2.0 * once, atol=1e-15)
+    assert moves_one_joint(effect)  # its derivative at once is that of its parameters one by one
+    columns = effect_columns(np.eye(state.vector.shape[1])[None], effect, state, values)
+    for k, derivative in enumerate(state_derivative(effect, state, values)):
+        np.testing.assert_allclose(columns[..., k], derivative, rtol=1e-9, atol=1e-12)
+
+
+def test_faint_harmonics_are_taken_to_first_order() -> None:
+    """A steep spectrum leaves most harmonics below what noise moves; the evidence is the definition's all the same."""
+    rng = np.random.default_rng(4)
+    curve, residual = curve_columns(400, rng), rng.normal(size=400)
+    evidence = CurveEvidence(curve, residual, 397)
+    for logs in (np.log([0.3, 1e-9, 0.8, 4.0]), np.log([1e-12, 1e-12, 4.0, 2.0])):
+        sigma, _ = evidence.prior_sigma(Spectrum(logs))
+        exact = brute_force(curve, residual, 397, sigma)
+        assert evidence.at(Spectrum(logs)).log_evidence == pytest.approx(exact, abs=1e-3)
