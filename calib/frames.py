@@ -80,7 +80,7 @@ def rpy_from_rotation(rotation: ArrayLike) -> Array:
     """
     R = np.asarray(rotation, dtype=float)
     level = np.hypot(R[0, 0], R[1, 0])  # cos(pitch)
-    yaw = np.arctan2(R[1, 0], R[0, 0]) if level > 1e-9 else np.arctan2(-R[0, 1], R[1, 1])
+    yaw = np.arctan2(R[1, 0], R[0, 0]) if level > 1e-15 else np.arctan2(-R[0, 1], R[1, 1])
     cy, sy = np.cos(yaw), np.sin(yaw)
     pitch = np.arctan2(-R[2, 0], cy * R[0, 0] + sy * R[1, 0])
     roll = np.arctan2(sy * R[0, 2] - cy * R[1, 2], cy * R[1, 1] - sy * R[0, 1])

@@ -146,3 +146,15 @@ class CheckOptions(_FittingOptions):
     """Of `check`."""
 
     max_test_rmse_mm: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConvertOptions(Output):
+    """Of `convert`."""
+
+    source: Path
+    out: Path
+    tip: str | None
+    base: str | None
+    template: Path | None
+    force: bool

@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(subcommand: Subcommand, options: object) -> int:
     """Load the subcommand's function and call it."""
-    module, function = subcommand.run.split(".")
+    module, _, function = subcommand.run.rpartition(".")
     run = getattr(import_module(f"inspector.cli.{module}"), function)
     from calib.blas_threads import one_blas_thread  # with scipy, which takes a while to load
 

@@ -7,8 +7,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from calib.options import BUILTIN_ROBOTS, CORRECTION_KINDS, RESIDUAL_KINDS
+from calib.options import BUILTIN_ROBOTS, CORRECTION_KINDS
 from inspector.cli import options, values
+from inspector.cli.arguments import (
+    add_adding,
+    add_fit,
+    add_json,
+    add_learned_out,
+    add_leave_out,
+    add_model,
+    add_model_out,
+    add_residual,
+    convert_arguments,
+)
 from inspector.cli.options import DEFAULT_FOLDS
 
 A_DATASET = "dataset folder"
@@ -40,21 +51,21 @@ def _corners(sub: ArgumentParser) -> None:
     sub.add_argument("--out", type=Path, metavar="FILE", help="write the corners as points.csv")
     sub.add_argument("--orientation", action="store_true", help="with the jig's orientation in --out")
     sub.add_argument("--processes", type=values.process_count, metavar="N", help="default: one for each core")
-    _add_json(sub)
+    add_json(sub)
 
 
 def _redundancy(sub: ArgumentParser) -> None:
     sub.add_argument("--out", type=Path, metavar="FILE.csv", help="write Pearson's r of all pairs")
-    _add_residual(sub)
-    _add_leave_out(sub)
-    _add_json(sub)
+    add_residual(sub)
+    add_leave_out(sub)
+    add_json(sub)
 
 
 def _calibrate(sub: ArgumentParser) -> None:
     sub.add_argument(
         "--out", type=Path, metavar="FILE", help="write robot.toml, its table the best without effects"
     )
-    _add_model_out(sub)
+    add_model_out(sub)
     sub.add_argument("--force", action="store_true", help="write although the fit is no improvement")
     sub.add_argument(
         "--residuals",
@@ -68,17 +79,17 @@ def _calibrate(sub: ArgumentParser) -> None:
     sub.add_argument(
         "--session", type=Path, metavar="FILE.json", help="write a session that serve --session opens"
     )
-    _add_learned_out(sub)
-    _add_adding(sub)
-    _add_fit(sub)
-    _add_json(sub)
+    add_learned_out(sub)
+    add_adding(sub)
+    add_fit(sub)
+    add_json(sub)
 
 
 def _validate(sub: ArgumentParser) -> None:
     sub.add_argument("--folds", type=int, default=DEFAULT_FOLDS, help=f"default {DEFAULT_FOLDS}")
-    _add_model(sub, "errors of this saved model at the dataset's points, as it is")
-    _add_fit(sub)
-    _add_json(sub)
+    add_model(sub, "errors of this saved model at the dataset's points, as it is")
+    add_fit(sub)
+    add_json(sub)
 
 
 def _correct(sub: ArgumentParser) -> None:
@@ -90,28 +101,28 @@ def _correct(sub: ArgumentParser) -> None:
         "--what", choices=CORRECTION_KINDS, help="default: pose for six joints and more, else position"
     )
     sub.add_argument("--force", action="store_true", help="go on although the fit is no improvement")
-    _add_model(sub, "use this saved model and fit nothing")
-    _add_adding(sub)
-    _add_fit(sub)
-    _add_json(sub)
+    add_model(sub, "use this saved model and fit nothing")
+    add_adding(sub)
+    add_fit(sub)
+    add_json(sub)
 
 
 def _diagnose(sub: ArgumentParser) -> None:
     sub.add_argument(
         "--max-steps", type=int, default=3, metavar="N", help="effects to add at the most (default 3)"
     )
-    _add_learned_out(sub)
-    _add_model_out(sub)
+    add_learned_out(sub)
+    add_model_out(sub)
     sub.add_argument("--force", action="store_true", help="write although the fit is no improvement")
-    _add_fit(sub)
-    _add_json(sub)
+    add_fit(sub)
+    add_json(sub)
 
 
 def _report(sub: ArgumentParser) -> None:
     sub.add_argument("--out", type=Path, required=True, metavar="FILE.html", help="write the page")
     sub.add_argument("--force", action="store_true", help="replace a file that is no report")
-    _add_fit(sub)
-    _add_json(sub)
+    add_fit(sub)
+    add_json(sub)
 
 
 def _simulate(sub: ArgumentParser) -> None:
@@ -125,96 +136,15 @@ def _simulate(sub: ArgumentParser) -> None:
     sub.add_argument(
         "--noise-mm", type=float, default=0.05, help="of a measured point, each axis (default 0.05)"
     )
-    _add_json(sub)
+    add_json(sub)
 
 
 def _check(sub: ArgumentParser) -> None:
     sub.add_argument(
         "--max-test-rmse-mm", type=values.rmse_mm, metavar="X", help="what the test poses' error may be"
     )
-    _add_fit(sub)
-    _add_json(sub)
-
-
-def _add_json(sub: ArgumentParser) -> None:
-    sub.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
-
-
-def _add_fit(sub: ArgumentParser) -> None:
-    """What a fit is to be like: see `calib.options.FitOptions`."""
-    _add_residual(sub)
-    _add_effects(sub)
-    sub.add_argument("--no-prior", action="store_true", help="do not hold parameters within their tolerance")
-    sub.add_argument(
-        "--tolerance",
-        action="append",
-        default=[],
-        type=values.named_number,
-        metavar="NAME=VALUE",
-        help="tolerance of one parameter, mm or rad (default 1 mm, 0.0087 rad); may be given several times",
-    )
-    sub.add_argument(
-        "--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal"
-    )
-    _add_leave_out(sub)
-    sub.add_argument("--robust", action="store_true", help="leave poses out that stand out of all others")
-
-
-def _add_adding(sub: ArgumentParser) -> None:
-    sub.add_argument(
-        "--add",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="add an effect as the ranking proposes it: only the joints that show it, as the page's button does",
-    )
-
-
-def _add_learned_out(sub: ArgumentParser) -> None:
-    sub.add_argument(
-        "--learned-out",
-        type=Path,
-        metavar="FILE.py",
-        help="write the curves of smooth_joint_error as an effects file of your own",
-    )
-
-
-def _add_model_out(sub: ArgumentParser) -> None:
-    sub.add_argument(
-        "--model-out",
-        type=Path,
-        metavar="FILE.json",
-        help="write the full model, which correct and validate take",
-    )
-
-
-def _add_leave_out(sub: ArgumentParser) -> None:
-    sub.add_argument(
-        "--leave-out",
-        action="append",
-        default=[],
-        metavar="POSE",
-        help="take no notice of what was measured at a pose; may be given several times",
-    )
-
-
-def _add_model(sub: ArgumentParser, help: str) -> None:
-    sub.add_argument("--model", type=Path, metavar="FILE.json", help=f"{help} (of calibrate --model-out)")
-
-
-def _add_effects(sub: ArgumentParser) -> None:
-    sub.add_argument(
-        "--effect",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="put a whole effect into the model, all joints",
-    )
-    sub.add_argument("--effects-file", type=Path, metavar="FILE.py", help="effects of your own")
-
-
-def _add_residual(sub: ArgumentParser) -> None:
-    sub.add_argument("--residual", choices=RESIDUAL_KINDS, default="position", help="default position")
+    add_fit(sub)
+    add_json(sub)
 
 
 SUBCOMMANDS = (
@@ -274,7 +204,7 @@ SUBCOMMANDS = (
         "effects",
         "dataset_commands.run_effects",
         options.Output,
-        _add_json,
+        add_json,
         "the catalogue of effects",
         path=None,
     ),
@@ -293,5 +223,13 @@ SUBCOMMANDS = (
         _check,
         "the whole chain: pass or fail, and why",
         path=DATASETS,
+    ),
+    Subcommand(
+        "convert",
+        "robots.commands.run_convert",
+        options.ConvertOptions,
+        convert_arguments,
+        "a robot from one form into another: URDF, robot.toml",
+        path=None,
     ),
 )

@@ -27,9 +27,23 @@ def on_base() -> Robot:
     return replace(builtin_robot("rb5"), base=BASE)
 
 
-@pytest.mark.parametrize("pitch", [0.0, 0.4, -1.2, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, np.pi / 2 - 1e-5])
-def test_roll_pitch_yaw_turn_about_fixed_axes_and_come_back(pitch: float) -> None:
+@pytest.mark.parametrize(
+    "pitch",
+    [
+        0.0,
+        0.4,
+        -1.2,
+        np.pi / 2,
+        -np.pi / 2,
+        np.pi / 2 - 1e-9,
+        np.pi / 2 - 1e-12,
+        np.pi / 2 + 3e-15,
+        np.pi / 2 - 1e-5,
+    ],
+)
+def test_roll_pitch_yaw_turn_about_fixed_axes_and_come_back(off: float) -> None:
     rng = np.random.default_rng(4)
+    pitch = np.pi / 2 - off
     for roll, yaw in rng.uniform(-np.pi, np.pi, (50, 2)):
         rotation = rotation_from_rpy([roll, pitch, yaw])
         assert rotation == pytest.approx(

@@ -1,0 +1,1 @@
+"""Robots in the forms that users have them in: URDF, tables of other schools, makers' files; in and out."""

@@ -1,0 +1,58 @@
+"""A calibrated robot as the user's own URDF with other origins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib.kinematics.robot import Robot
+from calib.robot_formats.chain.calibrated_origins import with_calibration
+from calib.robot_formats.chain.five_parameters import robot_of
+from calib.robot_formats.robot_file import read_arm, source_links
+from calib.robot_formats.urdf.chain import chain_of_arm
+from calib.robot_formats.urdf.text import with_origins
+
+
+@dataclass(frozen=True)
+class CalibratedUrdf:
+    """The text of a URDF, and what is to be said of it."""
+
+    content: bytes
+    changed: tuple[str, ...]  # joints with another origin
+    notes: tuple[str, ...]
+
+    @property
+    def summary(self) -> str:
+        """What was changed, in a line, and notes."""
+        what = f"origins changed: {', '.join(self.changed)}" if self.changed else "no origin changed"
+        return "\n".join([what, *(f"note: {note}" for note in self.notes)])
+
+
+def calibrated_urdf(
+    template: Path,
+    calibrated: Robot,
+    nominal: Robot | None = None,
+    *,
+    tip: str | None = None,
+    base: str | None = None,
+    comment: str = "",
+) -> CalibratedUrdf:
+    """The template's text with the origins of the calibrated robot, every other byte as it was.
+
+    `nominal`: the robot before calibration, whose axes are those of the template; None: as the template says, for a
+    robot that was made of it. Tip and base: as robot.toml says, else those that the template leaves.
+    Raises RobotFileError where the template is not of this arm.
+    """
+    known_tip, known_base = source_links(calibrated)
+    arm = read_arm(template, tip=tip or known_tip, base=base or known_base)
+    chain = chain_of_arm(arm)
+    found = with_calibration(chain, robot_of(chain) if nominal is None else nominal, calibrated)
+    text = with_origins(arm, found.chain, comment)
+    notes = []
+    if not found.tip_known:
+        notes.append(
+            f"[tool] of robot.toml does not end at link {arm.tip}, so how that sits on the last joint stays as it was"
+        )
+    elif not text.tip_written:
+        notes.append(f"no fixed joint holds link {arm.tip}, so its place on the last joint stays as it was")
+    return CalibratedUrdf(text.content, text.changed, tuple(notes))

@@ -1,0 +1,1 @@
+"""Serial chains with any axes, and their five-parameter tables."""

@@ -1,0 +1,194 @@
+"""The five-parameter table of any serial chain, exactly, and the chain of a table.
+
+Frame i stands on the axis of joint i + 1, with z along it. Where on the axis is free, as d of the next row makes up for
+it. Axes that enclose more than 45 deg are joined at their common normal, where beta is 0 and the row is that of Denavit
+and Hartenberg; for others, parallel ones included, the frame stands at the joint's own origin, so that no length grows
+beyond those of the chain. beta stays below 45 deg, far from +-90 deg, where alpha and the next theta are one.
+
+A transform that turns freely takes row n and the tool row together: a of row n carries what lies across the last axis,
+the tool row the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.array_types import Array
+from calib.frames import apply, invert, make_transform, rotation_from_rpy, rpy_from_rotation
+from calib.kinematics.chain import forward
+from calib.kinematics.robot import Base, Joint, Robot, Tool, Vector
+from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, axis_frame
+
+_STEEP = np.sqrt(0.5)  # sine of the angle above which two axes are joined at their common normal
+_NOTHING_MM = 1e-11
+_STRAIGHT = 1e-12  # rad
+Row = tuple[float, float, float, float, float]
+
+
+def robot_of(chain: SerialChain, near_mm: Sequence[ArrayLike] | None = None) -> Robot:
+    """The robot with a chain's kinematics: same joint values, same base frame; the end of the tool row is the tip.
+
+    `near_mm`: n - 1 points (3,) in the base frame at zero; frame i then stands on its axis where it is closest to point
+    i, in place of the common normal.
+    """
+    at_zero = chain.at_zero
+    axes = [frame @ axis_frame(joint) for frame, joint in zip(at_zero[:-1], chain.joints, strict=True)]
+    frames = [_first_frame(axes[0])]
+    rows: list[Row] = []
+    for i, axis in enumerate(axes[1:]):
+        to_next = invert(frames[-1]) @ axis
+        close_to = None if near_mm is None else apply(invert(frames[-1]), np.asarray(near_mm[i], dtype=float))
+        row = _row(to_next[:3, 3], to_next[:3, 2], close_to)
+        rows.append(row)
+        frames.append(frames[-1] @ row_transform(row))
+    last, tool = _last_rows(invert(frames[-1]) @ at_zero[-1])
+    frames.append(frames[-1] @ row_transform(last))
+    joints = [
+        _joint(joint, row, invert(frame) @ of_joint)
+        for joint, row, frame, of_joint in zip(
+            chain.joints, [*rows, last], frames[1:], at_zero[:-1], strict=True
+        )
+    ]
+    xyz, rpy = frames[0][:3, 3], rpy_from_rotation(frames[0][:3, :3])
+    return Robot(
+        name=chain.name,
+        joints=tuple(joints),
+        tool=Tool(*tool),
+        gravity_m_s2=chain.gravity_m_s2,
+        base=Base(_vector(xyz), _vector(rpy)),
+    )
+
+
+def chain_of(robot: Robot) -> SerialChain:
+    """A robot as a chain whose joints have z axes: origins Rz(theta_1), then Trans(a, 0, d) Rx Ry Rz(theta_next).
+
+    Raises RobotFileError for coupled joints.
+    """
+    if robot.coupling:
+        raise RobotFileError(
+            f"robot {robot.name}: its joints are coupled, which a chain of joints cannot say"
+        )
+    joints, before = [], robot.base_T_first
+    for k, joint in enumerate(robot.joints):
+        turned = row_transform((0.0, 0.0, 0.0, joint.theta_rad, 0.0))
+        joint_T_frame = row_transform((joint.a_mm, joint.alpha_rad, joint.d_mm, 0.0, joint.beta_rad))
+        mass_kg, com_mm = _with_tool(robot) if k == robot.n_joints - 1 else (joint.mass_kg, joint.com_mm)
+        joints.append(
+            ChainJoint(
+                name=joint.name or f"J{k + 1}",
+                before_T_joint=before @ turned,
+                type=joint.type,
+                min=joint.min,
+                max=joint.max,
+                mass_kg=mass_kg,
+                com_mm=None if com_mm is None else _vector(apply(joint_T_frame, com_mm)),
+                gear_ratio=joint.gear_ratio,
+            )
+        )
+        before = joint_T_frame
+    return SerialChain(robot.name, tuple(joints), before @ row_transform(robot.tool.row), robot.gravity_m_s2)
+
+
+def frames_at_zero(robot: Robot) -> Array:
+    """(n + 2, 4, 4) where the first row starts, frames 1..n and the tool in the base frame, at zero."""
+    q = np.zeros((1, robot.n_joints))
+    return forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[0]
+
+
+def row_transform(row: Row) -> Array:
+    """(4, 4) Rz(theta) Trans(a, 0, d) Rx(alpha) Ry(beta) of a row a, alpha, d, theta, beta in mm and rad."""
+    a, alpha, d, theta, beta = row
+    turn = rotation_from_rpy([0.0, 0.0, theta])
+    tilt = rotation_from_rpy([alpha, 0.0, 0.0]) @ rotation_from_rpy([0.0, beta, 0.0])
+    return make_transform(turn @ tilt, turn @ [a, 0.0, d])
+
+
+def _first_frame(axis: Array) -> Array:
+    """(4, 4) the base frame itself where the first axis is its z axis, else the axis' own frame."""
+    off_mm, lean = np.hypot(*axis[:2, 3]), np.hypot(*axis[:2, 2])
+    return np.eye(4) if off_mm < _NOTHING_MM and lean < 1e-15 and axis[2, 2] > 0.0 else axis
+
+
+def _row(origin_mm: Array, along: Array, close_to_mm: Array | None) -> Row:
+    """The row that leads from a frame to a point on the next axis, with z along it.
+
+    origin_mm, along  # (3,) a point on the next axis and its unit vector, in the frame
+    """
+    across = float(np.hypot(along[0], along[1]))
+    if close_to_mm is None and across > _STEEP:
+        foot = origin_mm - along * (origin_mm[:2] @ along[:2]) / across**2
+        theta = _least_turn(np.arctan2(along[0], -along[1]))
+    else:
+        foot = origin_mm if close_to_mm is None else origin_mm + along * ((close_to_mm - origin_mm) @ along)
+        theta = 0.0
+        if np.hypot(foot[0], foot[1]) > _NOTHING_MM:
+            theta = _least_turn(np.arctan2(foot[1], foot[0]))
+        elif across > 1e3 * _STRAIGHT:
+            theta = _least_turn(np.arctan2(along[0], -along[1]))
+    back = rotation_from_rpy([0.0, 0.0, -theta])
+    foot, along = back @ foot, back @ along
+    beta = np.arctan2(along[0], np.hypot(along[1], along[2]))
+    alpha = np.arctan2(-along[1], along[2])
+    return float(foot[0]), float(alpha), float(foot[2]), theta, float(beta)
+
+
+def _last_rows(frame_T_tip: Array) -> tuple[Row, Row]:
+    """Row n and the tool row of any transform from the last joint's axis to the tip."""
+    x, y, z = frame_T_tip[:3, 3]
+    theta = _least_turn(np.arctan2(y, x)) if np.hypot(x, y) > _NOTHING_MM else 0.0
+    back = rotation_from_rpy([0.0, 0.0, -theta])
+    R = back @ frame_T_tip[:3, :3]
+    turn = 0.0  # R = Rz(turn) Rx(alpha) Ry(beta)
+    if np.hypot(R[0, 1], R[1, 1]) > 1e-15:
+        turn = float(np.arctan2(-R[0, 1], R[1, 1]))
+    rest = rotation_from_rpy([0.0, 0.0, -turn]) @ R
+    alpha, beta = np.arctan2(rest[2, 1], rest[1, 1]), np.arctan2(rest[0, 2], rest[0, 0])
+    return (float((back @ [x, y, z])[0]), 0.0, 0.0, theta, 0.0), (
+        0.0,
+        float(alpha),
+        float(z),
+        turn,
+        float(beta),
+    )
+
+
+def _least_turn(angle_rad: float) -> float:
+    """The angle or its opposite direction's, within a quarter turn of zero: a or alpha changes its sign for it."""
+    wrapped = float((angle_rad + np.pi) % (2 * np.pi) - np.pi)
+    if wrapped > np.pi / 2 + _STRAIGHT:
+        return wrapped - np.pi
+    return wrapped + np.pi if wrapped <= -np.pi / 2 + _STRAIGHT else wrapped
+
+
+def _joint(joint: ChainJoint, row: Row, frame_T_joint: Array) -> Joint:
+    com_mm = None if joint.com_mm is None else _vector(apply(frame_T_joint, joint.com_mm))
+    return Joint(
+        *row,
+        name=joint.name,
+        type=joint.type,
+        min=joint.min,
+        max=joint.max,
+        mass_kg=joint.mass_kg,
+        com_mm=com_mm,
+        gear_ratio=joint.gear_ratio,
+    )
+
+
+def _with_tool(robot: Robot) -> tuple[float | None, Vector | None]:
+    """Mass and centre of mass, in the last frame, of the last link together with the tool."""
+    link, tool = robot.joints[-1], robot.tool
+    if not tool.mass_kg or tool.com_mm is None:
+        return link.mass_kg, link.com_mm
+    mass_kg = (link.mass_kg or 0.0) + tool.mass_kg
+    moment = (link.mass_kg or 0.0) * np.array(link.com_mm or (0.0, 0.0, 0.0)) + tool.mass_kg * np.array(
+        tool.com_mm
+    )
+    return mass_kg, _vector(moment / mass_kg)
+
+
+def _vector(values: Array) -> Vector:
+    x, y, z = map(float, values)
+    return (x, y, z)

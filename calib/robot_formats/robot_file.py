@@ -1,0 +1,111 @@
+"""A robot's file of any form, by its suffix, as a robot of this library."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from calib.dataset.files.robot_checks import refuse_beyond
+from calib.dataset.files.robot_toml import builtin_robot, load_robot
+from calib.kinematics.chain import forward
+from calib.kinematics.robot import Robot
+from calib.options import BUILTIN_ROBOTS
+from calib.robot_formats.chain.five_parameters import robot_of
+from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain, chain_frames
+from calib.robot_formats.urdf.chain import ArmPath, chain_of_arm, find_arm
+from calib.robot_formats.urdf.safe_xml import XmlFile, parse_xml, read_bytes
+from calib.robot_formats.urdf.tree import read_tree
+
+SOURCE = "source"  # the table of robot.toml that says which file and links it was made of
+_SUFFIXES = (".toml", ".urdf", ".xml")
+
+
+@dataclass(frozen=True)
+class RobotFile:
+    """A robot that was read, and the chain that it was made of; None for a robot.toml."""
+
+    robot: Robot
+    chain: SerialChain | None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def summary(self) -> str:
+        """What was read, a line each."""
+        names = ", ".join(joint.name for joint in self.robot.joints)
+        lines = [f"{self.robot.name}: {self.robot.n_joints} joints ({names})"]
+        if self.chain is not None:
+            if self.chain.tip:
+                lines[0] += f" from {self.chain.base} to {self.chain.tip}"
+            lines.append(
+                f"the table reaches the file's own places to {conversion_error_mm(self.robot, self.chain):.1e} mm"
+            )
+        lines += [f"note: {note}" for note in self.notes]
+        return "\n".join(lines)
+
+
+def read_robot(path: Path, *, tip: str | None = None, base: str | None = None) -> RobotFile:
+    """The robot of a file, by its suffix.
+
+    Raises CalibError in one line that names the file, the line or key, and what would do.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".toml":
+        _refuse_links(path, tip, base)
+        robot = load_robot(path)
+        refuse_beyond(robot, path)
+        return RobotFile(robot, None)
+    if suffix not in _SUFFIXES:
+        raise RobotFileError(
+            f"{path}: {suffix or 'no suffix'} is no form of a robot; expected {', '.join(_SUFFIXES)}"
+        )
+    return _converted(chain_of_arm(find_arm(read_tree(read_xml(path)), tip, base)), path)
+
+
+def named_robot(name: str, *, tip: str | None = None, base: str | None = None) -> RobotFile:
+    """A robot by the name of a built-in one or by its file."""
+    if name in BUILTIN_ROBOTS:
+        return RobotFile(builtin_robot(name), None)
+    return read_robot(Path(name), tip=tip, base=base)
+
+
+def read_xml(path: Path) -> XmlFile:
+    """The elements of an XML file."""
+    return parse_xml(path, read_bytes(path))
+
+
+def read_arm(path: Path, *, tip: str | None = None, base: str | None = None) -> ArmPath:
+    """The arm in a URDF, to change its origins."""
+    return find_arm(read_tree(read_xml(path)), tip, base)
+
+
+def source_links(robot: Robot) -> tuple[str | None, str | None]:
+    """Tip and base of the file that robot.toml was made of, where it says so."""
+    source = robot.extra.get(SOURCE)
+    if not isinstance(source, dict):
+        return None, None
+    tip, base = source.get("tip"), source.get("base")
+    return (tip if isinstance(tip, str) else None, base if isinstance(base, str) else None)
+
+
+def conversion_error_mm(robot: Robot, chain: SerialChain) -> float:
+    """How far table and chain are apart at most, over 20 joint vectors."""
+    span = np.where(robot.is_revolute, np.pi, 500.0)
+    q = np.random.default_rng(0).uniform(-span, span, (20, robot.n_joints))
+    mine = forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1]
+    return float(np.linalg.norm(mine[:, :3, 3] - chain_frames(chain, q)[:, -1, :3, 3], axis=1).max())
+
+
+def _converted(chain: SerialChain, path: Path) -> RobotFile:
+    source = {"file": path.name} | {
+        key: name for key, name in (("base", chain.base), ("tip", chain.tip)) if name
+    }
+    robot = replace(robot_of(chain), extra={SOURCE: source})
+    refuse_beyond(robot, path)
+    return RobotFile(robot, chain, chain.notes)
+
+
+def _refuse_links(path: Path, tip: str | None, base: str | None) -> None:
+    if tip is not None or base is not None:
+        raise RobotFileError(f"{path}: has no links by name; leave out --tip and --base")

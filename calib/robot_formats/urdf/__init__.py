@@ -1,0 +1,1 @@
+"""URDF: read safely, found a serial arm in, and written by changing origins only."""

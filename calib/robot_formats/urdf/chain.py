@@ -1,0 +1,197 @@
+"""A serial arm in a URDF: the joints from a base link to a tip link, fixed ones joined, masses lumped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.frames import apply
+from calib.kinematics.robot import Vector
+from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
+from calib.robot_formats.urdf.tree import UrdfJoint, UrdfTree
+
+_GRAVITY_M_S2 = np.array([0.0, 0.0, -9.81])  # a URDF's root stands upright
+
+
+@dataclass(frozen=True)
+class ArmPath:
+    """The joints between two links, and the chain that they make."""
+
+    tree: UrdfTree
+    base: str
+    tip: str
+    joints: tuple[UrdfJoint, ...]  # all of them, fixed ones too, from the base on
+
+    @property
+    def moving(self) -> tuple[UrdfJoint, ...]:
+        """Those that move, in order."""
+        return tuple(joint for joint in self.joints if joint.moves)
+
+
+def find_arm(tree: UrdfTree, tip: str | None = None, base: str | None = None) -> ArmPath:
+    """The joints from a base link (None: the root) to a tip link (None: the only one that the file leaves).
+
+    Raises RobotFileError in one sentence: several tips, links that are not there, joints that no serial arm has.
+    """
+    path = tree.file.path
+    for name in (tip, base):
+        if name is not None and name not in tree.links:
+            raise RobotFileError(f"{path}: there is no link {name!r}; the tips are {_listed(_tips(tree))}")
+    if tip is None:
+        tips = _tips(tree)
+        if not tips:
+            raise RobotFileError(f"{path}: no joint moves; a robot has one at least")
+        if len(tips) > 1:
+            raise RobotFileError(f"{path}: several tips; choose one with --tip: {_listed(tips)}")
+        tip = tips[0]
+    joints: list[UrdfJoint] = []
+    at = tip
+    while at in tree.joint_of and at != base:
+        joint = tree.joint_of[at]
+        if len(joints) > len(tree.links):
+            tree.file.fail(
+                joint.element, f"joint {joint.name!r} is part of a loop", "only serial chains can be read"
+            )
+        joints.insert(0, joint)
+        at = joint.parent
+    if base is not None and at != base:
+        raise RobotFileError(
+            f"{path}: link {base!r} is not on the way from {at!r} to {tip!r}; name another base"
+        )
+    arm = ArmPath(tree, at, tip, tuple(joints))
+    _refuse_unserial(arm)
+    return arm
+
+
+def chain_of_arm(arm: ArmPath) -> SerialChain:
+    """The chain of an arm: base frame is the base link's, tip that of the tip link."""
+    joints: list[ChainJoint] = []
+    notes: list[str] = []
+    before = np.eye(4)
+    weighed = [
+        inertial for inertial in arm.tree.links.values() if inertial is not None and inertial.mass_kg > 0.0
+    ]
+    for joint in arm.joints:
+        before = before @ joint.parent_T_joint
+        if not joint.moves:
+            continue
+        mass_kg, com_mm = _lump(arm, joint.child) if weighed else (None, None)
+        scale = 1e3 if joint.type == "prismatic" else 1.0
+        joints.append(
+            ChainJoint(
+                name=joint.name,
+                before_T_joint=before,
+                axis=joint.axis,
+                type="prismatic" if joint.type == "prismatic" else "revolute",
+                min=None if joint.low is None else joint.low * scale,
+                max=None if joint.high is None else joint.high * scale,
+                mass_kg=mass_kg,
+                com_mm=com_mm,
+            )
+        )
+        before = np.eye(4)
+    massless = [joint.name for joint in joints if joint.mass_kg == 0.0]
+    if massless:
+        notes.append(f"the file gives no mass to what {', '.join(massless)} carries up to the next joint")
+    beside = sorted({joint.name for joint in _beside(arm)})
+    if beside:
+        notes.append(f"joints beside the arm are taken at zero for their masses: {', '.join(beside)}")
+    gravity, moving = _gravity_at(arm)
+    if moving:
+        notes.append(f"gravity at {arm.base} is that with {', '.join(moving)} at zero")
+    return SerialChain(
+        name=arm.tree.name,
+        joints=tuple(joints),
+        last_T_tip=before,
+        gravity_m_s2=gravity,
+        base=arm.base,
+        tip=arm.tip,
+        notes=tuple(notes),
+    )
+
+
+def _tips(tree: UrdfTree) -> list[str]:
+    """Links that carry none and have a joint that moves before them, those behind most joints first."""
+    behind = {link: _moving_before(tree, link) for link, on in tree.joints_on.items() if not on}
+    return sorted((link for link, count in behind.items() if count), key=lambda link: -behind[link])
+
+
+def _moving_before(tree: UrdfTree, link: str) -> int:
+    count, steps = 0, 0
+    while link in tree.joint_of and steps <= len(tree.links):
+        count += tree.joint_of[link].moves
+        link, steps = tree.joint_of[link].parent, steps + 1
+    return count
+
+
+def _listed(names: list[str], most: int = 30) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more if names else "none"
+
+
+def _refuse_unserial(arm: ArmPath) -> None:
+    file = arm.tree.file
+    for joint in arm.joints:
+        if joint.type in ("floating", "planar"):
+            file.fail(
+                joint.element, f"joint {joint.name!r} is {joint.type}", "name a base behind it with --base"
+            )
+        if joint.mimics is not None and joint.moves:
+            file.fail(
+                joint.element,
+                f"joint {joint.name!r} mimics {joint.mimics!r}: its value is not commanded by itself",
+                "only arms whose joints are commanded one by one can be read",
+            )
+    if not arm.moving:
+        raise RobotFileError(
+            f"{file.path}: no joint moves between {arm.base!r} and {arm.tip!r}; name another tip: "
+            f"{_listed(_tips(arm.tree))}"
+        )
+
+
+def _carried(arm: ArmPath, link: str) -> Iterator[tuple[str, Array, UrdfJoint | None]]:
+    """What a link carries up to the arm's next joints: link, its place in the first link's frame, its joint."""
+    of_arm = {joint.name for joint in arm.moving}
+    waiting: list[tuple[str, Array, UrdfJoint | None]] = [(link, np.eye(4), None)]
+    while waiting:
+        name, place, by = waiting.pop()
+        yield name, place, by
+        waiting += [
+            (joint.child, place @ joint.parent_T_joint, joint)
+            for joint in arm.tree.joints_on[name]
+            if joint.name not in of_arm
+        ]
+
+
+def _lump(arm: ArmPath, link: str) -> tuple[float, Vector]:
+    """Mass and centre of mass, in the link's frame, of a link and all that it carries up to the arm's next joint."""
+    mass_kg, moment = 0.0, np.zeros(3)
+    for name, place, _ in _carried(arm, link):
+        inertial = arm.tree.links[name]
+        if inertial is not None:
+            mass_kg += inertial.mass_kg
+            moment += inertial.mass_kg * apply(place, inertial.com_mm)
+    x, y, z = map(float, moment / mass_kg if mass_kg > 0.0 else moment)
+    return mass_kg, (x, y, z)
+
+
+def _beside(arm: ArmPath) -> Iterator[UrdfJoint]:
+    """Joints that move and hang on the arm without being of it."""
+    for joint in arm.moving:
+        yield from (by for _, _, by in _carried(arm, joint.child) if by is not None and by.moves)
+
+
+def _gravity_at(arm: ArmPath) -> tuple[Vector, list[str]]:
+    """Gravity in the base link's frame, and the joints before it that move, which are taken at zero."""
+    moving: list[str] = []
+    place, at = np.eye(4), arm.base
+    while at in arm.tree.joint_of:
+        joint = arm.tree.joint_of[at]
+        place, at = joint.parent_T_joint @ place, joint.parent
+        if joint.moves:
+            moving.insert(0, joint.name)
+    x, y, z = map(float, place[:3, :3].T @ _GRAVITY_M_S2)
+    return (x, y, z), moving

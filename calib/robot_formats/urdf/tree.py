@@ -1,0 +1,231 @@
+"""Links and joints of a URDF (wiki.ros.org/urdf/XML), checked: metres, radians and kilograms become mm, rad and kg."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.frames import make_transform, rotation_from_rpy
+from calib.kinematics.robot import Vector
+from calib.robot_formats.urdf.safe_xml import Element, XmlFile
+
+_MOST = 1e6  # of any number: m, rad, kg
+JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """A joint as it stands in the file."""
+
+    name: str
+    type: str
+    parent: str
+    child: str
+    parent_T_joint: Array  # (4, 4) mm
+    axis: Vector  # unit vector
+    low: float | None  # rad, or m
+    high: float | None
+    mimics: str | None  # the joint that it follows
+    element: Element
+
+    @property
+    def moves(self) -> bool:
+        return self.type != "fixed"
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """What a link weighs."""
+
+    mass_kg: float
+    com_mm: Vector  # in the link's frame
+
+
+@dataclass(frozen=True)
+class UrdfTree:
+    """The links of a URDF, each but the root hung on one joint."""
+
+    file: XmlFile
+    name: str
+    links: Mapping[str, Inertial | None]  # in the order of the file
+    joint_of: Mapping[str, UrdfJoint]  # by child link
+    joints_on: Mapping[str, tuple[UrdfJoint, ...]]  # by parent link
+    root: str
+
+
+def read_tree(file: XmlFile) -> UrdfTree:
+    """The links and joints of a URDF. Raises RobotFileError in one line with file, line and name."""
+    robot = file.root
+    if robot.tag == "mujoco":
+        file.fail(robot, "a MuJoCo model, not a URDF", "give it the suffix .xml")
+    if robot.tag != "robot":
+        file.fail(robot, f"the file begins with <{robot.tag[:40]}>", "a URDF begins with <robot>")
+    _refuse_xacro(file)
+    links: dict[str, Inertial | None] = {}
+    for element in robot.all("link"):
+        name = _required(file, element, "name", "link")
+        if name in links:
+            file.fail(element, f"link {name!r} stands there twice", "rename one")
+        links[name] = _inertial(file, element, name)
+    if not links:
+        file.fail(robot, "the robot has no <link>", "a URDF has a link for each body")
+    joints = [_joint(file, element, links) for element in robot.all("joint")]
+    joint_of: dict[str, UrdfJoint] = {}
+    names: set[str] = set()
+    for joint in joints:
+        if joint.name in names:
+            file.fail(joint.element, f"joint {joint.name!r} stands there twice", "rename one")
+        names.add(joint.name)
+        if joint.child in joint_of:
+            file.fail(
+                joint.element,
+                f"link {joint.child!r} hangs on joints {joint_of[joint.child].name!r} and {joint.name!r}: a loop",
+                "only serial chains can be read",
+            )
+        joint_of[joint.child] = joint
+    roots = [name for name in links if name not in joint_of]
+    if not roots:
+        file.fail(robot, "no link is the root: the joints close a loop", "only serial chains can be read")
+    joints_on = {name: tuple(joint for joint in joints if joint.parent == name) for name in links}
+    name = robot.attributes.get("name") or file.path.stem
+    return UrdfTree(file, " ".join(name.split()), links, joint_of, joints_on, _root(roots, joints_on))
+
+
+def _root(roots: list[str], joints_on: Mapping[str, tuple[UrdfJoint, ...]]) -> str:
+    """The root with the most below it; links that hang on nothing and carry nothing are left aside."""
+
+    def below(link: str) -> int:
+        waiting, count = [link], 0
+        while waiting:
+            count += 1
+            waiting += [joint.child for joint in joints_on[waiting.pop()]]
+        return count
+
+    return max(roots, key=below)
+
+
+def _refuse_xacro(file: XmlFile) -> None:
+    waiting = [file.root]
+    while waiting:
+        element = waiting.pop()
+        if element.tag.startswith("xacro:"):
+            file.fail(
+                element,
+                f"found <{element.tag[:40]}>, a macro that is not expanded",
+                "run `xacro FILE.xacro > FILE.urdf` first and give FILE.urdf",
+            )
+        waiting += element.children
+
+
+def _joint(file: XmlFile, element: Element, links: Mapping[str, object]) -> UrdfJoint:
+    name = _required(file, element, "name", "joint")
+    type_ = _required(file, element, "type", f"joint {name!r}")
+    if type_ not in JOINT_TYPES:
+        file.fail(element, f"joint {name!r} is of type {type_[:40]!r}", "expected " + ", ".join(JOINT_TYPES))
+    ends = []
+    for tag in ("parent", "child"):
+        end = element.first(tag)
+        if end is None:
+            file.fail(element, f"joint {name!r} has no <{tag}>", f'add <{tag} link="..."/>')
+        link = _required(file, end, "link", f"<{tag}> of joint {name!r}")
+        if link not in links:
+            file.fail(
+                end, f"joint {name!r} names link {link!r}, which the file does not have", "correct the name"
+            )
+        ends.append(link)
+    limit, mimic = element.first("limit"), element.first("mimic")
+    low = high = None
+    if limit is not None and type_ in ("revolute", "prismatic"):
+        low = _number(file, limit, "lower", f"<limit> of joint {name!r}", 0.0)
+        high = _number(file, limit, "upper", f"<limit> of joint {name!r}", 0.0)
+        if low >= high:  # both 0 stand in files that have no limits to tell
+            low = high = None
+    return UrdfJoint(
+        name=name,
+        type=type_,
+        parent=ends[0],
+        child=ends[1],
+        parent_T_joint=origin_of(file, element, f"joint {name!r}"),
+        axis=_axis(file, element, name, type_),
+        low=low,
+        high=high,
+        mimics=None if mimic is None else mimic.attributes.get("joint", "?"),
+        element=element,
+    )
+
+
+def origin_of(file: XmlFile, element: Element, what: str) -> Array:
+    """(4, 4) of the <origin> of an element, mm; where there is none, no motion."""
+    origin = element.first("origin")
+    if origin is None:
+        return np.eye(4)
+    if "quat_xyzw" in origin.attributes:
+        file.fail(origin, f"the <origin> of {what} has quat_xyzw", "give its turn as rpy")
+    xyz_m = _vector(file, origin, "xyz", f"<origin> of {what}", (0.0, 0.0, 0.0))
+    rpy_rad = _vector(file, origin, "rpy", f"<origin> of {what}", (0.0, 0.0, 0.0))
+    return make_transform(rotation_from_rpy(rpy_rad), 1e3 * np.array(xyz_m))
+
+
+def _axis(file: XmlFile, element: Element, name: str, type_: str) -> Vector:
+    axis = element.first("axis")
+    if axis is None:
+        return (1.0, 0.0, 0.0)  # URDF's default
+    x, y, z = _vector(file, axis, "xyz", f"<axis> of joint {name!r}", (1.0, 0.0, 0.0))
+    length = math.hypot(x, y, z)
+    if length < 1e-6:
+        if type_ not in ("revolute", "continuous", "prismatic"):
+            return (1.0, 0.0, 0.0)
+        file.fail(axis, f"the axis of joint {name!r} has no direction", 'give one, such as xyz="0 0 1"')
+    return (x / length, y / length, z / length)
+
+
+def _inertial(file: XmlFile, element: Element, name: str) -> Inertial | None:
+    inertial = element.first("inertial")
+    mass = None if inertial is None else inertial.first("mass")
+    if inertial is None or mass is None:
+        return None
+    mass_kg = _number(file, mass, "value", f"<mass> of link {name!r}", None)
+    if mass_kg < 0.0:
+        file.fail(mass, f"link {name!r} weighs {mass_kg:g} kg", "a mass is 0 or more")
+    x, y, z = map(float, origin_of(file, inertial, f"<inertial> of link {name!r}")[:3, 3])
+    return Inertial(mass_kg, (x, y, z))
+
+
+def _required(file: XmlFile, element: Element, key: str, what: str) -> str:
+    value = element.attributes.get(key, "").strip()
+    if not value:
+        file.fail(element, f"the {what} has no {key}", f'add {key}="..."')
+    return " ".join(value.split())
+
+
+def _number(file: XmlFile, element: Element, key: str, what: str, default: float | None) -> float:
+    text = element.attributes.get(key)
+    if text is None:
+        if default is None:
+            file.fail(element, f"the {what} has no {key}", f'add {key}="..."')
+        return default
+    return _numbers(file, element, key, what, text, 1)[0]
+
+
+def _vector(file: XmlFile, element: Element, key: str, what: str, default: Vector) -> Vector:
+    text = element.attributes.get(key)
+    if text is None:
+        return default
+    x, y, z = _numbers(file, element, key, what, text, 3)
+    return (x, y, z)
+
+
+def _numbers(file: XmlFile, element: Element, key: str, what: str, text: str, count: int) -> list[float]:
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    if "_" in text or len(values) != count or not all(abs(value) <= _MOST for value in values):
+        found = " ".join(text.split())[:60]
+        needed = "a number" if count == 1 else f"{count} numbers"
+        file.fail(element, f"{key} in the {what} is {found!r}", f"{needed} of at most {_MOST:g} are needed")
+    return values

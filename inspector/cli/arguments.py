@@ -1,0 +1,119 @@
+"""Arguments that several commands share, and those of the commands about robots. Nothing slow is imported."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser
+from pathlib import Path
+
+from calib.options import RESIDUAL_KINDS
+from inspector.cli import values
+
+
+def add_json(sub: ArgumentParser) -> None:
+    """The option --json."""
+    sub.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
+
+
+def add_fit(sub: ArgumentParser) -> None:
+    """What a fit is to be like: see `calib.options.FitOptions`."""
+    add_residual(sub)
+    add_effects(sub)
+    sub.add_argument("--no-prior", action="store_true", help="do not hold parameters within their tolerance")
+    sub.add_argument(
+        "--tolerance",
+        action="append",
+        default=[],
+        type=values.named_number,
+        metavar="NAME=VALUE",
+        help="tolerance of one parameter, mm or rad (default 1 mm, 0.0087 rad); may be given several times",
+    )
+    sub.add_argument(
+        "--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal"
+    )
+    add_leave_out(sub)
+    sub.add_argument("--robust", action="store_true", help="leave poses out that stand out of all others")
+
+
+def add_adding(sub: ArgumentParser) -> None:
+    """The option --add."""
+    sub.add_argument(
+        "--add",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="add an effect as the ranking proposes it: only the joints that show it, as the page's button does",
+    )
+
+
+def add_learned_out(sub: ArgumentParser) -> None:
+    """The option --learned-out."""
+    sub.add_argument(
+        "--learned-out",
+        type=Path,
+        metavar="FILE.py",
+        help="write the curves of smooth_joint_error as an effects file of your own",
+    )
+
+
+def add_model_out(sub: ArgumentParser) -> None:
+    """The option --model-out."""
+    sub.add_argument(
+        "--model-out",
+        type=Path,
+        metavar="FILE.json",
+        help="write the full model, which correct and validate take",
+    )
+
+
+def add_leave_out(sub: ArgumentParser) -> None:
+    """The option --leave-out."""
+    sub.add_argument(
+        "--leave-out",
+        action="append",
+        default=[],
+        metavar="POSE",
+        help="take no notice of what was measured at a pose; may be given several times",
+    )
+
+
+def add_model(sub: ArgumentParser, help: str) -> None:
+    """The option --model."""
+    sub.add_argument("--model", type=Path, metavar="FILE.json", help=f"{help} (of calibrate --model-out)")
+
+
+def add_effects(sub: ArgumentParser) -> None:
+    """The options --effect and --effects-file."""
+    sub.add_argument(
+        "--effect",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="put a whole effect into the model, all joints",
+    )
+    sub.add_argument("--effects-file", type=Path, metavar="FILE.py", help="effects of your own")
+
+
+def add_residual(sub: ArgumentParser) -> None:
+    """The option --residual."""
+    sub.add_argument("--residual", choices=RESIDUAL_KINDS, default="position", help="default position")
+
+
+def convert_arguments(sub: ArgumentParser) -> None:
+    """IN, OUT and what chooses the arm in them."""
+    sub.add_argument("source", type=Path, metavar="IN", help="a robot: .urdf, .toml")
+    sub.add_argument("out", type=Path, metavar="OUT", help="the form follows the suffix: .toml, .urdf")
+    links_arguments(sub)
+    sub.add_argument(
+        "--template",
+        type=Path,
+        metavar="ROBOT.urdf",
+        help="your own URDF of this arm: only origins are changed",
+    )
+    sub.add_argument("--force", action="store_true", help="replace a file that is there")
+    sub.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
+
+
+def links_arguments(sub: ArgumentParser) -> None:
+    """Which links of a URDF are the ends of the arm."""
+    sub.add_argument("--tip", metavar="LINK", help="the last link (default: the only one that is a tip)")
+    sub.add_argument("--base", metavar="LINK", help="the first link (default: the root)")

@@ -1,0 +1,1 @@
+"""The commands about robots' files and what comes with them."""

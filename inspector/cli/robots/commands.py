@@ -1,0 +1,83 @@
+"""`convert`: a robot from one form into another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from calib.dataset.files.atomic_write import write_bytes_atomically
+from calib.dataset.files.robot_toml import robot_to_toml
+from calib.errors import CalibError
+from calib.kinematics.robot import Robot
+from calib.robot_formats.calibrated_urdf import calibrated_urdf
+from calib.robot_formats.chain.five_parameters import chain_of
+from calib.robot_formats.robot_file import RobotFile, conversion_error_mm, read_robot
+from calib.robot_formats.urdf.text import plain_urdf
+from inspector.cli.dataset_commands import show
+from inspector.cli.options import ConvertOptions
+
+_OUTPUTS = (".toml", ".urdf")
+
+
+def run_convert(options: ConvertOptions) -> int:
+    """Read a robot and write it in another form."""
+    _check_out(options)
+    found = read_robot(options.source, tip=options.tip, base=options.base)
+    content, said = _content(options, found)
+    write_bytes_atomically(options.out, content)
+    text = "\n".join([f"{options.out}: {found.summary}", *said])
+    show(options, _document(options, found, said), text)
+    return 0
+
+
+def _content(options: ConvertOptions, found: RobotFile) -> tuple[bytes, list[str]]:
+    """What to write, and what is to be said of it."""
+    if options.out.suffix.lower() == ".toml":
+        return robot_to_toml(found.robot).encode(), []
+    if options.template is not None:
+        urdf = calibrated_urdf(options.template, found.robot)
+        return urdf.content, [urdf.summary]
+    chain = chain_of(found.robot)
+    return plain_urdf(chain).encode(), [f"note: {note}" for note in _not_in_urdf(found.robot)]
+
+
+def _not_in_urdf(robot: Robot) -> list[str]:
+    """What a plain URDF of a robot does not hold."""
+    x, y, z = robot.gravity_m_s2
+    notes = []
+    if x or y or z > 0.0:
+        notes.append("URDF tells no gravity; this robot's base does not stand upright")
+    if robot.targets:
+        notes.append("further targets are left out")
+    if any(joint.mass_kg for joint in robot.joints):
+        notes.append("the inertias in it are placeholders, as robot.toml has masses only")
+    return notes
+
+
+def _check_out(options: ConvertOptions) -> None:
+    """Refuse places and forms before anything is read."""
+    out: Path = options.out
+    if out.suffix.lower() not in _OUTPUTS:
+        raise CalibError(f"{out}: expected a name that ends in {' or '.join(_OUTPUTS)}")
+    for path in (options.source, options.template):
+        if path is not None and path.resolve() == out.resolve():
+            raise CalibError(
+                f"{out}: is what this command reads, which would be lost; name another file to write"
+            )
+    if out.exists() and not options.force:
+        raise CalibError(f"{out}: exists; name another file, or --force to replace it")
+    if options.template is not None and out.suffix.lower() == ".toml":
+        raise CalibError(f"--template {options.template}: only a .urdf is made of a template")
+
+
+def _document(options: ConvertOptions, found: RobotFile, said: list[str]) -> dict[str, Any]:
+    robot, chain = found.robot, found.chain
+    return {
+        "out": str(options.out),
+        "robot": robot.name,
+        "joints": [joint.name for joint in robot.joints],
+        "base": None if chain is None else chain.base or None,
+        "tip": None if chain is None else chain.tip or None,
+        "largest_difference_mm": None if chain is None else conversion_error_mm(robot, chain),
+        "notes": [*found.notes, *said],
+    }

@@ -1,0 +1,82 @@
+"""inspector convert: what it prints, writes and refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.dataset.files.robot_toml import load_robot
+from calib.kinematics.chain import forward
+from inspector.cli.parser import main
+from tests.support.chains import shoulder_arm
+
+
+@pytest.fixture
+def urdf(tmp_path: Path) -> Path:
+    path = tmp_path / "arm.urdf"
+    path.write_text(shoulder_arm())
+    return path
+
+
+def test_to_robot_toml_and_back_leaves_the_text_alone(
+    urdf: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    toml, out = tmp_path / "robot.toml", tmp_path / "out.urdf"
+    assert main(["convert", str(urdf), str(toml), "--tip", "tool0"]) == 0
+    said = capsys.readouterr().out
+    assert "shoulder_arm: 5 joints (pan, lift, elbow, slide, roll) from world to tool0" in said
+    assert main(["convert", str(toml), str(out), "--template", str(urdf)]) == 0
+    assert "no origin changed" in capsys.readouterr().out
+    assert out.read_bytes() == urdf.read_bytes()
+
+
+def test_a_plain_urdf_is_the_same_arm(urdf: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    toml, out, again = tmp_path / "robot.toml", tmp_path / "out.urdf", tmp_path / "again.toml"
+    main(["convert", str(urdf), str(toml), "--tip", "tool0"])
+    assert main(["convert", str(toml), str(out)]) == 0
+    capsys.readouterr()
+    assert main(["convert", str(out), str(again), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["largest_difference_mm"] < 1e-9
+    one, other = load_robot(toml), load_robot(again)
+    q = np.random.default_rng(0).uniform(-1, 1, (5, 5))
+    places = [forward(r.table, q, r.is_revolute, r.base_T_first).base_T_frame[:, -1] for r in (one, other)]
+    assert np.abs(places[0] - places[1]).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["arm.urdf", "robot.toml"], "several tips; choose one with --tip: finger, tool0"),
+        (
+            ["arm.urdf", "robot.toml", "--tip", "tool9"],
+            "there is no link 'tool9'; the tips are finger, tool0",
+        ),
+        (["arm.urdf", "robot.toml", "--tip", "tool0", "--base", "finger"], "is not on the way from"),
+        (["arm.urdf", "robot.step", "--tip", "tool0"], "expected a name that ends in"),
+        (["arm.urdf", "arm.urdf"], "is what this command reads"),
+        (["none.urdf", "robot.toml"], "none.urdf: No such file"),
+        (["arm.urdf", "there.toml", "--tip", "tool0"], "there.toml: exists; name another file, or --force"),
+        (["arm.urdf", "robot.toml", "--template", "arm.urdf"], "only a .urdf is made of a template"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line_and_nothing_is_written(
+    urdf: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    said: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there.toml").write_text("")
+    before = sorted(tmp_path.iterdir())
+    assert main(["convert", *arguments]) == 2
+    found = capsys.readouterr()
+    assert said in found.err
+    assert found.err.count("\n") == 1
+    assert found.out == ""
+    assert sorted(tmp_path.iterdir()) == before
