@@ -32,7 +32,7 @@ from calib.screening.curves.joint_curves import learn_joint_curves
 from calib.simulation.simulate import simulate_dataset
 
 ROOT = Path(__file__).resolve().parents[1]
-CAUSES = ("fifth_harmonic", "kinked_joint", "hose_pull", "slip")
+CAUSES = ("high_harmonic", "joint_dent", "hose_pull", "joint_step", "rough_gear")
 REAL = ("ur10_ipa", "mukca_panda_2_clean")
 
 

@@ -35,7 +35,7 @@ HIDDEN_SEEDS = {"hidden_effect_a": 31, "hidden_effect_b": 32, "hidden_effect_c":
 HIDDEN: dict[str, tuple[str, tuple[tuple[str, float], ...]]] = {
     "hidden_effect_a": ("rb5", (("transmission_error", 4.0),)),
     "hidden_effect_b": ("panda", (("joint_compliance", 5.0), ("backlash", 3.0))),
-    "hidden_effect_c": ("rb5", (("slip", 4.0),)),
+    "hidden_effect_c": ("rb5", (("joint_step", 4.0),)),
 }
 
 # Harmonic drives of this size: shoulder about 8e4 Nm/rad, wrist about 2e4 Nm/rad.

@@ -25,6 +25,7 @@ from calib.screening.evidence import (
 )
 
 MOST_CHOSEN = 8  # members
+RARITY = 2.0  # log odds against each: what sets in at one pose or sits at one place is rarer than what is always there
 FEWEST_APART = 4  # poses
 _SHOWN = 1e-6  # of a member's directions, by length over its longest
 
@@ -91,7 +92,8 @@ def evaluate_sparse(family: SparseColumns) -> Evidence:
     """F test and evidence of a family.
 
     Of one member the likelihoods are averaged over all, as it could be any of them; each further one, added while the
-    evidence grows, costs log G. The F test is the best single member's, its p times G.
+    evidence grows, costs log G; and each costs `RARITY`: else a staircase of steps would stand beside every drift. The
+    F test is the best single member's, its p times G.
     """
     residual = family.residual
     count, members, width = family.columns.shape
@@ -103,8 +105,8 @@ def evaluate_sparse(family: SparseColumns) -> Evidence:
     values, scales = _each(family, _Chosen())
     best = int(np.argmax(values))
     chosen, raw = _Chosen((best,), (float(scales[best]),)), float(values[best])
-    paid = raw - mean_likelihood(values)
-    cost = float(np.log(members))
+    paid = raw - mean_likelihood(values) + RARITY
+    cost = float(np.log(members)) + RARITY
     most = min(MOST_CHOSEN, members, most_columns(family.freedom) // width)
     while len(chosen.members) < most:
         values, scales = _each(family, chosen)

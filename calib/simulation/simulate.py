@@ -110,6 +110,8 @@ def simulate_dataset(
     if conditions is None:
         conditions = any(effect_name(effect) in NEED_CONDITIONS for effect in effects)
     drawn = draw_conditions(robot, poses, rng=rng) if conditions else Conditions()
+    if any(effect_name(effect) == "warm_up" for effect in effects):
+        drawn = replace(drawn, temperature_c=None)  # nobody wrote down how warm the arm was
     if len(payloads_kg):
         drawn = replace(drawn, payload_kg=rng.choice(np.asarray(payloads_kg, float), poses))
     scanners = {"": base_T_scanner}

@@ -170,7 +170,6 @@ def test_an_effect_of_its_usual_size_moves_the_tool_by_a_sane_amount(effect: Eff
         "joint_compliance.J1.c_rad_per_nm",
         "gravity_backlash.J1.b_rad",
         "nonlinear_stiffness.J1.c2_rad_per_nm2",
-        "link_torsion.J1.c_rad_per_nm",  # its link stands upright
     }
     if getattr(effect, "joint", 0) < 5 and label(effect) not in still:
         assert moved.max() > 1e-3

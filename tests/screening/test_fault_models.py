@@ -20,7 +20,8 @@ from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import FAULT_EVIDENCE, run_residual_tests
 from calib.simulation.measured_dataset import Simulation
 from calib.simulation.simulate import simulate_dataset
-from calib.simulation.truth.joint_effects import KinkedJoint, Slip
+from calib.simulation.truth.joint_effects import JointDent as TrueDent
+from calib.simulation.truth.order_effects import JointStep as TrueStep
 
 
 def simulated(
@@ -47,9 +48,9 @@ def stated(candidate: Candidate) -> tuple[ShapedEffect, float]:
 @pytest.mark.slow
 @pytest.mark.parametrize(("robot", "seed"), [("rb5", 1), ("panda", 2), ("rb5", 3)])
 def test_a_dent_is_named_at_its_joint_and_place_and_no_harmonic_in_its_stead(robot: str, seed: int) -> None:
-    simulation = simulated(("kinked_joint",), seed=seed, robot=robot)
+    simulation = simulated(("joint_dent",), seed=seed, robot=robot)
     (true,) = simulation.truth.effects
-    assert isinstance(true, KinkedJoint)
+    assert isinstance(true, TrueDent)
     (joint,) = np.flatnonzero(true.height_rad)
     result = diagnose(simulation.dataset)
     assert (result.verdict, result.missing) == ("named", ("joint_dent",)), result.summary()
@@ -64,9 +65,9 @@ def test_a_dent_is_named_at_its_joint_and_place_and_no_harmonic_in_its_stead(rob
 
 @pytest.mark.parametrize(("robot", "seed"), [("rb5", 4), ("panda", 5)])
 def test_a_slip_is_found_at_its_joint_and_pose(robot: str, seed: int) -> None:
-    simulation = simulated(("slip",), seed=seed, robot=robot)
+    simulation = simulated(("joint_step",), seed=seed, robot=robot)
     (true,) = simulation.truth.effects
-    assert isinstance(true, Slip)
+    assert isinstance(true, TrueStep)
     (joint,) = np.flatnonzero(true.offset_rad)
     dataset = simulation.dataset
     best = screen(calibrate(dataset), effects_for(dataset)).candidates[0]

@@ -160,7 +160,7 @@ def test_seed_makes_the_dataset(scans: bool) -> None:
             rng=np.random.default_rng(seed),
             poses=12,
             scans=scans,
-            effects=(*SOME, "backlash", "slip"),
+            effects=(*SOME, "backlash", "joint_step"),
         )
         points = simulation.dataset.points
         assert (points is None) == scans
@@ -182,7 +182,8 @@ def test_every_effect_is_simulated_by_its_name_alone(effect: str) -> None:
     plain = scanner_T_target(truth.with_effects(), poses.q, Conditions.of(poses))[:, :3, 3]
     moved_mm = np.sqrt(np.mean(np.sum((simulation.apex_mm - plain) ** 2, axis=1)))
     assert 0.2 <= moved_mm <= 0.5
-    assert (poses.temperature_c is not None) == (effect in NEED_CONDITIONS)
+    assert (poses.time_s is not None) == (effect in NEED_CONDITIONS)
+    assert (poses.temperature_c is not None) == (effect in NEED_CONDITIONS and effect != "warm_up")
     document = simulation.document()
     assert list(document["effects"]) == [effect]
     assert json.loads(json.dumps(document)) == document
@@ -195,7 +196,7 @@ def test_effects_are_as_visible_as_asked() -> None:
     simulation = simulate_dataset(
         builtin_robot("rb5"),
         rng=np.random.default_rng(16),
-        effects=("backlash", ("tool_sag", 5.0), ("slip", 0.0), given),
+        effects=("backlash", ("tool_sag", 5.0), ("joint_step", 0.0), given),
         visible_sigmas=2.0,
         noise_mm=0.02,
     )

@@ -13,7 +13,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.simulation.simulate import simulate_dataset
 
 HIDDEN = "transmission_error"
-UNNAMED = ("rough_gear", 3.0)  # of one joint: an effect that no family of the catalogue makes
+UNNAMED = ("fine_ripple", 3.0)  # of one joint: an effect that no family of the catalogue makes
 
 
 def write_hidden(folder: Path, name: str = "hidden") -> Path:
@@ -37,7 +37,7 @@ def arm(seed: int, *effects: tuple[str, float], robot: str = "rb5") -> Dataset:
     return simulation.dataset
 
 
-def write_unnamed(folder: Path, effect: tuple[str, float] = UNNAMED) -> Path:
+def write_unnamed(folder: Path) -> Path:
     """An arm one of whose joints runs unevenly, at `folder/unnamed`."""
-    write_dataset(replace(arm(2004, effect), name="unnamed"), folder / "unnamed")
+    write_dataset(replace(arm(2004, UNNAMED), name="unnamed"), folder / "unnamed")
     return folder / "unnamed"

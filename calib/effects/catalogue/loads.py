@@ -11,6 +11,7 @@ from calib.effects.catalogue.compliance import where_masses_are_known
 from calib.effects.effect import CatalogueEffect, Family, Parameter
 from calib.effects.state import RobotState
 
+_SHORT_MM = 30.0  # a link that reaches out less does not twist
 _STILL_NM = 0.01  # a bearing turns over from one side to the other within about this moment
 
 
@@ -79,8 +80,13 @@ class LinkTorsion(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """A member for each joint's link."""
-        members = tuple(cls(j) for j in range(dataset.robot.n_joints))
+        """A member for each link that reaches out from its joint's axis: the others' torsion is joint compliance."""
+        rows = dataset.robot.table[:-1]
+        out = np.abs(rows[:, 0]) > np.maximum(_SHORT_MM, 0.1 * np.abs(rows[:, 2]))
+        members = tuple(cls(int(j)) for j in np.flatnonzero(out))
+        if not members:
+            along = "every link lies along its joint's axis, so that its torsion is the joint's compliance"
+            return Family(cls.name, (), along, "nothing: joint_compliance is tested", covered=True)
         return where_masses_are_known(Family(cls.name, members), dataset.robot)
 
 

@@ -22,7 +22,7 @@ from calib.simulation.truth.visibility import SimulatedCell
 
 SIMULATED_EFFECTS = tuple(CATALOGUE)
 OUTSIDE_EFFECTS = tuple(OUTSIDE)
-NEED_CONDITIONS = frozenset({"backlash", "thermal_growth", "scanner_drift"})
+NEED_CONDITIONS = frozenset({"backlash", "thermal_growth", "scanner_drift", "warm_up"})
 NEED_FACING = frozenset({"incidence_bias"})  # the incidence of a jig that faces away is undefined
 
 Wanted = str | tuple[str, float] | TrueEffect

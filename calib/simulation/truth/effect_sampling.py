@@ -11,16 +11,16 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.errors import CalibError
+from calib.simulation.truth.carriers import Rng, carriers, magnitudes, one_joint
 from calib.simulation.truth.effect import TrueEffect
+from calib.simulation.truth.further_sampling import FURTHER
 from calib.simulation.truth.joint_effects import (
     AxisWobble,
     Backlash,
-    FifthHarmonic,
+    FineRipple,
     JointCoupling,
     JointScale,
-    KinkedJoint,
     RoughGear,
-    Slip,
     StrainWave,
     ThermalGrowth,
     TransmissionError,
@@ -43,56 +43,18 @@ from calib.simulation.truth.scanner_effects import (
 )
 from calib.simulation.truth.visibility import SimulatedCell, gravity_torques
 
-Rng = np.random.Generator
-PerJoint = Callable[[Array], TrueEffect]
-
-
-def _magnitudes(cell: SimulatedCell, rng: Rng, *, signed: bool = False) -> Array:
-    """(n,) 0.5 to 1.5 each for joints that turn, 0 for others."""
-    n = cell.nominal.n_joints
-    sign = rng.choice([-1.0, 1.0], n) if signed else 1.0
-    return rng.uniform(0.5, 1.5, n) * sign * cell.nominal.is_revolute
-
-
-def _carriers(cell: SimulatedCell, rng: Rng, make: PerJoint, size: Array) -> Array:
-    """(n,) `size` kept for the joints that carry the effect: all, or 1 to 3; never only joints that show nothing.
-
-    A joint shows something when a geometric fit leaves 5 % or more of what it leaves of the most visible joint.
-    """
-    seen_mm = np.array(
-        [
-            cell.visible_rms_mm(make(size * row)) if value else 0.0
-            for row, value in zip(np.eye(len(size)), size, strict=True)
-        ]
-    )
-    if not seen_mm.max() > 0:
-        raise CalibError(f"{make(size).name} does nothing to robot {cell.nominal.name} at these poses")
-    showing = np.flatnonzero(seen_mm > 0.05 * seen_mm.max())
-    if rng.random() < 0.5:
-        return size
-    kept = rng.choice(showing, min(int(rng.integers(1, 4)), len(showing)), replace=False)
-    return np.where(np.isin(np.arange(len(size)), kept), size, 0.0)
-
-
-def _one_joint(cell: SimulatedCell, rng: Rng, make: PerJoint) -> Array:
-    """(n,) 1e-4 for one joint that shows the effect, either sign."""
-    size = 1e-4 * cell.nominal.is_revolute
-    seen_mm = np.array([cell.visible_rms_mm(make(size * row)) for row in np.eye(len(size))])
-    joint = rng.choice(np.flatnonzero(seen_mm > 0.2 * seen_mm.max()))
-    return np.eye(len(size))[joint] * 1e-4 * rng.choice([-1.0, 1.0])
-
 
 def _joint_compliance(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     """Joints of one make, 35 % apart; the wrist is about four times softer."""
     n = cell.nominal.n_joints
     size = 1e-5 * np.where(np.arange(n) < n - 3, 1.0, 4.0) * np.exp(0.35 * rng.standard_normal(n))
-    return JointCompliance(_carriers(cell, rng, JointCompliance, size * cell.nominal.is_revolute))
+    return JointCompliance(carriers(cell, rng, JointCompliance, size * cell.nominal.is_revolute))
 
 
 def _gravity_backlash(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     """Play in joints that gravity loads clearly: a median torque above 0.3 Nm."""
     loaded = np.median(np.abs(gravity_torques(cell)), axis=0) > 0.3
-    return GravityBacklash(_carriers(cell, rng, GravityBacklash, 2e-4 * _magnitudes(cell, rng) * loaded))
+    return GravityBacklash(carriers(cell, rng, GravityBacklash, 2e-4 * magnitudes(cell, rng) * loaded))
 
 
 def _link_bending(cell: SimulatedCell, rng: Rng) -> TrueEffect:
@@ -103,8 +65,8 @@ def _link_bending(cell: SimulatedCell, rng: Rng) -> TrueEffect:
         for before, after in zip(ends.base_T_axis, ends.base_T_straight, strict=True)
     ]
     length_mm = np.linalg.norm(spans, axis=1)
-    size = 2e-6 * _magnitudes(cell, rng) * (length_mm / 400.0) * (length_mm > 50.0)
-    return LinkBending(_carriers(cell, rng, LinkBending, size * np.linspace(1.0, 3.0, len(size))))
+    size = 2e-6 * magnitudes(cell, rng) * (length_mm / 400.0) * (length_mm > 50.0)
+    return LinkBending(carriers(cell, rng, LinkBending, size * np.linspace(1.0, 3.0, len(size))))
 
 
 def _transmission_error(cell: SimulatedCell, rng: Rng) -> TrueEffect:
@@ -116,7 +78,7 @@ def _transmission_error(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     def make(size: Array) -> TrueEffect:
         return TransmissionError(size[:, None] * wave.real, size[:, None] * wave.imag)
 
-    return make(_carriers(cell, rng, make, _magnitudes(cell, rng)))
+    return make(carriers(cell, rng, make, magnitudes(cell, rng)))
 
 
 def _strain_wave(cell: SimulatedCell, rng: Rng) -> TrueEffect:
@@ -137,11 +99,11 @@ def _strain_wave(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     def make(size: Array) -> TrueEffect:
         return StrainWave(size[:, None] * wave.real, size[:, None] * wave.imag, ratio)
 
-    return make(_carriers(cell, rng, make, _magnitudes(cell, rng)))
+    return make(carriers(cell, rng, make, magnitudes(cell, rng)))
 
 
 def _joint_scale(cell: SimulatedCell, rng: Rng) -> TrueEffect:
-    return JointScale(_carriers(cell, rng, JointScale, 1e-4 * _magnitudes(cell, rng, signed=True)))
+    return JointScale(carriers(cell, rng, JointScale, 1e-4 * magnitudes(cell, rng, signed=True)))
 
 
 def _joint_coupling(cell: SimulatedCell, rng: Rng) -> TrueEffect:
@@ -152,12 +114,12 @@ def _joint_coupling(cell: SimulatedCell, rng: Rng) -> TrueEffect:
         return JointCoupling(np.diag(size[1:], k=-1))
 
     dragged = (np.arange(n) >= n - 2) & cell.nominal.is_revolute
-    size = 1e-4 * _magnitudes(cell, rng, signed=True) * dragged
-    return make(_carriers(cell, rng, make, size))
+    size = 1e-4 * magnitudes(cell, rng, signed=True) * dragged
+    return make(carriers(cell, rng, make, size))
 
 
 def _backlash(cell: SimulatedCell, rng: Rng) -> TrueEffect:
-    return Backlash(_carriers(cell, rng, Backlash, 2e-4 * _magnitudes(cell, rng)))
+    return Backlash(carriers(cell, rng, Backlash, 2e-4 * magnitudes(cell, rng)))
 
 
 def _thermal_growth(cell: SimulatedCell, rng: Rng) -> TrueEffect:
@@ -174,7 +136,7 @@ def _axis_wobble(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     def make(size: Array) -> TrueEffect:
         return AxisWobble(size[:, None, None] * wave[0], size[:, None, None] * wave[1])
 
-    return make(_carriers(cell, rng, make, _magnitudes(cell, rng)))
+    return make(carriers(cell, rng, make, magnitudes(cell, rng)))
 
 
 def _scanner_distortion(cell: SimulatedCell, rng: Rng) -> TrueEffect:
@@ -215,19 +177,8 @@ def _hose_pull(cell: SimulatedCell, rng: Rng) -> TrueEffect:
         * np.array([rng.uniform(-0.6, -0.2), rng.uniform(-0.5, 0.5), rng.uniform(0.6, 1.2)]),
         held_mm=rng.uniform(-80.0, 80.0, 3),
         link=n // 2 - (n % 2 == 0),
-        c_rad_per_nm=1e-5 * _magnitudes(cell, rng),
+        c_rad_per_nm=1e-5 * magnitudes(cell, rng),
     )
-
-
-def _kinked_joint(cell: SimulatedCell, rng: Rng) -> TrueEffect:
-    """A bump of 0.2 to 0.35 rad (standard deviation), at an angle where the poses are."""
-    place_rad = cell.q[rng.integers(len(cell.q))].copy()
-    width_rad = rng.uniform(0.2, 0.35)
-
-    def make(size: Array) -> TrueEffect:
-        return KinkedJoint(size, place_rad, width_rad)
-
-    return make(_one_joint(cell, rng, make))
 
 
 def _field_bump(cell: SimulatedCell, rng: Rng) -> TrueEffect:
@@ -239,29 +190,20 @@ def _field_bump(cell: SimulatedCell, rng: Rng) -> TrueEffect:
     return FieldBump(0.3 * direction / np.linalg.norm(direction), place_mm, reach_mm * rng.uniform(0.25, 0.4))
 
 
-def _fifth_harmonic(cell: SimulatedCell, rng: Rng) -> TrueEffect:
-    turn_rad = rng.uniform(0.0, 2.0 * np.pi)
+def _waves(
+    kind: Callable[[Array, Array], TrueEffect], count: int
+) -> Callable[[SimulatedCell, Rng], TrueEffect]:
+    """So many waves of one joint, each as large as the others."""
 
-    def make(size: Array) -> TrueEffect:
-        return FifthHarmonic(size[:, None] * np.cos(turn_rad), size[:, None] * np.sin(turn_rad))
+    def draw(cell: SimulatedCell, rng: Rng) -> TrueEffect:
+        turn_rad = rng.uniform(0.0, 2.0 * np.pi, count)
 
-    return make(_one_joint(cell, rng, make))
+        def make(size: Array) -> TrueEffect:
+            return kind(np.outer(size, np.cos(turn_rad)), np.outer(size, np.sin(turn_rad)))
 
+        return make(one_joint(cell, rng, make))
 
-def _rough_gear(cell: SimulatedCell, rng: Rng) -> TrueEffect:
-    """Five waves, each as large as the others."""
-    turn_rad = rng.uniform(0.0, 2.0 * np.pi, 5)
-
-    def make(size: Array) -> TrueEffect:
-        return RoughGear(np.outer(size, np.cos(turn_rad)), np.outer(size, np.sin(turn_rad)))
-
-    return make(_one_joint(cell, rng, make))
-
-
-def _slip(cell: SimulatedCell, rng: Rng) -> TrueEffect:
-    """Somewhere in the middle half of the measurement."""
-    first = int(rng.integers(len(cell.q) // 4, max(3 * len(cell.q) // 4, len(cell.q) // 4 + 1)))
-    return Slip(_one_joint(cell, rng, lambda size: Slip(size, first)), first)
+    return draw
 
 
 CATALOGUE: dict[str, Callable[[SimulatedCell, Rng], TrueEffect]] = {
@@ -281,15 +223,14 @@ CATALOGUE: dict[str, Callable[[SimulatedCell, Rng], TrueEffect]] = {
     "tool_sag": _tool_sag,
     "incidence_bias": _incidence_bias,
     "scanner_scale": _scanner_scale,
+    **FURTHER,
 }
 """Effects of the catalogue, which a diagnosis can name."""
 
 OUTSIDE: dict[str, Callable[[SimulatedCell, Rng], TrueEffect]] = {
     "hose_pull": _hose_pull,
-    "kinked_joint": _kinked_joint,
     "field_bump": _field_bump,
-    "fifth_harmonic": _fifth_harmonic,
-    "slip": _slip,
-    "rough_gear": _rough_gear,
+    "rough_gear": _waves(RoughGear, 5),
+    "fine_ripple": _waves(FineRipple, 1),
 }
 """Effects outside the catalogue, which a diagnosis has to leave unexplained."""

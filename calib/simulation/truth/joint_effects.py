@@ -36,11 +36,19 @@ class TransmissionError(TrueEffect):
 
 
 @dataclass(frozen=True, eq=False)
-class FifthHarmonic(TransmissionError):
-    """As transmission error, five times a turn: not in the catalogue."""
+class HighHarmonic(TransmissionError):
+    """Teeth of a gear, or lines of an encoder: as transmission error, 4 to 20 times a turn."""
 
-    name = "fifth_harmonic"
+    name = "high_harmonic"
     harmonics: tuple[float, ...] = (5.0,)
+
+
+@dataclass(frozen=True, eq=False)
+class FineRipple(TransmissionError):
+    """As transmission error, 23 times a turn. Not in the catalogue."""
+
+    name = "fine_ripple"
+    harmonics: tuple[float, ...] = (23.0,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,10 +114,10 @@ class Backlash(TrueEffect):
 
 
 @dataclass(frozen=True, eq=False)
-class KinkedJoint(TrueEffect):
-    """A damaged place in a gear: dq_j = h_j exp(-d^2 / 2 w^2), d the angle from the place. Not in the catalogue."""
+class JointDent(TrueEffect):
+    """A damaged place in a gear: dq_j = h_j exp(-d^2 / 2 w^2), d the angle from the place."""
 
-    name = "kinked_joint"
+    name = "joint_dent"
     magnitude_fields = ("height_rad",)
     height_rad: Array  # (n,)
     place_rad: Array  # (n,)
@@ -122,17 +130,34 @@ class KinkedJoint(TrueEffect):
 
 
 @dataclass(frozen=True, eq=False)
-class Slip(TrueEffect):
-    """A joint's zero jumps between two poses: dq_j = offset_j from pose index `first` on. Not in the catalogue."""
+class AsymmetricScale(TrueEffect):
+    """An encoder that errs alike to both sides of its zero: dq_j = k_j |q_j|."""
 
-    name = "slip"
-    magnitude_fields = ("offset_rad",)
-    offset_rad: Array  # (n,)
-    first: int
+    name = "asymmetric_scale"
+    magnitude_fields = ("k",)
+    k: Array  # (n,)
 
     def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
-        after = np.arange(len(arm.q)) >= self.first
-        return replace(arm, q=arm.q + after[:, None] * self.offset_rad)
+        return replace(arm, q=arm.q + self.k * np.abs(arm.commanded))
+
+
+@dataclass(frozen=True, eq=False)
+class CableDrag(TrueEffect):
+    """A cable over joints j and j + 1 pulls joint j: dq_j = a_j cos(n (q_j + s q_(j+1)) - phase), s = 1 or -1."""
+
+    name = "cable_drag"
+    magnitude_fields = ("amplitude_rad",)
+    amplitude_rad: Array  # (n,) the last one 0
+    phase_rad: float
+    sign: float
+    order: int
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        beside = np.roll(
+            arm.commanded, -1, axis=1
+        )  # that of the last joint is the first's, and its amplitude 0
+        twisted = self.order * (arm.commanded + self.sign * beside)
+        return replace(arm, q=arm.q + self.amplitude_rad * np.cos(twisted - self.phase_rad))
 
 
 # ---- links and axes -------------------------------------------------------------------------------------------------

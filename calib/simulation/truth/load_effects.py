@@ -89,6 +89,62 @@ class LinkBending(TrueEffect):
 
 
 @dataclass(frozen=True, eq=False)
+class NonlinearStiffness(TrueEffect):
+    """Springs that soften or stiffen: dq_j = c_j tau_j |tau_j|."""
+
+    name = "nonlinear_stiffness"
+    magnitude_fields = ("c_rad_per_nm2",)
+    needs_equilibrium = True
+    c_rad_per_nm2: Array  # (n,)
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        torque = equilibrium.gravity_torques
+        return replace(arm, q=arm.q + self.c_rad_per_nm2 * torque * np.abs(torque))
+
+
+@dataclass(frozen=True, eq=False)
+class LinkTorsion(TrueEffect):
+    """Each link a tube from its joint's origin to the next one's, twisted by the moment along it of all beyond."""
+
+    name = "link_torsion"
+    magnitude_fields = ("c_rad_per_nm",)
+    needs_equilibrium = True
+    c_rad_per_nm: Array  # (n,) L / GJ
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        turn_rad = arm.link_turn_rad.copy()
+        for j in np.flatnonzero(self.c_rad_per_nm).tolist():
+            root_mm, end_T = equilibrium.base_T_axis[j][:, :3, 3], equilibrium.base_T_straight[j]
+            span_mm = end_T[:, :3, 3] - root_mm
+            along = span_mm / np.linalg.norm(span_mm, axis=1, keepdims=True)
+            twist = np.sum(equilibrium.moment_nm(root_mm, j + 1) * along, axis=1, keepdims=True) * along
+            turn_rad[:, j] += self.c_rad_per_nm[j] * in_frame(end_T, twist)
+        return replace(arm, link_turn_rad=turn_rad)
+
+
+@dataclass(frozen=True, eq=False)
+class BearingClearance(TrueEffect):
+    """Axes that lean by a fixed angle about the moment across them, of all that they carry."""
+
+    name = "bearing_clearance"
+    magnitude_fields = ("lean_rad",)
+    needs_equilibrium = True
+    lean_rad: Array  # (n,)
+    friction_nm: float = 0.05  # within it of balance the axis stands between, in proportion
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        tilt = arm.axis_tilt_rad.copy()
+        rigid = Arm.commanded_to(arm.robot, arm.commanded, arm.conditions)
+        for j in np.flatnonzero(self.lean_rad).tolist():
+            axis_T = rigid.base_T_axis[j]
+            moment = in_frame(axis_T, equilibrium.moment_nm(equilibrium.base_T_axis[j][:, :3, 3], j))
+            moment[:, 2] = 0.0
+            size = np.linalg.norm(moment, axis=1, keepdims=True)
+            tilt[:, j] += self.lean_rad[j] * moment / np.maximum(size, self.friction_nm)
+        return replace(arm, axis_tilt_rad=tilt)
+
+
+@dataclass(frozen=True, eq=False)
 class BaseCompliance(TrueEffect):
     """The floor yields: the arm turns about its base's origin by c M, the overturning moment of all weights."""
 

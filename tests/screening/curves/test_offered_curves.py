@@ -117,7 +117,7 @@ def test_a_fault_of_one_joint_stays_told_unless_all_joints_say_more(ranked: Sess
     )
     told = advice_text(advice_on(replace(move, curves=both), ranked.residual_tests).sentences)
     assert fault_text(fault) not in told
-    assert "a pattern against" in told
+    assert "more than noise" in told
 
 
 def test_a_fitted_curve_is_the_effect_at_the_measured_poses(fitted: Calibration, dataset: Dataset) -> None:
@@ -130,7 +130,7 @@ def test_a_fitted_curve_is_the_effect_at_the_measured_poses(fitted: Calibration,
     measured = dataset.poses.q[training, member.joint]
     np.testing.assert_array_equal(curve.measured, np.sort(measured))
     at = np.interp(measured, curve.u, curve.value)
-    np.testing.assert_allclose(at, moved, atol=2e-2 * np.abs(moved).max())
+    np.testing.assert_allclose(at, moved, atol=3e-2 * np.abs(moved).max())  # between lines of a fine wave
     assert curve.rms == pytest.approx(np.sqrt(np.mean(moved**2)), rel=1e-6)
     place, value = curve.largest
     assert abs(value) == np.abs(curve.value[curve.inside]).max()
@@ -165,8 +165,7 @@ def test_a_fit_without_curves_has_none_to_tell(ranked: Session) -> None:
     assert curve_lines(ranked.calibration) == []
 
 
-def test_the_terminal_tells_curves_in_a_line_and_json_keeps_all_parameters(tmp_path: Path, capsys) -> None:
-    folder = write_unnamed(tmp_path, ("fifth_harmonic", 3.0))  # which a short formula tells
+def test_the_terminal_tells_curves_in_a_line_and_json_keeps_all_parameters(folder: Path, capsys) -> None:
     asked = ["calibrate", str(folder), "--add", LEARNED]
     assert main(asked) == 0
     text = capsys.readouterr().out

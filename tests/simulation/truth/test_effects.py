@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from calib.dataset.files.robot_toml import builtin_robot
+from calib.effects.catalogue import catalogue_names
 from calib.errors import CalibError
 from calib.kinematics.chain import target_jacobian
 from calib.kinematics.robot import Joint, Robot, Tool
@@ -20,13 +21,14 @@ from calib.simulation.truth.effect import TrueEffect
 from calib.simulation.truth.effect_sampling import CATALOGUE, OUTSIDE
 from calib.simulation.truth.equilibrium import Truth, base_T_target, scanner_T_target, solve_equilibrium
 from calib.simulation.truth.joint_effects import (
+    AsymmetricScale,
     AxisWobble,
     Backlash,
-    FifthHarmonic,
+    CableDrag,
+    HighHarmonic,
     JointCoupling,
+    JointDent,
     JointScale,
-    KinkedJoint,
-    Slip,
     StrainWave,
     ThermalGrowth,
 )
@@ -34,11 +36,18 @@ from calib.simulation.truth.load_effects import (
     BaseCompliance,
     GravityBacklash,
     HosePull,
-    JointCompliance,
     LinkBending,
     ToolSag,
 )
 from calib.simulation.truth.mechanism import Arm, Conditions
+from calib.simulation.truth.order_effects import (
+    BaseLoosening,
+    FollowingError,
+    JointStep,
+    ScannerStep,
+    TargetStep,
+    WarmUp,
+)
 from calib.simulation.truth.scanner_effects import (
     FieldBump,
     IncidenceBias,
@@ -124,7 +133,14 @@ def test_visible_rms_is_what_independent_least_squares_leave(arm: str, setups: i
     columns = np.concatenate(columns, axis=1)
     columns /= np.where((size := np.linalg.norm(columns, axis=0)) > 1e-6, size, np.inf)
     base_R_scanner = np.stack([cell.truth.scanners[name][:3, :3] for name in setup])
-    for name in ("joint_compliance", "backlash", "axis_wobble", "tool_sag", "slip", "scanner_distortion"):
+    for name in (
+        "joint_compliance",
+        "backlash",
+        "axis_wobble",
+        "tool_sag",
+        "joint_step",
+        "scanner_distortion",
+    ):
         effect = cell.scaled_to_visible(drawn(name, cell), 0.123)
         moved = np.einsum("nij,nj->ni", base_R_scanner, cell.moved_mm(effect)).ravel()
         left = moved - columns @ np.linalg.lstsq(columns, moved, rcond=1e-9)[0]
@@ -150,17 +166,21 @@ def test_joint_laws(rb5: SimulatedCell) -> None:
     coupling = np.zeros((n, n))
     coupling[4, 3] = 2e-4
     two = np.column_stack([size, 2 * size])
+    pulled = np.append(size[:-1], 0.0)
     after = (np.arange(len(q)) >= 7)[:, None]
     near = np.remainder(q - 3.0 + np.pi, 2 * np.pi) - np.pi  # a bump at 3 rad reaches over to -pi
     laws = [
         (StrainWave(two, 0 * two, ratio), size * np.cos(101 * q) + 2 * size * np.cos(202 * q)),
         (StrainWave(0 * two, two, ratio), size * np.sin(101 * q) + 2 * size * np.sin(202 * q)),
-        (FifthHarmonic(size[:, None], 0 * size[:, None]), size * np.cos(5 * q)),
+        (HighHarmonic(size[:, None], 0 * size[:, None]), size * np.cos(5 * q)),
+        (AsymmetricScale(size), size * np.abs(q)),
+        (CableDrag(pulled, 0.4, -1.0, 2), pulled * np.cos(2 * (q - np.roll(q, -1, axis=1)) - 0.4)),
+        (FollowingError(size), size * np.vstack([np.zeros(n), q[1:] - q[:-1]])),
         (JointScale(size), size * q),
         (JointCoupling(coupling), np.outer(q[:, 3], 2e-4 * np.eye(n)[4])),
         (Backlash(size), 0.5 * size * rb5.conditions.approach),
-        (Slip(size, 7), after * size),
-        (KinkedJoint(size, np.full(n, 3.0), 0.3), size * np.exp(-0.5 * (near / 0.3) ** 2)),
+        (JointStep(size, 7), after * size),
+        (JointDent(size, np.full(n, 3.0), 0.3), size * np.exp(-0.5 * (near / 0.3) ** 2)),
     ]
     for effect, wanted in laws:
         assert np.abs(wanted).max() > 1e-5
@@ -203,10 +223,29 @@ def test_a_sliding_joint_has_no_gear_and_carries_no_turn() -> None:
     robot = Robot("slide", joints, Tool(a_mm=40.0))
     rng = np.random.default_rng(0)
     cell = SimulatedCell(robot, Truth.without_effects(robot, np.eye(4)), random_poses(robot, 20, rng=rng))
-    for name in ("strain_wave", "transmission_error", "joint_compliance", "kinked_joint", "slip"):
+    for name in ("strain_wave", "transmission_error", "joint_compliance", "joint_dent", "joint_step"):
         turned = stands(cell, drawn(name, cell))
         assert np.any(turned)
         assert not np.any(turned[:, 1]), name
+
+
+def test_changes_are_there_from_their_pose_on(rb5: SimulatedCell) -> None:
+    """Against the same effect at all poses, or a rigid motion worked out by hand."""
+    after, plain = np.arange(len(rb5.q)) >= 9, rb5.plain_mm
+    c = np.array([3e-6, 1e-6, 0.0])
+    loose, soft = BaseLoosening(c, 9), BaseCompliance(c)
+    np.testing.assert_allclose(rb5.moved_mm(loose), after[:, None] * rb5.moved_mm(soft), atol=1e-9)
+    shift, turn, middle = np.array([0.3, -0.1, 0.2]), np.array([1e-4, 2e-4, -3e-4]), plain.mean(axis=0)
+    knocked = rb5.moved_mm(ScannerStep(shift, turn, middle, 9))
+    np.testing.assert_allclose(knocked, after[:, None] * (shift + np.cross(turn, plain - middle)), atol=2e-4)
+    slid = rb5.moved_mm(TargetStep(shift, 9))
+    np.testing.assert_allclose(np.linalg.norm(slid, axis=1), after * np.linalg.norm(shift), atol=1e-9)
+    time_s = rb5.conditions.time_s
+    assert time_s is not None
+    warm, now = WarmUp(2e-4, 900.0), 2e-4 * (1.0 - np.exp(-(time_s - time_s[0]) / 900.0))
+    told = replace(rb5.conditions, temperature_c=20.0 + now / 2e-5)
+    cell = replace(rb5, conditions=told)
+    np.testing.assert_allclose(rb5.moved_mm(warm), cell.moved_mm(ThermalGrowth(2e-5)), atol=1e-9)
 
 
 # ---- loads ----------------------------------------------------------------------------------------------------------
@@ -421,7 +460,6 @@ def test_drifting_scanner_moves_as_a_rigid_body(rb5: SimulatedCell) -> None:
     np.testing.assert_allclose(motion[0], np.eye(4), atol=1e-12)
 
 
-def test_joint_compliance_is_among_the_families_and_names_are_unique() -> None:
-    assert len(SIMULATED_EFFECTS) == 16
-    assert len(set(ALL)) == len(ALL) == 22
-    assert JointCompliance.name in SIMULATED_EFFECTS
+def test_every_family_can_be_simulated_and_names_are_unique() -> None:
+    assert catalogue_names() == SIMULATED_EFFECTS
+    assert len(set(ALL)) == len(ALL) == 33

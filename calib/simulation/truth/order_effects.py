@@ -1,0 +1,112 @@
+"""What changes during a simulated measurement: slips, knocks, a loose bolt, an arm that warms up, late readings.
+
+Poses are measured in their order; `first` is the index of the first pose after a change.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from calib.array_types import Array, BoolArray
+from calib.simulation.truth.effect import TrueEffect, needed
+from calib.simulation.truth.mechanism import Arm, Conditions
+
+
+def _after(count: int, first: int) -> BoolArray:
+    """(N,)"""
+    return np.arange(count) >= first
+
+
+@dataclass(frozen=True, eq=False)
+class JointStep(TrueEffect):
+    """A joint's zero jumps between two poses: dq_j = offset_j from a pose on."""
+
+    name = "joint_step"
+    magnitude_fields = ("offset_rad",)
+    offset_rad: Array  # (n,)
+    first: int
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        return replace(arm, q=arm.q + _after(len(arm.q), self.first)[:, None] * self.offset_rad)
+
+
+@dataclass(frozen=True, eq=False)
+class TargetStep(TrueEffect):
+    """The target slides in its seat: a shift in the axes of the last joint's frame from a pose on."""
+
+    name = "target_step"
+    magnitude_fields = ("shift_mm",)
+    needs_equilibrium = True
+    shift_mm: Array  # (3,)
+    first: int
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        flange = equilibrium.base_T_frame[arm.robot.n_joints]
+        moved = np.where(_after(len(arm.q), self.first)[:, None], flange[:, :3, :3] @ self.shift_mm, 0.0)
+        return replace(arm, target_shift_mm=arm.target_shift_mm + moved)
+
+
+@dataclass(frozen=True, eq=False)
+class ScannerStep(TrueEffect):
+    """The scanner is knocked: p becomes c + exp(w) (p - c) + v from a pose on, c the middle of what it sees."""
+
+    name = "scanner_step"
+    magnitude_fields = ("shift_mm", "turn_rad")
+    shift_mm: Array  # (3,)
+    turn_rad: Array  # (3,)
+    middle_mm: Array  # (3,)
+    first: int
+
+    def change_measurement(self, scanner_T_target: Array, conditions: Conditions, sign: float) -> Array:
+        knock = np.eye(4)
+        knock[:3, :3] = Rotation.from_rotvec(self.turn_rad).as_matrix()
+        knock[:3, 3] = self.middle_mm - knock[:3, :3] @ self.middle_mm + self.shift_mm
+        after = _after(len(scanner_T_target), self.first)[:, None, None]
+        return np.where(after, knock @ scanner_T_target, scanner_T_target)
+
+
+@dataclass(frozen=True, eq=False)
+class BaseLoosening(TrueEffect):
+    """A bolt of the foot gives way: from a pose on the arm turns by c M about its base's origin."""
+
+    name = "base_loosening"
+    magnitude_fields = ("c_rad_per_nm",)
+    needs_equilibrium = True
+    c_rad_per_nm: Array  # (3,) about x, y, z of the base frame
+    first: int
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        moment_nm = equilibrium.moment_nm(np.zeros((len(arm.q), 3)), 0)
+        loose = _after(len(arm.q), self.first)[:, None] * self.c_rad_per_nm
+        return replace(arm, base_turn_rad=arm.base_turn_rad + loose * moment_nm)
+
+
+@dataclass(frozen=True, eq=False)
+class WarmUp(TrueEffect):
+    """An arm that warms up from its own motors: every a and d times 1 + g (1 - exp(-t / T)), t from the first pose."""
+
+    name = "warm_up"
+    magnitude_fields = ("growth",)
+    growth: float
+    settling_s: float
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        time_s = needed(arm.conditions.time_s, "the time", self)
+        warm = 1.0 - np.exp(-(time_s - time_s[0]) / self.settling_s)
+        return replace(arm, growth=arm.growth * (1.0 + self.growth * warm))
+
+
+@dataclass(frozen=True, eq=False)
+class FollowingError(TrueEffect):
+    """Joints that are read while they still move: dq_j = k_j times the way from the pose before; none at the first."""
+
+    name = "following_error"
+    magnitude_fields = ("k",)
+    k: Array  # (n,)
+
+    def change_arm(self, arm: Arm, equilibrium: Arm) -> Arm:
+        way = np.diff(arm.commanded, axis=0, prepend=arm.commanded[:1])
+        return replace(arm, q=arm.q + self.k * way)
