@@ -14,6 +14,7 @@ import numpy as np
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import (
+    MIN_LEAD,
     carries_its_names,
     curves_say_more,
     is_convincing,
@@ -21,7 +22,7 @@ from calib.diagnosis.decision_rules import (
     predicts_worse,
     verdict_of,
 )
-from calib.diagnosis.effect_selection import FitStep, SelectedEffect, curves_beside, selected_curves
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect, selected_curves
 from calib.diagnosis.findings import Learned
 from calib.diagnosis.moves import Stop, Tell, next_move
 from calib.diagnosis.result import Diagnosis
@@ -206,22 +207,27 @@ def _of_all_poses(rest: Diagnosis, outliers: tuple[str, ...]) -> Diagnosis:
 def _curves_to_add(space: SearchSpace, found: Diagnosis, tell: Tell) -> AddCurves | None:
     """Where something is left that no effect explains: curves of the joints, if they predict poses left out better.
 
-    They never take a name's place: not where effects are tied, the only one was refused or a further one is convincing;
-    only a cause of one place or one pose gives way to curves that say more. A fault of one joint stays told unless all
-    joints' curves say more.
+    They never take a name's place: not where the only one was refused or a further one is convincing, nor where effects
+    are tied, unless the curves say more than twice as much; only a cause of one place or one pose gives way to curves
+    that say more. A fault of one joint stays told unless all joints' curves say more.
     """
     last, fault = found.steps[-1], found.residual_tests.fault
     before = last.calibration
     only_refused = found.refused and not found.named
-    if found.verdict != "unexplained" or only_refused or implausibility_reason(before):
+    if found.verdict not in ("unexplained", "ambiguous") or only_refused or implausibility_reason(before):
         return None
-    unnamed = not found.left_to_curves and not found.refused
+    unnamed = not found.left_to_curves and not found.refused and not found.ambiguous_set
     if unnamed and any(map(is_convincing, found.screenings[-1].candidates)):
         return None  # as many effects as were asked for, and one more has a name
     tell("learning what the joints' curves explain")
-    curves = curves_beside(before)
+    curves = last.curves
     if curves is None:
         return None
+    if found.ambiguous_set:
+        best = max((c.log_evidence for c in found.screenings[-1].candidates), default=0.0)
+        if curves.log_evidence < MIN_LEAD + 2.0 * best:
+            return None
+        found = replace(found, verdict="unexplained", ambiguous_set=(), missing=(), suspected=found.named)
     selected = (*last.selected, selected_curves(curves))
     after = space.fit(selected, before)
     # A cause may be right and the test poses a little worse by chance; curves name none and have to earn their place.
@@ -264,7 +270,7 @@ def _with_curves_inside(space: SearchSpace, steps: Sequence[FitStep]) -> Diagnos
     move = next_move(space, alone)
     found = concluded(space, [*others, alone], move if isinstance(move, Stop) else Stop())
     # What no name explains is held by the curves, so no name is claimed.
-    found = replace(found, verdict="unexplained", missing=(), suspected=found.named)
+    found = replace(found, verdict="unexplained", ambiguous_set=(), missing=(), suspected=found.named)
     step = step_after(
         found.steps[-1], LEARNED, (*found.steps[-1].selected, curves), last.calibration,
         lead=last.log_evidence_margin,

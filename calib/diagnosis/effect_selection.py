@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -52,6 +53,11 @@ class FitStep:
     log_evidence_margin: float | None = None  # its lead over the next candidate, where there was one
     left_out: tuple[str, ...] = ()  # ids of measured poses that this fit did without
     screening: Screening | None = None  # of every effect that is not in its model, once that was asked for
+
+    @cached_property
+    def curves(self) -> LearnedCurves | None:
+        """Curves of the joints that explain what the fit leaves over, learned when first asked for."""
+        return curves_beside(self.calibration)
 
 
 def first_step(calibration: Calibration) -> FitStep:

@@ -23,7 +23,7 @@ from calib.diagnosis.decision_rules import (
     is_refused,
     rank_candidates,
 )
-from calib.diagnosis.effect_selection import FitStep, SelectedEffect, curves_beside
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.search_space import SearchSpace, step_after, with_candidate
 from calib.screening.candidates import Candidate, Screening, screen
 from calib.screening.curves.smooth_joint_error import LEARNED
@@ -109,7 +109,7 @@ def _addition(space: SearchSpace, step: FitStep, dropped: Collection[str], tell:
     if not any(is_convincing(candidate) for candidate in screening.candidates):
         return Stop()
     if screening.candidates[0].family.sparse:
-        screening = beside_curves(screening, curves_beside(step.calibration))
+        screening = beside_curves(screening, step.curves)
         if not any(is_convincing(candidate) for candidate in screening.candidates):
             return Stop(left_to_curves=True)
     best, lead, tied = rank_candidates(screening)
