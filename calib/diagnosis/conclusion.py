@@ -25,6 +25,7 @@ from calib.diagnosis.decision_rules import (
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect, selected_curves
 from calib.diagnosis.findings import Learned
 from calib.diagnosis.moves import Stop, Tell, next_move
+from calib.diagnosis.open_sets import open_sets
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, step_after
 from calib.diagnosis.stepwise import search_stepwise, way_to
@@ -112,14 +113,18 @@ def concluded(
     ambiguous = tuple(candidate.name for candidate in stop.ambiguous)
     only_refused = bool(stop.refused) and not added
     doubted = only_refused or stop.left_to_curves or stop.implausible
-    verdict = verdict_of(added, ambiguous, doubted, tests)
+    way = way_to(space, steps)
+    opened = open_sets(space, way)
+    verdict = verdict_of(added, ambiguous, doubted, tests, stays_open=bool(opened))
     claimed = carries_its_names(verdict, _tests_beside_open_set(space, last, stop))
+    names = tuple(dict.fromkeys(name for found in opened for name in found.names))
     return Diagnosis(
         verdict=verdict,
-        missing=added if claimed else (),
+        missing=tuple(name for name in added if name not in names) if claimed else (),
         suspected=() if claimed else added,
-        ambiguous_set=ambiguous,
-        steps=way_to(space, steps),
+        ambiguous_set=tuple(dict.fromkeys([*names, *ambiguous])),
+        open_sets=opened,
+        steps=way,
         residual_tests=tests,
         refused=stop.refused,
         left_to_curves=stop.left_to_curves,
@@ -158,8 +163,8 @@ def closing_move(space: SearchSpace, found: Diagnosis, tell: Tell) -> ClosingMov
         # Only now, with the effects in: a few wrong points bend the fit and hide or feign a pattern in all others.
         tell("once more without the poses that stand out")
         rest = _searched(space.without(outliers), tell, found.noise.rival if found.noise is not None else "")
-        clean = rest.verdict in ("adequate", "named", "outliers")
-        if clean and set(found.named) <= set(rest.missing):
+        clean = rest.verdict in ("adequate", "named", "outliers") or (rest.open_sets and not rest.suspected)
+        if clean and not rest.tied and set(found.named) <= set(rest.named):
             return SearchAgain(_of_all_poses(rest, outliers), outliers)
     return _curves_to_add(space.without(found.steps[-1].left_out), found, tell)
 
@@ -198,7 +203,7 @@ def _of_all_poses(rest: Diagnosis, outliers: tuple[str, ...]) -> Diagnosis:
     all_outliers = tuple(dict.fromkeys([*outliers, *rest.residual_tests.outlier_poses]))
     return replace(
         rest,
-        verdict="outliers",
+        verdict="ambiguous" if rest.open_sets else "outliers",
         residual_tests=replace(rest.residual_tests, outlier_poses=all_outliers),
         steps=tuple(replace(step, left_out=outliers) for step in rest.steps),
     )
@@ -288,7 +293,7 @@ def with_discriminating_poses(found: Diagnosis) -> Diagnosis:
 
 
 def _discriminating_poses(found: Diagnosis) -> tuple[DiscriminatingPose, ...]:
-    tied = [c for c in found.screenings[-1].candidates if c.name in found.ambiguous_set]
+    tied = [c for c in found.screenings[-1].candidates if c.name in found.tied]
     try:
         return discriminating_poses(found.calibration, tied)
     except FitError:  # too few poses to fit one of them

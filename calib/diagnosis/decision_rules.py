@@ -22,6 +22,9 @@ MIN_LOG_EVIDENCE = 3.0
 MAX_SIGMAS_LEFT = (
     1.4  # residual over noise beside an open set, up to which the effects named before it are claimed
 )
+TWIN_OVERLAP = 0.98  # share of what one explains that lies along what the other explains
+TWIN_LEAD = 8.0  # in log evidence, from which the worse one is no twin
+TWIN_LEFT = 1.15  # times as much as the better one leaves, from which the worse one is no twin
 MAX_WORSENING = 2.0  # standard errors by which a named effect may not raise the test poses' squared error
 
 VERDICTS = ("adequate", "named", "ambiguous", "unexplained", "outliers")
@@ -45,6 +48,35 @@ def rank_candidates(screening: Screening) -> tuple[Candidate, float | None, tupl
     margin = best.log_evidence - nearest[0].log_evidence if nearest else None
     tied = [c for c in rivals if best.log_evidence - c.log_evidence <= MIN_LEAD and c.log_evidence > 0.0]
     return best, margin, (best, *tied) if tied else ()
+
+
+def are_twins(one: Candidate, other: Candidate, freedom: int) -> bool:
+    """Whether two candidates make the same of a residual, and one of them hardly better.
+
+    Their fits differ by less than noise decides, so that their sizes and the number of their parameters would.
+    """
+    if not one.members or not other.members:
+        return False
+    size = float(one.explained @ one.explained) * float(other.explained @ other.explained)
+    alike = float(one.explained @ other.explained) ** 2 > TWIN_OVERLAP * size > 0.0
+    left = sorted((1.0 - one.explained_share, 1.0 - other.explained_share))
+    near = abs(one.log_evidence - other.log_evidence) < TWIN_LEAD
+    fits_alike = freedom * np.log(left[1] / max(left[0], 1e-300)) < 2.0 * MIN_LEAD
+    return bool(alike and near and left[1] < TWIN_LEFT * left[0] and fits_alike)
+
+
+def can_stand_for(best: Candidate, others: Sequence[Candidate], freedom: int) -> bool:
+    """Whether the best may stand in the model for all others of a tied set, which stay open (`open_sets`)."""
+    return all(other.name in best.family.open_with or are_twins(best, other, freedom) for other in others)
+
+
+def twins_of(name: str, screening: Screening | None) -> tuple[str, ...]:
+    """The twins of a candidate in a screening."""
+    one = next((c for c in screening.candidates if c.name == name), None) if screening is not None else None
+    if screening is None or one is None:
+        return ()
+    freedom = screening.projected.freedom
+    return tuple(c.name for c in screening.candidates if c is not one and are_twins(one, c, freedom))
 
 
 def untestable_names(untestable: Sequence[Untestable]) -> tuple[str, ...]:
@@ -93,18 +125,29 @@ def is_refused(
 
 
 def verdict_of(
-    named: Sequence[str], ambiguous: Sequence[str], doubted: bool, residual_tests: ResidualTests
+    named: Sequence[str],
+    ambiguous: Sequence[str],
+    doubted: bool,
+    residual_tests: ResidualTests,
+    *,
+    stays_open: bool = False,
 ) -> str:
     """One of `VERDICTS`.
 
     Args:
+        named: effects in the model.
+        ambiguous: a tied set, none of which is in the model.
         doubted: whether the only effect was refused, a fault has more evidence, or the data are implausible. Where a
             further effect was refused, what is left decides.
+        residual_tests: of what the model leaves.
+        stays_open: whether an effect in the model stands for a set.
     """
     if ambiguous:
         return "ambiguous"
     if doubted or residual_tests.fault is not None or residual_tests.structured or residual_tests.too_large:
         return "unexplained"
+    if stays_open:
+        return "ambiguous"
     if residual_tests.outlier_poses:
         return "outliers"
     return "named" if named else "adequate"

@@ -10,7 +10,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.repeats import find_repeats, pooled_sigma_mm
 from calib.diagnosis.decision_rules import untestable_names
 from calib.diagnosis.effect_selection import FitStep
-from calib.diagnosis.findings import Findings, Learned
+from calib.diagnosis.findings import Findings, Learned, OpenSet
 from calib.diagnosis.words.conclusions import (
     Adequate,
     Ambiguous,
@@ -40,6 +40,7 @@ from calib.diagnosis.words.sentences import (
     ResidualSize,
     ResidualTooLarge,
     ResidualWithoutOrder,
+    SetOpen,
 )
 from calib.effects.effect import parameters_by_name
 from calib.screening.candidates import Candidate, Screening
@@ -58,11 +59,12 @@ def explain(findings: Findings) -> Explanation:
     if first.tool_shift is not None:
         opening = (*opening, first.tool_shift)
     single: list[Reason] = [
-        _effect_found(before, after, screening, claimed=after.effect in findings.missing)
+        _effect_found(before, after, screening, _standing(findings, after.effect))
         for before, after, screening in steps
         if after.candidate is not None
     ]
-    if findings.ambiguous_set:
+    single += [_set_open(findings, found) for found in findings.open_sets]
+    if findings.tied:
         single.append(_effects_tied(findings))
     if findings.refused:
         single.append(EffectRefused(findings.refused))
@@ -90,12 +92,18 @@ def _model_fitted(calibration: Calibration) -> ModelFitted:
     )
 
 
-def _effect_found(before: FitStep, after: FitStep, screening: Screening, *, claimed: bool) -> EffectFound:
+def _standing(findings: Findings, effect: str | None) -> str:
+    if effect in findings.missing:
+        return "claimed"
+    return "suspected" if effect in findings.suspected else "open"
+
+
+def _effect_found(before: FitStep, after: FitStep, screening: Screening, standing: str) -> EffectFound:
     candidate = after.candidate
     assert candidate is not None
     return EffectFound(
         effect=candidate.name,
-        claimed=claimed,
+        standing=standing,
         explained_share=candidate.explained_share,
         p_value=candidate.p_holm,
         runner_up=next((c.name for c in screening.candidates if c.name != candidate.name), ""),
@@ -140,8 +148,20 @@ def _fitted_values(candidate: Candidate, calibration: Calibration) -> tuple[Fitt
     return tuple(sorted(out, key=lambda v: (abs(v.value) / v.sigma, v.name), reverse=True))
 
 
+def _set_open(findings: Findings, found: OpenSet) -> SetOpen:
+    confirm = {c.name: c.family.description.confirm for c in findings.candidates}
+    alike = (found.effect, *found.twins) if found.twins else ()
+    return SetOpen(
+        effect=found.effect,
+        twins=found.twins,
+        untested=found.untested,
+        would_help=found.would_help,
+        confirm=tuple((name, confirm[name]) for name in alike if confirm.get(name)),
+    )
+
+
 def _effects_tied(findings: Findings) -> EffectsTied:
-    names = findings.ambiguous_set
+    names = findings.tied
     ranking = findings.screenings[-1].candidates
     best = ranking[0]
     confirm = {c.name: c.family.description.confirm for c in ranking}

@@ -8,7 +8,7 @@ from itertools import pairwise
 from calib.calibration.result import Calibration
 from calib.diagnosis.effect_selection import FitStep
 from calib.screening.candidates import Candidate, Screening, Untestable
-from calib.screening.curves.smooth_joint_error import SmoothJointError, inputs_of, joints_of
+from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, inputs_of, joints_of
 from calib.screening.noise.shown_noise import Added, ShownNoise
 from calib.screening.pose_recommendation import DiscriminatingPose
 from calib.screening.residual_tests import ResidualTests
@@ -36,12 +36,27 @@ class Learned:
 
 
 @dataclass(frozen=True)
+class OpenSet:
+    """An effect in the model, and those that could stand there as well."""
+
+    effect: str
+    twins: tuple[str, ...]  # that make the same of these poses
+    untested: tuple[str, ...]  # that the data lack the means to tell from it
+    would_help: str = ""  # what to write down or measure so that they can be tested
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all, that in the model first."""
+        return tuple(dict.fromkeys([self.effect, *self.twins, *self.untested]))
+
+
+@dataclass(frozen=True)
 class Findings:
     """The verdict on a dataset and all that led to it; `Diagnosis` puts it into words."""
 
     verdict: str  # of decision_rules.VERDICTS
     missing: tuple[str, ...]  # effects that are claimed, in the order added
-    ambiguous_set: tuple[str, ...]  # effects that these data cannot tell apart
+    ambiguous_set: tuple[str, ...]  # effects that these data cannot tell apart, those of open sets first
     steps: tuple[
         FitStep, ...
     ]  # the link errors, then one for each effect that was added; each with its screening
@@ -51,9 +66,8 @@ class Findings:
         False  # learned curves say more than the next effect, which is of one place or pose
     )
     learned: Learned | None = None  # then its fit is the last step
-    suspected: tuple[
-        str, ...
-    ] = ()  # effects that were added and are not claimed, see `decision_rules.claims_of`
+    suspected: tuple[str, ...] = ()  # effects that were added and are not claimed, see `carries_its_names`
+    open_sets: tuple[OpenSet, ...] = ()  # each with one effect in the model
     noise: ShownNoise | None = None  # where the noise has another shape than was declared
     discriminating_poses: tuple[DiscriminatingPose, ...] = ()  # at which the ambiguous set differs most
 
@@ -64,8 +78,14 @@ class Findings:
 
     @property
     def named(self) -> tuple[str, ...]:
-        """The effects that the search added, claimed or suspected; learned curves are none."""
-        return (*self.missing, *self.suspected)
+        """The effects that the search added, claimed, suspected or open; learned curves are none."""
+        return tuple(effect.name for effect in self.steps[-1].selected if effect.name != LEARNED)
+
+    @property
+    def tied(self) -> tuple[str, ...]:
+        """Effects that cannot be told apart and of which none is in the model."""
+        opened = {name for found in self.open_sets for name in found.names}
+        return tuple(name for name in self.ambiguous_set if name not in opened)
 
     @property
     def added(self) -> tuple[Added, ...]:

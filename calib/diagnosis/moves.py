@@ -19,6 +19,7 @@ from calib.diagnosis.decision_rules import (
     MIN_LEAD,
     MIN_LOG_EVIDENCE,
     beside_curves,
+    can_stand_for,
     is_convincing,
     is_refused,
     rank_candidates,
@@ -116,9 +117,9 @@ def _addition(space: SearchSpace, step: FitStep, dropped: Collection[str], tell:
     if tied:
         tell(f"looking one step ahead of {', '.join(c.name for c in tied)}")
         ahead = _look_ahead(space, step, tied)
-        if ahead is None:
+        if ahead is None and not can_stand_for(best, tied[1:], screening.projected.freedom):
             return Stop(ambiguous=tied)
-        best, lead = ahead
+        best, lead = ahead or (best, None)
     tell(f"adding {best.name}")
     trial = space.fit((*step.selected, SelectedEffect.of(best)), step.calibration)
     if is_refused(best, screening, step.calibration, trial, further=bool(step.selected)):

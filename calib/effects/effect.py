@@ -98,6 +98,7 @@ class Family:
     sparse: bool = (
         False  # whether members are places of one cause, of which few carry it; all have as many parameters
     )
+    open_with: tuple[str, ...] = ()  # families that these data cannot tell from it, whatever they show
 
     @property
     def description(self) -> Description:

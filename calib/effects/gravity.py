@@ -105,9 +105,36 @@ class GravityLoads:
             return np.zeros(len(axis))
         if not self.robot.joints[joint].is_revolute:
             return np.asarray((axis @ self._gravity_m_s2) * self.payload_kg)
+        return np.asarray(np.einsum("ni,ni->n", axis, self.payload_moment_about(origin_mm)))
+
+    def payload_moment_about(self, origin_mm: Array) -> Array:
+        """(N, 3) moment of the payload alone about points (3,) or (N, 3), N m."""
         lever_mm = self._payload_mm - origin_mm
-        moment = np.cross(lever_mm * 1e-3, self._gravity_m_s2) * self.payload_kg[:, None]
-        return np.asarray(np.einsum("ni,ni->n", axis, moment))
+        payload_kg = np.zeros(len(lever_mm)) if self.payload_kg is None else self.payload_kg
+        return np.asarray(np.cross(lever_mm * 1e-3, self._gravity_m_s2) * payload_kg[:, None])
+
+    @property
+    def unit_moments(self) -> Array:
+        """(N, K, 3) moment about the base's origin of 1 kg at each frame beyond it, and at the tool point."""
+        return np.asarray(np.cross(self.chain.base_T_frame[:, 1:, :3, 3] * 1e-3, self._gravity_m_s2))
+
+    def unit_bending(self, link: int) -> tuple[Array, Array]:
+        """As `bending`, of 1 kg at each frame from the link's end on, and at the tool point: (N, K, 3), (N, K, 3)."""
+        base_T_frame = self.chain.base_T_frame
+        places_mm = base_T_frame[:, link + 1 :, :3, 3]  # (N, K, 3)
+        at_root, at_end = (
+            np.cross((places_mm - base_T_frame[:, None, frame, :3, 3]) * 1e-3, self._gravity_m_s2)
+            for frame in (link, link + 1)
+        )
+        bent = [self._bent(link, at_root[:, k], at_end[:, k]) for k in range(places_mm.shape[1])]
+        return np.stack([turn for turn, _ in bent], axis=1), np.stack([shift for _, shift in bent], axis=1)
+
+    def payload_bending(self, link: int) -> tuple[Array, Array]:
+        """As `bending`, of the payload alone: (N, 3), (N, 3)."""
+        at_root, at_end = (
+            self.payload_moment_about(self.chain.base_T_frame[:, frame, :3, 3]) for frame in (link, link + 1)
+        )
+        return self._bent(link, at_root, at_end)
 
     @cached_property
     def bendings(self) -> list[tuple[Array, Array]]:
@@ -122,6 +149,18 @@ class GravityLoads:
         L (M0 / 3 + ML / 6 + M1 / 4) x e (Euler-Bernoulli).
         """
         base_T_frame = self.chain.base_T_frame
+        root_mm, end_mm = base_T_frame[:, link, :3, 3], base_T_frame[:, link + 1, :3, 3]
+        at_root = self.moment_about(root_mm, link + 1)
+        at_end = self.moment_about(end_mm, link + 1)
+        weight_n = (self.robot.joints[link].mass_kg or 0.0) * self._gravity_m_s2
+        own = np.cross(0.5e-3 * (end_mm - root_mm), weight_n)
+        return self._bent(link, at_root, at_end, own)
+
+    def _bent(
+        self, link: int, at_root: Array, at_end: Array, own: Array | None = None
+    ) -> tuple[Array, Array]:
+        """The turn and shift of a link's end by moments (N, 3) at its root and end, and that of its own weight."""
+        base_T_frame = self.chain.base_T_frame
         root_mm, end = base_T_frame[:, link, :3, 3], base_T_frame[:, link + 1]
         span_mm = end[:, :3, 3] - root_mm
         length_mm = np.linalg.norm(span_mm, axis=1, keepdims=True)
@@ -130,10 +169,8 @@ class GravityLoads:
         def across(moment: Array) -> Array:
             return np.asarray(moment - np.sum(moment * along, axis=1, keepdims=True) * along)
 
-        at_root = across(self.moment_about(root_mm, link + 1))
-        at_end = across(self.moment_about(end[:, :3, 3], link + 1))
-        weight_n = (self.robot.joints[link].mass_kg or 0.0) * self._gravity_m_s2
-        own = np.cross(0.5e-3 * span_mm, weight_n)
+        at_root, at_end = across(at_root), across(at_end)
+        own = np.zeros_like(span_mm) if own is None else own
         bends = length_mm >= 1.0
         turn = bends * ((at_root + at_end) / 2.0 + own / 3.0)
         shift_mm = bends * length_mm * np.cross(at_root / 3.0 + at_end / 6.0 + own / 4.0, along)

@@ -15,7 +15,11 @@ from typing import Any, get_args, get_origin, get_type_hints
 import numpy as np
 
 from calib.effects.catalogue import CATALOGUE
-from calib.effects.catalogue.compliance import JointComplianceUnknownMasses
+from calib.effects.catalogue.unknown_masses import (
+    BaseComplianceUnknownMasses,
+    JointComplianceUnknownMasses,
+    LinkBendingUnknownMasses,
+)
 from calib.effects.checked_apply import is_users
 from calib.effects.effect import Effect, Family, family_name
 from calib.effects.link_errors import LinkErrors, TargetOffsets
@@ -29,6 +33,8 @@ MEMBER_KINDS: tuple[tuple[str, type], ...] = (
     (TargetOffsets.name, TargetOffsets),
     *((kind.name, kind) for kind in CATALOGUE),
     (JointComplianceUnknownMasses.name, JointComplianceUnknownMasses),
+    (LinkBendingUnknownMasses.name, LinkBendingUnknownMasses),
+    (BaseComplianceUnknownMasses.name, BaseComplianceUnknownMasses),
     (SmoothJointError.name, SmoothJointError),
 )
 """Families and the classes of their members; of several in a family the fields tell which is meant."""

@@ -29,6 +29,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "missing": diagnosis.missing,
         "suspected": diagnosis.suspected,
         "ambiguous_set": diagnosis.ambiguous_set,
+        "open_sets": [asdict(found) for found in diagnosis.open_sets],
         "refused": diagnosis.refused or None,
         "steps": [_step(step) for step in diagnosis.steps],
         "candidates": [_candidate(candidate) for candidate in diagnosis.candidates],

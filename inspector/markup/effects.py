@@ -94,7 +94,7 @@ def verdict_html(diagnosis: Diagnosis | None) -> str:
     left = residual_summary_text(residual_summary(diagnosis.residual_tests))
     either = numbers.listing(diagnosis.ambiguous_set, "or")
     verdict = verdict_text(diagnosis.explanation.verdict, tied=either)
-    more = " What would tell them apart is said below." if either else ""
+    more = " What would tell them apart is said below." if diagnosis.verdict == "ambiguous" else ""
     more += LOOK_CLOSER if diagnosis.verdict == "unexplained" and diagnosis.learned is None else ""
     return elements.alert(f"{left} Verdict: {verdict}{more}", colour=VERDICTS[diagnosis.verdict])
 

@@ -102,11 +102,16 @@ def test_causes_that_are_alike_are_not_decided(hidden: tuple[Calibration, Screen
     twin = replace(
         best, family=replace(best.family, name="twin"), log_evidence=best.log_evidence - 1.0, overlaps={}
     )
+    other = replace(twin, explained=np.where(np.arange(len(twin.explained)) % 3, twin.explained, 0.0))
     doubled = replace(best, overlaps={"twin": 0.9})
-    step = replace(first_fit(space), screening=replace(hidden[1], candidates=(doubled, twin)))
+    step = replace(first_fit(space), screening=replace(hidden[1], candidates=(doubled, other)))
     move = next_move(space, step)
     assert isinstance(move, Stop)
     assert [candidate.name for candidate in move.ambiguous] == ["transmission_error", "twin"]
+    step = replace(step, screening=replace(hidden[1], candidates=(doubled, twin)))
+    stands_for_both = next_move(space, step)
+    assert isinstance(stands_for_both, AddEffect)
+    assert (stands_for_both.name, stands_for_both.lead) == ("transmission_error", None)
 
 
 def test_as_many_effects_as_were_asked_for_are_added(

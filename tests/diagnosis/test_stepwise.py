@@ -410,8 +410,11 @@ def test_where_tied_effects_cannot_be_fitted_no_pose_is_recommended(monkeypatch:
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["rb5", "panda"])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_without_masses_gravity_is_still_named_and_fitted(robot: str, seed: int) -> None:
-    """Unknown mass moments in place of masses; payloads, which are known, vary in one of the two."""
+def test_without_masses_gravity_is_still_fitted_and_left_open(robot: str, seed: int) -> None:
+    """Unknown mass moments in place of masses; payloads, which are known, vary in one of the two.
+
+    What follows the load cannot be told apart without masses.
+    """
     dataset = simulate_dataset(
         builtin_robot(robot),
         rng=np.random.default_rng(seed),
@@ -422,7 +425,8 @@ def test_without_masses_gravity_is_still_named_and_fitted(robot: str, seed: int)
     ).dataset
     joints = tuple(replace(joint, mass_kg=None, com_mm=None) for joint in dataset.robot.joints)
     result = diagnose(replace(dataset, robot=replace(dataset.robot, joints=joints)))
-    assert result.missing == ("joint_compliance",), result.summary()
+    assert (result.verdict, result.missing) == ("ambiguous", ()), result.summary()
+    assert "joint_compliance" in result.ambiguous_set
     before, after = result.steps[0].calibration.after.test, result.calibration.after.test
     assert before is not None
     assert after is not None

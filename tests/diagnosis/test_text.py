@@ -111,7 +111,7 @@ def test_an_effect_is_told_with_its_lead_its_test_error_and_its_surest_parameter
     values = tuple(facts.FittedValue(f"backlash.J{j}.b", 1e-3, 1e-5, "rad", "0.057°") for j in range(1, 7))
     found = facts.EffectFound(
         "backlash",
-        True,
+        "claimed",
         0.81,
         1e-9,
         "tool_sag",

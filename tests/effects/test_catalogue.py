@@ -213,12 +213,17 @@ def test_families_without_their_data_say_why_and_what_would_help() -> None:
     )
     silent = {f.name for f in effects_for(massless) if f.why_not}
     assert silent == {
-        "link_bending", "strain_wave", "backlash", "gravity_backlash", "thermal_growth", "base_compliance",
-        "scanner_drift", "scanner_scale", "base_loosening", "warm_up", "nonlinear_stiffness", "link_torsion",
-        "bearing_clearance",
+        "strain_wave", "backlash", "gravity_backlash", "thermal_growth", "scanner_drift", "scanner_scale",
+        "base_loosening", "warm_up", "nonlinear_stiffness", "link_torsion", "bearing_clearance",
     }  # fmt: skip
     assert all(f.would_help for f in effects_for(massless) if f.why_not)
-    assert "unknown masses" in family_of(massless, "joint_compliance").note
+    for name in ("joint_compliance", "link_bending", "base_compliance"):
+        load = family_of(massless, name)
+        assert "unknown masses" in load.note
+        assert {"joint_compliance", "link_bending", "base_compliance", "gravity_backlash"} - {name} <= set(
+            load.open_with
+        )
+        assert family_of(DATASET, name).open_with == ()
     constant = replace(DATASET, poses=replace(DATASET.poses, temperature_c=np.full(40, 21.0)))
     assert "21 C at every pose" in family_of(constant, "thermal_growth").why_not
     one_sided = replace(DATASET, poses=replace(DATASET.poses, approach=np.ones((40, 6))))

@@ -32,23 +32,23 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True)
-class SeventhHarmonic(CatalogueEffect):
-    """An effect that the catalogue does not have: theta_j += A sin(7 q_j)."""
+class TwentyThirdHarmonic(CatalogueEffect):
+    """An effect that the catalogue does not have: theta_j += A sin(23 q_j)."""
 
     joint: int
-    name = "seventh_harmonic"
-    equation = "theta_j += A sin(7 q_j)"
+    name = "twenty_third_harmonic"
+    equation = "theta_j += A sin(23 q_j)"
     symbols = (("A", "rad"),)
-    needs = "joint angles over a seventh of a turn"
+    needs = "joint angles over a 23rd of a turn"
     confirm = "one joint alone in steps of a twentieth of a turn"
     linear = True
-    parameters = (Parameter("sin7_rad", "rad", 3e-4, "amplitude"),)
+    parameters = (Parameter("sin23_rad", "rad", 3e-4, "amplitude"),)
 
-    def apply(self, state: RobotState, *, sin7_rad: float) -> RobotState:
-        return state.add_joint_error(self.joint, sin7_rad * np.sin(7.0 * state.q_rad[:, self.joint]))
+    def apply(self, state: RobotState, *, sin23_rad: float) -> RobotState:
+        return state.add_joint_error(self.joint, sin23_rad * np.sin(23.0 * state.q_rad[:, self.joint]))
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
-        return f"seven waves of {1e6 * value:.0f} urad at {len(state.poses)} poses"
+        return f"23 waves of {1e6 * value:.0f} urad at {len(state.poses)} poses"
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
@@ -58,7 +58,7 @@ class SeventhHarmonic(CatalogueEffect):
 @pytest.fixture
 def listed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The class in the catalogue's list, and nothing else changed anywhere."""
-    monkeypatch.setattr(catalogue, "CATALOGUE", (*catalogue.CATALOGUE, SeventhHarmonic))
+    monkeypatch.setattr(catalogue, "CATALOGUE", (*catalogue.CATALOGUE, TwentyThirdHarmonic))
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def hidden() -> Dataset:
     q = dataset.poses.q[dataset.points.pose]
     base_to_scanner = project_residual(calibrate(dataset)).residuals.scanner_frames(np.zeros(35))[""][:3, :3]
     column = dataset.robot.parameter_names.index("theta3")
-    moved = target_jacobian(dataset.robot, q)[..., column] * (5e-4 * np.sin(7 * q[:, 2]))[:, None]
+    moved = target_jacobian(dataset.robot, q)[..., column] * (5e-4 * np.sin(23 * q[:, 2]))[:, None]
     return dataset.with_points(
         replace(dataset.points, xyz_mm=dataset.points.xyz_mm + moved @ base_to_scanner.T)
     )
@@ -81,36 +81,38 @@ def hidden() -> Dataset:
 @pytest.mark.usefixtures("listed")
 def test_the_command_lists_a_class_that_is_in_the_catalogue(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["effects"]) == 0
-    line = "seventh_harmonic: theta_j += A sin(7 q_j)  [A rad]; needs joint angles over a seventh of a turn"
+    line = (
+        "twenty_third_harmonic: theta_j += A sin(23 q_j)  [A rad]; needs joint angles over a 23rd of a turn"
+    )
     assert line in capsys.readouterr().out.splitlines()
     assert main(["effects", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["effects"][-1] == {
-        "name": "seventh_harmonic",
-        "equation": "theta_j += A sin(7 q_j)",
+        "name": "twenty_third_harmonic",
+        "equation": "theta_j += A sin(23 q_j)",
         "parameters": [{"name": "A", "unit": "rad"}],
-        "needs": "joint angles over a seventh of a turn",
+        "needs": "joint angles over a 23rd of a turn",
     }
 
 
 @pytest.mark.usefixtures("listed")
 def test_a_class_in_the_catalogue_is_ranked_named_explained_and_on_the_page(hidden: Dataset) -> None:
     found = diagnose(hidden)
-    assert found.missing == ("seventh_harmonic",), found.summary()
+    assert found.missing == ("twenty_third_harmonic",), found.summary()
     words = found.summary()
-    assert "Missing: seventh_harmonic." in words
+    assert "Missing: twenty_third_harmonic." in words
     assert f"urad at {len(hidden.poses)} poses)" in words
     assert "Note: seen in a test." in words
     first = found.steps[0].calibration
     ranking = screen(first, catalogue.effects_for(hidden))
-    assert ranking.candidates[0].name == "seventh_harmonic"
-    page = chosen_html("seventh_harmonic", ranking.candidates[0], first, ranking.cv_rmse_mm, own=False)
-    inside = chosen_html("seventh_harmonic", None, found.calibration, ranking.cv_rmse_mm, own=False)
-    for text in (SeventhHarmonic.equation, SeventhHarmonic.needs, SeventhHarmonic.confirm):
+    assert ranking.candidates[0].name == "twenty_third_harmonic"
+    page = chosen_html("twenty_third_harmonic", ranking.candidates[0], first, ranking.cv_rmse_mm, own=False)
+    inside = chosen_html("twenty_third_harmonic", None, found.calibration, ranking.cv_rmse_mm, own=False)
+    for text in (TwentyThirdHarmonic.equation, TwentyThirdHarmonic.needs, TwentyThirdHarmonic.confirm):
         assert text in page
         assert text in inside
-    assert "amplitude: seven waves of" in page
-    assert "amplitude: seven waves of" in fitted_html(found.calibration, "seventh_harmonic")
-    with pytest.raises(CalibError, match="bearing_clearance, seventh_harmonic"):
+    assert "amplitude: 23 waves of" in page
+    assert "amplitude: 23 waves of" in fitted_html(found.calibration, "twenty_third_harmonic")
+    with pytest.raises(CalibError, match="bearing_clearance, twenty_third_harmonic"):
         catalogue.family_of(hidden, "magic")
 
 

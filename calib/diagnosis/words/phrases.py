@@ -10,7 +10,7 @@ from calib.array_types import BoolArray
 from calib.calibration.input_variables import joint_input
 from calib.calibration.result import Calibration
 from calib.dataset.stands import ShotCount
-from calib.effects.catalogue.compliance import stiffness
+from calib.effects.catalogue.unknown_masses import stiffness
 from calib.effects.effect import Effect, Parameter, has_meaning, meaning_of
 from calib.screening.candidates import Untestable
 from calib.screening.fault_models import JointFault

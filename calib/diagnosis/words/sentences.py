@@ -59,7 +59,7 @@ class EffectFound:
     """An effect that was added, the case for it and what it came to."""
 
     effect: str
-    claimed: bool  # else it is only suspected
+    standing: str  # "claimed", "suspected", or "open": it stands for a set
     explained_share: float  # of the leftover sum of squares
     p_value: float  # Holm-corrected
     runner_up: str  # the next candidate, "" where there was none
@@ -79,6 +79,19 @@ class CurvesLearned:
     formula: str | None
     log_evidence: float | None  # over noise alone; None where a saved session brought the curves
     change: ErrorChange | None
+
+
+@dataclass(frozen=True)
+class SetOpen:
+    """An effect in the model stands for a set that these data cannot tell apart."""
+
+    effect: str
+    twins: tuple[str, ...]  # that make the same of these poses
+    untested: tuple[str, ...]  # that the data lack the means to tell from it
+    would_help: str  # for those, "" where there are none
+    confirm: tuple[
+        tuple[str, str], ...
+    ]  # effect, what to measure to see it alone; of the effect and its twins
 
 
 @dataclass(frozen=True)
@@ -166,7 +179,14 @@ ResidualSentence = (
     | PosesStandOut
 )
 Reason = (
-    ModelFitted | ToolShift | EffectFound | CurvesLearned | EffectsTied | EffectRefused | ResidualSentence
+    ModelFitted
+    | ToolShift
+    | EffectFound
+    | CurvesLearned
+    | SetOpen
+    | EffectsTied
+    | EffectRefused
+    | ResidualSentence
 )
 
 

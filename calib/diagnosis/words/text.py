@@ -10,9 +10,10 @@ from collections.abc import Sequence
 from calib.diagnosis.words import sentences as facts
 from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.noise_text import noise_text
-from calib.diagnosis.words.phrases import capitalised, curves_text, fault_text, poses_text, shots_text
+from calib.diagnosis.words.phrases import capitalised, curves_text, fault_text, listed, poses_text, shots_text
 
 _SHOWN_VALUES = 4  # fitted parameters of an effect that are told; the others are counted
+_STANDING = {"claimed": "Missing", "suspected": "Suspected", "open": "Missing, it or what is like it"}
 _NOISE_SOURCES = {
     "repeats": "by repeated measurements",
     "dataset": "as dataset.toml declares it, believed to 25 %",
@@ -44,6 +45,8 @@ def reason_text(reason: facts.Reason) -> str:
                 f"in short {reason.formula}, " if reason.formula else ""
             )
             return f"{curves_text(reason.joints, reason.inputs, reason.log_evidence)} {named}{_learned(reason.change)}."
+        case facts.SetOpen():
+            return _set_open(reason)
         case facts.EffectsTied():
             return _effects_tied(reason)
         case facts.EffectRefused(effect):
@@ -109,7 +112,7 @@ def _effect_found(found: facts.EffectFound) -> str:
     change = "" if found.change is None else f". {_error_change(found.change)}"
     note = f" Note: {found.note}." if found.note else ""
     return (
-        f"{'Missing' if found.claimed else 'Suspected'}: {found.effect}. It explains {100 * found.explained_share:.0f} % of what was left "
+        f"{_STANDING[found.standing]}: {found.effect}. It explains {100 * found.explained_share:.0f} % of what was left "
         f"(p = {found.p_value:.1g}){lead}{change}. {_fitted_values(found.values)}{note}"
     )
 
@@ -142,6 +145,25 @@ def _learned(change: facts.ErrorChange | None) -> str:
         return "it names no cause"
     poses = "test poses, which it never saw," if change.of_test_poses else "training poses"
     return f"it brings the {poses} from {change.before_mm:.4g} to {change.after_mm:.4g} mm; it names no cause"
+
+
+def _set_open(found: facts.SetOpen) -> str:
+    out = []
+    if found.twins:
+        out.append(
+            f"{listed([found.effect, *found.twins])} make the same of these poses: {found.effect} stands in the model for "
+            f"{'both' if len(found.twins) == 1 else 'all of them'}, and none is claimed."
+        )
+        if found.confirm:
+            out.append(
+                f"To tell them apart, measure: {'; '.join(f'for {e}, {how}' for e, how in found.confirm)}."
+            )
+    if found.untested:
+        out.append(
+            f"These data lack what would tell {found.effect} from {listed(found.untested)}: it stands in the model for all "
+            f"of them, and none is claimed. To settle it, {found.would_help}."
+        )
+    return " ".join(out)
 
 
 def _effects_tied(tied: facts.EffectsTied) -> str:

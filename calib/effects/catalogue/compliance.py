@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from calib.dataset.dataset import Dataset
+from calib.effects.catalogue.unknown_masses import (
+    BaseComplianceUnknownMasses,
+    JointComplianceUnknownMasses,
+    LinkBendingUnknownMasses,
+    family_of_unknown_masses,
+    payload_varies,
+    turn_and_stiffness,
+)
 from calib.effects.effect import CatalogueEffect, Family, Parameter
 from calib.effects.gravity import has_masses
 from calib.effects.state import RobotState
@@ -23,15 +30,6 @@ def where_masses_are_known(family: Family, robot: Robot) -> Family:
         why_not="robot.toml has no masses and centres of mass of the links",
         would_help="add mass_kg and com_mm to each [[joints]]; a maker's data sheet or CAD is good enough",
     )
-
-
-def stiffness(c_rad_per_nm: float) -> str:
-    """ "stiffness 250 kNm/rad": the inverse of a compliance, three figures with a prefix."""
-    value = 1.0 / abs(c_rad_per_nm)
-    for factor, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
-        if value >= factor:
-            return f"stiffness {value / factor:.3g} {prefix}Nm/rad"
-    return f"stiffness {value:.3g} Nm/rad"
 
 
 @dataclass(frozen=True)
@@ -57,68 +55,22 @@ class JointCompliance(CatalogueEffect):
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
         """The turn at the largest torque of all poses, and the stiffness."""
-        torque_nm = float(np.abs(state.gravity_torques_nm[:, self.joint]).max(initial=0.0))
-        if torque_nm <= 0.0:
-            return stiffness(value)
-        turn_deg = np.degrees(abs(value)) * torque_nm
-        return f"{turn_deg:.2g}\N{DEGREE SIGN} at {torque_nm:.3g} Nm, {stiffness(value)}"
+        return turn_and_stiffness(value, state.gravity_torques_nm[:, self.joint])
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
         """A member for each joint; where masses are not known, one whose unknowns include them."""
-        robot, poses = dataset.robot, dataset.poses
+        robot = dataset.robot
         if has_masses(robot):
             return Family(cls.name, tuple(cls(j) for j in range(robot.n_joints)))
-        varies = poses.payload_kg is not None and bool(np.ptp(poses.payload_kg[~poses.is_test]) > 0.0)
+        varies = payload_varies(dataset)
         members = tuple(
             JointComplianceUnknownMasses(
                 j, places=robot.n_joints + 1 - j if joint.is_revolute else 1, payload=varies
             )
             for j, joint in enumerate(robot.joints)
         )
-        note = "robot.toml has no masses: compliance times unknown masses is fitted"
-        return Family(cls.name, members, note=note)
-
-
-@dataclass(frozen=True)
-class JointComplianceUnknownMasses:
-    """The same where masses are not known: theta += sum over frames beyond of (c m) x torque of 1 kg there.
-
-    Still linear: each parameter is compliance times the mass that hangs at one frame. A payload that varies is known
-    in kg, so the factor of its torque is the compliance itself.
-    """
-
-    joint: int
-    places: int  # frames beyond the joint, the tool point included
-    payload: bool  # whether it varies over the training poses
-    name = JointCompliance.name
-    equation, symbols = JointCompliance.equation, JointCompliance.symbols
-    needs, confirm = JointCompliance.needs, JointCompliance.confirm
-    linear = True
-
-    @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """One for each frame beyond the joint, and the compliance where the payload varies."""
-        masses = tuple(
-            Parameter(
-                f"cm_at_{self.joint + 1 + k}", "rad kg/Nm", 2e-4, "compliance times the mass at a frame"
-            )
-            for k in range(self.places)
-        )
-        return (*masses, *(JointCompliance.parameters if self.payload else ()))
-
-    def apply(self, state: RobotState, **values: float) -> RobotState:
-        """The joint's error added."""
-        torques = state.loaded.gravity.unit_torques(self.joint)  # (N, K)
-        if self.payload:
-            torques = np.column_stack([torques, state.loaded.gravity.payload_torque(self.joint)])
-        return state.add_joint_error(self.joint, torques @ np.array(list(values.values())))
-
-    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
-        """As `JointCompliance` for the compliance itself; "" for a product with an unknown mass."""
-        if parameter.unit != "rad/Nm":
-            return ""
-        return JointCompliance(self.joint).meaning(parameter, value, state)
+        return family_of_unknown_masses(cls.name, members)
 
 
 @dataclass(frozen=True)
@@ -159,7 +111,7 @@ class LinkBending(CatalogueEffect):
     name = "link_bending"
     equation = "end of link j turns by c_j M_j, c_j = L / EI"
     symbols = (("c_j", "rad/Nm"),)
-    needs = "masses in robot.toml"
+    needs = "masses in robot.toml, or many poses"
     confirm = (
         "the same poses with and without a payload; bending also shifts the link's end, so reach far out"
     )
@@ -184,9 +136,13 @@ class LinkBending(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """A member for each joint's link."""
-        members = tuple(cls(j) for j in range(dataset.robot.n_joints))
-        return where_masses_are_known(Family(cls.name, members), dataset.robot)
+        """A member for each joint's link; where masses are not known, one whose unknowns include them."""
+        robot, n_joints = dataset.robot, dataset.robot.n_joints
+        if has_masses(robot):
+            return Family(cls.name, tuple(map(cls, range(n_joints))))
+        varies = payload_varies(dataset)
+        members = tuple(LinkBendingUnknownMasses(j, n_joints + 1 - j, varies) for j in range(n_joints))
+        return family_of_unknown_masses(cls.name, members)
 
 
 @dataclass(frozen=True)
@@ -196,7 +152,7 @@ class BaseCompliance(CatalogueEffect):
     name = "base_compliance"
     equation = "base turns by C M(q)"
     symbols = (("cx", "rad/Nm"), ("cy", "rad/Nm"))
-    needs = "masses in robot.toml"
+    needs = "masses in robot.toml, or many poses"
     confirm = "a dial gauge at the foot while the arm swings round stretched out: it sees the base alone"
     linear = True
     parameters = (
@@ -211,8 +167,11 @@ class BaseCompliance(CatalogueEffect):
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
-        """One member, for the whole arm."""
-        return where_masses_are_known(Family(cls.name, (cls(),)), dataset.robot)
+        """One member, for the whole arm; where masses are not known, one whose unknowns include them."""
+        if has_masses(dataset.robot):
+            return Family(cls.name, (cls(),))
+        member = BaseComplianceUnknownMasses(dataset.robot.n_joints + 1, payload_varies(dataset))
+        return family_of_unknown_masses(cls.name, (member,))
 
 
 @dataclass(frozen=True)
