@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from calib.calibration.noise_check import is_declared
 from calib.calibration.result import Calibration
 from calib.dataset.stands import stands_of
 from calib.diagnosis.findings import Findings
 from calib.fitting.pose_means import mean_by_pose
 from calib.screening.candidates import MIN_RIVAL_OVERLAP, Candidate, Screening, Untestable
+from calib.screening.curves.joint_curves import MIN_LOG_EVIDENCE as MIN_CURVE_EVIDENCE
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.fault_models import JointFault
 from calib.screening.residual_tests import ResidualTests
@@ -169,6 +171,22 @@ def carries_its_names(verdict: str, beside_open_set: ResidualTests | None = None
     tests = beside_open_set
     too_large = tests.noise_from != "fit" and tests.residual_mm > MAX_SIGMAS_LEFT * tests.noise_mm
     return not (tests.fault or tests.structured or too_large)
+
+
+def may_be_curves(best: Candidate, calibration: Calibration, screening: Screening) -> bool:
+    """Whether curves of the joints could say clearly more than the best candidate, one of one place or one pose.
+
+    Curves that left the declared noise alone would have nu / 2 log(r^2 / nu) in log evidence, less what they cost.
+    """
+    if not best.family.sparse:
+        return False
+    if not is_declared(calibration.dataset):
+        return True
+    projected = screening.projected
+    total = float(projected.residual @ projected.residual)
+    least = min(projected.freedom, (1.0 - best.explained_share) * total)
+    most = 0.5 * projected.freedom * float(np.log(total / max(least, 1e-300))) - MIN_CURVE_EVIDENCE
+    return most > best.log_evidence + MIN_LEAD
 
 
 def beside_curves(screening: Screening, curves: LearnedCurves | None) -> Screening:

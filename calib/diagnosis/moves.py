@@ -22,6 +22,7 @@ from calib.diagnosis.decision_rules import (
     can_stand_for,
     is_convincing,
     is_refused,
+    may_be_curves,
     rank_candidates,
 )
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
@@ -109,7 +110,7 @@ def _addition(space: SearchSpace, step: FitStep, dropped: Collection[str], tell:
     screening = _without(step.screening, dropped)
     if not any(is_convincing(candidate) for candidate in screening.candidates):
         return Stop()
-    if screening.candidates[0].family.sparse:
+    if may_be_curves(screening.candidates[0], step.calibration, screening):
         screening = beside_curves(screening, step.curves)
         if not any(is_convincing(candidate) for candidate in screening.candidates):
             return Stop(left_to_curves=True)

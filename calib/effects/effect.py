@@ -95,9 +95,8 @@ class Family:
     would_help: str = ""  # what to measure or write down so that it can be tested
     note: str = ""  # what was assumed, such as unknown masses
     covered: bool = False  # whether another family tests the same cause where this one cannot
-    sparse: bool = (
-        False  # whether members are places of one cause, of which few carry it; all have as many parameters
-    )
+    sparse: bool = False  # whether members are places of one cause, few of which carry it; all equally wide
+    most_members: int = 8  # of a sparse family, that may carry it
     open_with: tuple[str, ...] = ()  # families that these data cannot tell from it, whatever they show
 
     @property

@@ -42,7 +42,10 @@ class VisibleColumns:
         """The evidence for the family by what is missing (R,)."""
         if self.stacked is not None:
             one_sided = all(p.positive for p in self.family.members[0].parameters)
-            columns = SparseColumns(residual, self.stacked, freedom, one_sided, self.shapes, self.of_same)
+            most = self.family.most_members
+            columns = SparseColumns(
+                residual, self.stacked, freedom, one_sided, most, self.shapes, self.of_same
+            )
             return evaluate_sparse(columns)
         positive = tuple(all(p.positive for p in member.parameters) for member in self.family.members)
         return evaluate_family(FamilyColumns(residual, self.groups, freedom, positive))

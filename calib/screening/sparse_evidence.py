@@ -24,7 +24,6 @@ from calib.screening.evidence import (
     unusual,
 )
 
-MOST_CHOSEN = 8  # members
 RARITY = 2.0  # log odds against each: what sets in at one pose or sits at one place is rarer than what is always there
 FEWEST_APART = 4  # poses
 _SHOWN = 1e-6  # of a member's directions, by length over its longest
@@ -41,6 +40,7 @@ class SparseColumns:
     columns: Array
     freedom: int
     positive: bool = False  # whether coefficients are physical with this sign only
+    most: int = 8  # members that may carry it
     shapes: Array | None = (
         None  # (G, N) how much of it there is at each pose, where members are shapes of one thing
     )
@@ -107,7 +107,7 @@ def evaluate_sparse(family: SparseColumns) -> Evidence:
     chosen, raw = _Chosen((best,), (float(scales[best]),)), float(values[best])
     paid = raw - mean_likelihood(values) + RARITY
     cost = float(np.log(members)) + RARITY
-    most = min(MOST_CHOSEN, members, most_columns(family.freedom) // width)
+    most = min(family.most, members, most_columns(family.freedom) // width)
     while len(chosen.members) < most:
         values, scales = _each(family, chosen)
         best = int(np.argmax(values))

@@ -22,6 +22,8 @@ from calib.effects.state import RobotState
 
 AT_ENDS = 4
 """Training poses before the first step that is looked for, and from the last one on."""
+MOST_CHANGES = 3
+"""Steps of one family: a part that moves ever again drifts, or is loose, and has not slipped."""
 MOST_STEPS = 200
 """Poses at which a step is looked for; of more poses some are passed over, evenly."""
 
@@ -47,7 +49,10 @@ class ChangePoint:
 
 
 def change_points(dataset: Dataset) -> list[ChangePoint]:
-    """Before training poses, in the order of measuring, with enough others before and after to show a step there."""
+    """Before training poses, in the order of measuring, with enough others before and after to show a step there.
+
+    None about where the setup changes: what differs there is where the scanner stands.
+    """
     poses = dataset.poses
     sequence = np.argsort(poses.order, kind="stable")
     sequence = sequence[~poses.is_test[sequence]]
@@ -55,6 +60,9 @@ def change_points(dataset: Dataset) -> list[ChangePoint]:
     if count < 1:
         return []
     at = AT_ENDS + np.unique(np.linspace(0, count - 1, min(MOST_STEPS, count)).astype(int))
+    setup = poses.setup[sequence]
+    moved = 1 + np.flatnonzero(setup[1:] != setup[:-1])  # the first of each place of the scanner
+    at = at[np.all(np.abs(at[:, None] - moved) >= AT_ENDS, axis=1)]
     firsts = poses.order[sequence[at - 1]].astype(int) + 1
     ids = [poses.ids[k] for k in sequence[at]]
     if len({re.sub(r"\W", "_", pose_id) for pose_id in ids}) < len(ids):  # two names would be one
@@ -68,7 +76,8 @@ def _family(dataset: Dataset, name: str, members: Callable[[ChangePoint], list[S
     if not points:
         few = f"fewer than {2 * AT_ENDS} training poses show no step"
         return Family(name, (), few, "measure more poses")
-    return Family(name, tuple(member for point in points for member in members(point)), sparse=True)
+    found = tuple(member for point in points for member in members(point))
+    return Family(name, found, sparse=True, most_members=MOST_CHANGES)
 
 
 @dataclass(frozen=True)
