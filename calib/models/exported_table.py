@@ -41,6 +41,11 @@ class ExportedTable:
         return tuple(" ".join(name.split()) for name in self.full.model.family_names)
 
     @property
+    def error_words(self) -> str:
+        """The errors of the table alone."""
+        return _errors(self.errors)
+
+    @property
     def words(self) -> str:
         """The errors of the table alone and of the full model, in one line; "" where the two are the same."""
         if not self.left_out:

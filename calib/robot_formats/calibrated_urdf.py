@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from calib.kinematics.robot import Robot
@@ -26,6 +27,10 @@ class CalibratedUrdf:
         """What was changed, in a line, and notes."""
         what = f"origins changed: {', '.join(self.changed)}" if self.changed else "no origin changed"
         return "\n".join([what, *(f"note: {note}" for note in self.notes)])
+
+    def with_notes(self, notes: Sequence[str]) -> CalibratedUrdf:
+        """The same with more to be said."""
+        return replace(self, notes=(*self.notes, *notes))
 
 
 def calibrated_urdf(

@@ -1,42 +1,29 @@
-"""The subcommands that fit a model, calibrate to check. A few lines over `calib` each."""
+"""The subcommands that fit a model, validate to check. A few lines over `calib` each."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from datetime import datetime
-from pathlib import Path
 
-from calib.calibration.plausibility import implausibility_reason, outlier_hint
-from calib.calibration.result import Calibration
-from calib.calibration.uncertainty import identifiable_combinations
 from calib.compensation.target_correction import corrected_joints, needed_columns
 from calib.compensation.targets_csv import corrected_table, load_targets, require_conditions
-from calib.dataset.dataset import Dataset
-from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
+from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.effect_selection import FitStep
-from calib.diagnosis.search_space import add_in_turn
 from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.phrases import untestable_line
 from calib.effects.catalogue import effects_named
-from calib.effects.catalogue.user_file import load_effects
-from calib.effects.effect import Family
 from calib.errors import CalibError, DatasetError
-from calib.fitting.observations import nominal_state
 from calib.measurement.measured_points import require_corners, with_corners
-from calib.models.exported_table import ExportedTable, exported_table
 from calib.models.model_file import save_model
 from calib.screening.curves.effect_file import effect_file_text
-from calib.screening.curves.fitted_curves import curve_lines, without_curves
 from calib.validation.acceptance import check
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import learning_curve
+from inspector.cli.calibrate_command import fitted, loaded_effects, require_plausible
 from inspector.cli.dataset_commands import found_corners, load, measured, searched, show
 from inspector.cli.model_commands import correct_by_model, validate_model
 from inspector.cli.options import (
-    CalibrateOptions,
     CheckOptions,
     CorrectOptions,
     DiagnoseOptions,
@@ -46,117 +33,8 @@ from inspector.cli.options import (
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import progress, stages
 from inspector.export import json_documents as documents
-from inspector.export.csv_and_png import residuals_csv
 from inspector.session.session import Session
-from inspector.session.session_file import save_session
-from inspector.session.transitions import with_face_labels, with_found, with_steps
-
-SCENE_ARROWS = 100.0  # how many times longer residuals are drawn in a scene's file
-
-
-def loaded_effects(effects_file: Path | None, dataset: Dataset) -> tuple[Family, ...]:
-    """The families of --effects-file."""
-    if effects_file is None:
-        return ()
-    return load_effects(effects_file, nominal_state(dataset))
-
-
-def _fitted(options: CalibrateOptions | CorrectOptions, dataset: Dataset) -> tuple[FitStep, ...]:
-    """The fits that were asked for: one, then one more for each --add."""
-    user_effects = loaded_effects(options.effects_file, dataset)
-    effects = effects_named(dataset, options.effect, user_effects)
-    return add_in_turn(
-        dataset, options.add, options.fit_options(), effects=effects, user_effects=user_effects
-    )
-
-
-def run_calibrate(options: CalibrateOptions) -> int:
-    """Fit, and write the calibrated table, the model and more."""
-    dataset = load(options.path, options.leave_out)
-    outputs = [
-        options.out, options.model_out, options.residuals, options.scene, options.session, options.learned_out
-    ]  # fmt: skip
-    check_outputs(dataset, outputs, [options.effects_file])
-    dataset = measured(dataset, orientation=options.residual == "pose")
-    steps = _fitted(options, dataset)
-    result = steps[-1].calibration
-    table = exported_table(result, steps[0].calibration)
-    if options.out is not None or options.model_out is not None:
-        _require_plausible(result, options.force)
-    if options.out is not None:
-        table.require_improvement(force=options.force)
-    session = _as_session(options, dataset, steps) if options.session is not None else None
-    learned = effect_file_text(result, options.learned_out.name) if options.learned_out is not None else ""
-    if options.out is not None:
-        write_text_atomically(options.out, table.to_toml())
-    if options.model_out is not None:
-        save_model(result, options.model_out)
-    if options.residuals is not None:
-        write_text_atomically(options.residuals, residuals_csv(result))
-    if options.scene is not None:
-        from inspector.export.glb_scene import scene_glb  # with trimesh, which takes a while to load
-
-        write_bytes_atomically(options.scene, scene_glb(result, dataset.poses.reference, SCENE_ARROWS))
-    if options.learned_out is not None:
-        write_text_atomically(options.learned_out, learned)
-    if session is not None and options.session is not None:
-        save_session(options.session, session)
-    hint = outlier_hint(result)
-    document = documents.calibration_document(result) | {
-        "steps": documents.additions(steps),
-        "table_alone": documents.table_document(table),
-    }
-    document["warnings"] = [*document["warnings"], *filter(None, [hint])]
-    show(options, document, "\n".join(filter(None, [_calibration_text(steps, table), hint])))
-    return 0
-
-
-def _calibration_text(steps: Sequence[FitStep], table: ExportedTable) -> str:
-    """Parameters, learned curves, sums known better than their parts, errors after each addition, summary, table."""
-    result = steps[-1].calibration
-    parameters = without_curves(result.to_frame())
-    lines = [parameters.to_string(index=False, float_format=lambda v: f"{v:.6g}"), *curve_lines(result)]
-    lines += [
-        f"known: {c.description} = {c.value:.6g} +- {c.sigma:.2g} {c.unit}".rstrip()
-        for c in identifiable_combinations(result)
-    ]
-    if len(steps) > 1:
-        lines.append(f"link errors: {_errors(steps[0].calibration)}")
-        lines += [f"{step.label}: {_errors(step.calibration)}" for step in steps[1:]]
-    return "\n".join(filter(None, [*lines, result.summary(), table.words]))
-
-
-def _require_plausible(result: Calibration, force: bool) -> None:
-    """Raise CalibError for a fit that is no improvement or implausible, unless `force`: nothing is written then."""
-    result.require_improvement(force=force)
-    doubt = "" if force else implausibility_reason(result)
-    if doubt:
-        raise CalibError(
-            f"dataset {result.dataset.name}: {doubt}; nothing was written, --force writes it anyway"
-        )
-
-
-def _as_session(options: CalibrateOptions, dataset: Dataset, steps: Sequence[FitStep]) -> Session:
-    """The fits as a session of the page holds them. Raises CalibError for options that a session cannot hold."""
-    given = {
-        "--effect": options.effect,
-        "--hold": options.hold,
-        "--tolerance": options.tolerance,
-        "--no-prior": options.no_prior,
-        "--robust": options.robust,
-        "--leave-out": options.leave_out,
-    }
-    used = [name for name, value in given.items() if value]
-    if used:
-        raise CalibError(f"--session: a session holds fits by --residual and --add only; leave out {used[0]}")
-    return with_steps(Session(dataset, user_effects=loaded_effects(options.effects_file, dataset)), steps)
-
-
-def _errors(calibration: Calibration) -> str:
-    train, test = calibration.after.train, calibration.after.test
-    return ", ".join(
-        f"{name} RMSE {of.rmse_mm:.4g} mm" for name, of in (("train", train), ("test", test)) if of
-    )
+from inspector.session.transitions import with_face_labels, with_found
 
 
 def run_validate(options: ValidateOptions) -> int:
@@ -181,8 +59,8 @@ def run_correct(options: CorrectOptions) -> int:
     check_outputs(dataset, [options.out], [options.joints, options.effects_file])
     targets = load_targets(options.joints, dataset.robot)
     dataset = measured(dataset, orientation=options.residual == "pose")
-    result = _fitted(options, dataset)[-1].calibration
-    _require_plausible(result, options.force)
+    result = fitted(options, dataset)[-1].calibration
+    require_plausible(result, options.force)
     if result.tool_shift is not None:
         print(f"inspector: warning: {result.tool_shift.words}", file=sys.stderr)
     needed = needed_columns(result.model, result.fit.x, dataset.poses)
@@ -249,7 +127,7 @@ def run_diagnose(options: DiagnoseOptions) -> int:
             on_step=on_step,
         )
     if options.model_out is not None:
-        _require_plausible(result.calibration, options.force)
+        require_plausible(result.calibration, options.force)
         save_model(result.calibration, options.model_out)
     ranked = result.screenings[0].to_frame()
     ranking = "No effect can be ranked: none is testable with these data."

@@ -83,6 +83,8 @@ class CalibrateOptions(_FittingOptions):
     add: Sequence[str]
     out: Path | None
     model_out: Path | None
+    urdf_out: Path | None
+    template: Path | None
     force: bool
     residuals: Path | None
     scene: Path | None

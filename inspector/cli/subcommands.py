@@ -66,6 +66,10 @@ def _calibrate(sub: ArgumentParser) -> None:
         "--out", type=Path, metavar="FILE", help="write robot.toml, its table the best without effects"
     )
     add_model_out(sub)
+    sub.add_argument(
+        "--urdf-out", type=Path, metavar="FILE", help="write the template with calibrated origins, as --out"
+    )
+    sub.add_argument("--template", type=Path, metavar="ROBOT.urdf", help="your own URDF of this arm")
     sub.add_argument("--force", action="store_true", help="write although the fit is no improvement")
     sub.add_argument(
         "--residuals",
@@ -167,7 +171,7 @@ SUBCOMMANDS = (
     ),
     Subcommand(
         "calibrate",
-        "fit_commands.run_calibrate",
+        "calibrate_command.run_calibrate",
         options.CalibrateOptions,
         _calibrate,
         "fit the five-parameter model",

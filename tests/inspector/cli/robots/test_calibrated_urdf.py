@@ -1,0 +1,66 @@
+"""inspector calibrate --urdf-out: the user's own URDF with calibrated origins."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.dataset.files.folder import write_dataset
+from calib.dataset.files.robot_toml import builtin_robot, load_robot
+from calib.kinematics.chain import forward
+from calib.robot_formats.chain.five_parameters import chain_of
+from calib.robot_formats.robot_file import read_robot
+from calib.robot_formats.urdf.text import plain_urdf
+from calib.simulation.simulate import simulate_dataset
+from inspector.cli.parser import main
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dataset of an RB5 whose URDF lies beside it."""
+    folder = tmp_path_factory.mktemp("cell")
+    robot = builtin_robot("rb5")
+    simulation = simulate_dataset(
+        robot, rng=np.random.default_rng(1), poses=30, noise_mm=0.02, effects=["joint_compliance"]
+    )
+    write_dataset(simulation.dataset, folder / "data")
+    (folder / "arm.urdf").write_text(plain_urdf(chain_of(robot)))
+    return folder
+
+
+def test_the_written_file_is_the_exported_table_and_tells_what_it_leaves_out(
+    cell: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, toml = tmp_path / "calibrated.urdf", tmp_path / "robot.toml"
+    more = ["--effect", "joint_compliance", "--out", str(toml), "--json"]
+    template = ["--template", str(cell / "arm.urdf")]
+    assert main(["calibrate", str(cell / "data"), "--urdf-out", str(out), *template, *more]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["urdf"]["left_out"] == ["joint_compliance"]
+    assert "a URDF cannot hold joint_compliance" in document["urdf"]["notes"][0]
+    table, written = load_robot(toml), read_robot(out).robot
+    q = np.random.default_rng(0).uniform(-2, 2, (50, 6))
+    places = [
+        forward(r.table, q, r.is_revolute, r.base_T_first).base_T_frame[:, -1] for r in (table, written)
+    ]
+    assert np.abs(places[0] - places[1]).max() < 1e-9
+    before, after = (cell / "arm.urdf").read_text().splitlines(), out.read_text().splitlines()
+    assert [line for line in before if "<origin" not in line] == [
+        line for line in after if "<origin" not in line and "origins calibrated by" not in line
+    ]
+    assert "origins calibrated by robot-calibration-inspector" in after[2]
+
+
+def test_a_template_of_another_arm_is_refused_before_the_fit(
+    cell: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other, out = tmp_path / "panda.urdf", tmp_path / "calibrated.urdf"
+    other.write_text(plain_urdf(chain_of(builtin_robot("panda"))))
+    assert main(["calibrate", str(cell / "data"), "--urdf-out", str(out), "--template", str(other)]) == 2
+    assert "has 7 joints" in capsys.readouterr().err
+    assert main(["calibrate", str(cell / "data"), "--urdf-out", str(out)]) == 2
+    assert "--template ROBOT.urdf" in capsys.readouterr().err
+    assert not out.exists()
