@@ -55,8 +55,8 @@ class XmlFile:
 def read_bytes(path: Path, most: int = _MOST_BYTES) -> bytes:
     """The content of a file of bounded size. Raises RobotFileError."""
     try:
-        if path.is_dir():
-            raise RobotFileError(f"{path}: is a folder; name the robot's file")
+        if path.exists() and not path.is_file():  # reading a pipe would wait for ever
+            raise RobotFileError(f"{path}: is no file; name the robot's file")
         with path.open("rb") as file:
             content = file.read(most + 1)
     except OSError as error:

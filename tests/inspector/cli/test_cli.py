@@ -642,7 +642,7 @@ def test_help_loads_nothing_that_it_does_not_show() -> None:
 def test_every_subcommand_has_the_function_that_it_names() -> None:
     assert len(SUBCOMMANDS) > 10
     for subcommand in SUBCOMMANDS:
-        module, name = subcommand.run.split(".")
+        module, _, name = subcommand.run.rpartition(".")
         assert callable(getattr(import_module(f"inspector.cli.{module}"), name))
 
 
