@@ -72,7 +72,8 @@ CASES = {
     "two effects": arm(5, ("transmission_error", 4.0), ("thermal_growth", 4.0)),
     "nothing": arm(8),
     "a wild point beside an effect": with_wild_point(arm(4, ("joint_compliance", 4.0))),
-    "no name, curves": arm(1, ("kinked_joint", 4.0)),
+    "a dent": arm(1, ("joint_dent", 4.0)),
+    "no name, curves": arm(1, ("rough_gear", 5.0)),
     "a second arm": arm(9, ("joint_scale", 3.0), ("scanner_drift", 3.0), robot="panda"),
 }
 
