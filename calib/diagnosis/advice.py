@@ -8,15 +8,9 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from calib.diagnosis.conclusion import (
-    AddCurves,
-    SearchAgain,
-    SearchWithNoise,
-    closing_move,
-    concluded,
-    with_discriminating_poses,
-)
+from calib.diagnosis.conclusion import concluded, with_discriminating_poses
 from calib.diagnosis.decision_rules import curves_say_more
+from calib.diagnosis.diagnose import AddCurves, SearchAgain, SearchWithNoise, closing_move
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.explanation import noise_told
 from calib.diagnosis.moves import AddEffect, DropEffect, Stop, Tell, next_move

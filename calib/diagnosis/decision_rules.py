@@ -205,14 +205,14 @@ def curves_say_more(curves: LearnedCurves, fault: JointFault) -> bool:
     return others and curves.log_evidence > fault.log_evidence + MIN_LEAD
 
 
-def noise_is_believed(before: Findings, again: Findings, rival: str) -> bool:
-    """Whether a search with the noise as it shows is clean, and loses no claim but what a wander explains as well.
+def noise_is_believed(before: Findings, again: Findings) -> bool:
+    """Whether a search with the noise as it shows is clean, and loses no claim.
 
     An unknown cause may look like noise of a strange shape. As a shape keeps the declared size, its size gives it away:
     so a size has to be known where something was left without the shape.
     """
     if before.verdict == "unexplained" and again.residual_tests.lack_of_fit_p is None:
         return False
-    doubted = before.named[before.named.index(rival) :] if rival in before.named else ()
-    clean = again.verdict in ("adequate", "named", "outliers")
-    return clean and set(before.missing) <= {*again.missing, *doubted}
+    opened = again.open_sets and not again.tied and not again.suspected
+    clean = again.verdict in ("adequate", "named", "outliers") or opened
+    return bool(clean and set(before.missing) <= {*again.missing, *again.ambiguous_set})

@@ -230,6 +230,8 @@ def _what_is_unexplained(findings: Findings, doubt: str) -> str:
         return "curves"
     if tests.structured:
         return "order"
+    if findings.beaten and not tests.too_large:
+        return "wander"
     return "size" if tests.too_large else "refused"
 
 

@@ -68,6 +68,7 @@ class Findings:
     learned: Learned | None = None  # then its fit is the last step
     suspected: tuple[str, ...] = ()  # effects that were added and are not claimed, see `carries_its_names`
     open_sets: tuple[OpenSet, ...] = ()  # each with one effect in the model
+    beaten: str = ""  # an effect that was added, and does not lead a slow wander of the instrument
     noise: ShownNoise | None = None  # where the noise has another shape than was declared
     discriminating_poses: tuple[DiscriminatingPose, ...] = ()  # at which the ambiguous set differs most
 

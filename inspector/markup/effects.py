@@ -10,8 +10,8 @@ import numpy as np
 from calib.calibration.noise_check import noise_floor_mm
 from calib.calibration.result import Calibration
 from calib.diagnosis.advice import Advice, residual_summary
-from calib.diagnosis.conclusion import AddCurves, SearchAgain, SearchWithNoise
 from calib.diagnosis.decision_rules import is_convincing
+from calib.diagnosis.diagnose import AddCurves, SearchAgain, SearchWithNoise
 from calib.diagnosis.effect_selection import SelectedEffect
 from calib.diagnosis.moves import AddEffect, DropEffect
 from calib.diagnosis.result import Diagnosis

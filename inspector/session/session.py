@@ -11,7 +11,7 @@ from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.advice import Advice
-from calib.diagnosis.conclusion import AddCurves
+from calib.diagnosis.diagnose import AddCurves
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.result import Diagnosis
 from calib.effects.effect import Family

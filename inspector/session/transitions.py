@@ -12,8 +12,7 @@ from calib.calibration.result import Calibration
 from calib.corners.batch import search_file
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.advice import Advice, Move, advice_or_verdict
-from calib.diagnosis.conclusion import AddCurves, SearchAgain, SearchWithNoise
-from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.diagnose import AddCurves, SearchAgain, SearchWithNoise, diagnose
 from calib.diagnosis.effect_selection import (
     GEOMETRY,
     FitStep,

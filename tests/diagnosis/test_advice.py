@@ -12,8 +12,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.advice import Advice, advice_or_verdict, residual_summary
-from calib.diagnosis.conclusion import SearchAgain
-from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.diagnose import SearchAgain, diagnose
 from calib.diagnosis.moves import AddEffect, Stop, next_move
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, first_fit

@@ -54,7 +54,8 @@ def test_an_effect_stays_named_in_such_noise(kind: str) -> None:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_true_drift_is_no_wander(effect: str, seed: int) -> None:
     found = diagnose(odd_arm("white", seed, [effect], sigmas=3.0))
-    assert (found.verdict, found.missing) == ("named", (effect,))
+    assert found.missing == (effect,)
+    assert found.beaten == ""
     assert found.noise is None
 
 
@@ -78,16 +79,23 @@ def test_a_cause_larger_than_the_noise_is_not_taken_for_its_shape() -> None:
 def test_without_a_declared_sigma_no_shape_explains_what_is_left() -> None:
     found = diagnose(odd_arm("deep", 3))
     before = replace(found, verdict="unexplained")
-    assert noise_is_believed(before, found, "")
+    assert noise_is_believed(before, found)
     undeclared = replace(found, residual_tests=replace(found.residual_tests, lack_of_fit_p=None))
-    assert not noise_is_believed(before, undeclared, "")
+    assert not noise_is_believed(before, undeclared)
 
 
-def test_a_claim_is_lost_to_a_wander_only() -> None:
+def test_a_claim_is_not_lost_to_a_shape() -> None:
     found = diagnose(odd_arm("deep", 3))
-    before = replace(found, verdict="named", missing=("scanner_drift",))
-    assert noise_is_believed(before, found, "scanner_drift")
-    assert not noise_is_believed(before, found, "")
+    assert not noise_is_believed(replace(found, verdict="named", missing=("scanner_drift",)), found)
+
+
+@pytest.mark.parametrize("sigmas", [2.0, 6.0])
+def test_what_sways_slowly_is_not_claimed_as_a_step(sigmas: float) -> None:
+    found = diagnose(swaying(0, sigmas))
+    assert found.verdict in ("unexplained", "adequate")
+    assert not found.missing
+    if found.verdict == "unexplained":
+        assert found.noise is None
 
 
 def test_nothing_is_told_of_white_noise() -> None:

@@ -91,6 +91,9 @@ def _unexplained(reason: str, reasons: str) -> str:
         ),
         "curves": f"what is left follows the learned curves that are told {reasons}; no effect of the catalogue makes them.",
         "size": "more than noise is left, without a pattern against any input.",
+        "wander": (
+            "a slow wander of the instrument explains it as well. Measure one pose again and again through the session."
+        ),
         "refused": "what was found makes the test poses worse.",
     }[reason]
 

@@ -51,7 +51,7 @@ class Unexplained:
     """Something is left that no effect of the catalogue explains."""
 
     effects: tuple[str, ...]  # that help, and are only suspected
-    reason: str  # "implausible", "curves", "fault", "order", "size" or "refused"
+    reason: str  # "implausible", "curves", "fault", "order", "size", "wander" or "refused"
     doubt: str  # why points and poses do not belong together, for "implausible"
 
 

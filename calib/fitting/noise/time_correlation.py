@@ -8,10 +8,11 @@ that products with C^-1 cost no more than the number of points.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded, solve_triangular
+from scipy.linalg import cholesky_banded, solve_banded, solve_triangular
 
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Poses
@@ -42,26 +43,30 @@ class Moments:
         """Of some points only; the moments stay."""
         return Moments(self.of_point[keep], self.gap, self.in_poses)
 
-    def products(self, wander: Wander, rows: Array) -> tuple[Array, float]:
-        """rows^T C^-1 rows, summed over the axes, of rows (M, 3, K): (K, K); and log det C of one axis.
+    def products(self, wanders: Sequence[Wander], rows: Array) -> Iterator[tuple[Array, float]]:
+        """For each wander rows^T C^-1 rows, summed over the axes, of rows (M, 3, K): (K, K); and log det C of one axis.
 
         By Woodbury's identity with the wander at each moment as the unknown.
         """
-        white, share = 1.0 - wander.share, wander.share
+        order = self.order
         count = np.bincount(self.of_point, minlength=len(self.gap)).astype(float)
-        summed = np.zeros((len(count), 3, rows.shape[2]))
-        np.add.at(summed, self.of_point, rows)
-        kept = np.exp(-self.gap / wander.time)
-        free = np.maximum(1.0 - kept**2, 1e-9)
-        diagonal = 1.0 / free
-        diagonal[:-1] += (kept**2 / free)[1:]
-        root = cholesky_banded(np.stack([-kept / free / share, diagonal / share + count / white]))
-        inner = cho_solve_banded((root, False), summed.reshape(len(count), -1)).reshape(summed.shape)
-        log_det = len(rows) * np.log(white) + len(count) * np.log(share) + float(np.sum(np.log(free)))
-        return (
-            _product(rows, rows) / white - _product(summed, inner) / white**2,
-            float(log_det + 2.0 * np.sum(np.log(root[1]))),
-        )
+        seen = np.flatnonzero(count)
+        starts = np.searchsorted(self.of_point[order], seen)
+        summed = np.zeros((len(count), 3 * rows.shape[2]))
+        summed[seen] = np.add.reduceat(rows[order].reshape(len(rows), -1), starts, axis=0)
+        plain = _product(rows)
+        for wander in wanders:
+            white, share = 1.0 - wander.share, wander.share
+            kept = np.exp(-self.gap / wander.time)
+            free = np.maximum(1.0 - kept**2, 1e-9)
+            diagonal = 1.0 / free
+            diagonal[:-1] += (kept**2 / free)[1:]
+            upper = cholesky_banded(np.stack([-kept / free / share, diagonal / share + count / white]))
+            lower = np.stack([upper[1], np.append(upper[0, 1:], 0.0)])
+            inner = solve_banded((1, 0), lower, summed, check_finite=False)
+            log_det = len(rows) * np.log(white) + len(count) * np.log(share) + float(np.sum(np.log(free)))
+            found = plain / white - _product(inner.reshape(len(count), 3, -1)) / white**2
+            yield found, float(log_det + 2.0 * np.sum(np.log(upper[1])))
 
     def decorrelator(self, wander: Wander) -> Array:
         """(M, M) lower triangular L with C = L L^T, in the order of `order`."""
@@ -91,6 +96,7 @@ def decorrelated(rows: Array, root: Array, order: IndexArray) -> Array:
     return out
 
 
-def _product(left: Array, right: Array) -> Array:
+def _product(rows: Array) -> Array:
     """(K, K) of (M, 3, K)."""
-    return np.asarray(left.reshape(-1, left.shape[2]).T @ right.reshape(-1, right.shape[2]))
+    flat = rows.reshape(-1, rows.shape[2])
+    return np.asarray(flat.T @ flat)

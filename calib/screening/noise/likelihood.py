@@ -10,16 +10,18 @@ So a point that the fit follows closely (leverage) is not taken for a quiet one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from calib.array_types import Array, IndexArray
-from calib.fitting.noise.point_covariance import noise_factors
+from calib.fitting.noise.point_covariance import inverse_factors, noise_factors
 from calib.fitting.noise.student import student_weights
 from calib.fitting.noise.time_correlation import Moments, decorrelated
 from calib.fitting.scanner_frame import whitener
-from calib.noise_shape import NoiseShape
+from calib.noise_shape import NoiseShape, Wander
 from calib.screening.projected_residual import ProjectedResidual
 
 
@@ -60,15 +62,21 @@ class LinearResidual:
 
     def likelihood(self, shape: NoiseShape, weights: Array | None = None) -> float:
         """l(C) up to a constant that depends on the weights (M,) alone."""
-        rows, log_det = self._in_units_of(shape)
-        if weights is not None:
-            rows = rows * np.sqrt(weights)[:, None, None]
-        if shape.wander is None:
-            flat = rows.reshape(-1, rows.shape[2])
-            products, of_time = flat.T @ flat, 0.0
-        else:
-            products, of_time = self.moments.products(shape.wander, rows)
-        return _restricted(products, self.freedom) - log_det - 1.5 * of_time
+        if shape.wander is not None:
+            return self.likelihoods(shape, (shape.wander,), weights)[0]
+        rows, log_det = self._in_units_of(shape, weights)
+        flat = rows.reshape(-1, rows.shape[2])
+        return _restricted(flat.T @ flat, self.freedom) - log_det
+
+    def likelihoods(
+        self, shape: NoiseShape, wanders: Sequence[Wander], weights: Array | None = None
+    ) -> list[float]:
+        """The same with each of several wanders."""
+        rows, log_det = self._in_units_of(shape, weights)
+        return [
+            _restricted(products, self.freedom) - log_det - 1.5 * of_time
+            for products, of_time in self.moments.products(wanders, rows)
+        ]
 
     def standardised(self, shape: NoiseShape) -> Array:
         """(M, 3) residuals in units of their noise, over what the fit leaves of it; white under the shape."""
@@ -94,13 +102,19 @@ class LinearResidual:
         shaped = noise_factors(shape, self.xyz_mm) @ plain
         return replace(shape, scale=shape.scale * float(np.sqrt(np.sum(plain**2) / np.sum(shaped**2))))
 
-    def _in_units_of(self, shape: NoiseShape) -> tuple[Array, float]:
+    @cached_property
+    def _is_isotropic(self) -> bool:
+        return bool(np.allclose(self.whiten, self.whiten[:, :1, :1] * np.eye(3), rtol=1e-9, atol=0.0))
+
+    def _in_units_of(self, shape: NoiseShape, weights: Array | None = None) -> tuple[Array, float]:
         """The rows in units of the shaped noise of single points, and half the log determinant of that."""
-        if not shape.reshapes_points:
-            return self.rows, 0.0
-        factors = noise_factors(shape, self.xyz_mm)
-        inverse = self.whiten @ np.linalg.inv(factors) @ np.linalg.inv(self.whiten)
-        return inverse @ self.rows, float(np.sum(np.log(np.abs(np.linalg.det(factors)))))
+        rows, log_det = self.rows, 0.0
+        if shape.reshapes_points:
+            inverse, log_det = inverse_factors(shape, self.xyz_mm)
+            if not self._is_isotropic:
+                inverse = self.whiten @ inverse @ np.linalg.inv(self.whiten)
+            rows = inverse @ rows
+        return rows if weights is None else rows * np.sqrt(weights)[:, None, None], log_det
 
 
 def _restricted(products: Array, freedom: int) -> float:

@@ -16,8 +16,8 @@ _PARAMETER_COST = 2.5  # nats for each parameter of a property beyond its first:
 _MOST_RATIO = 2.5  # log of the largest ratio of two directions that is looked for
 _MOST_GROWTH = 3.0  # log of the largest ratio over the measured distances
 _NEAR = 0.2  # of the median distance: with a point nearer the origin is not where the instrument stands
-_SHARES = (0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.97)
-_TIMES = 9  # of a wander, from the spacing of the poses to half the session
+_SHARES = (0.2, 0.35, 0.5, 0.7, 0.85, 0.97)
+_TIMES = 8  # of a wander, from the spacing of the poses to half the session
 _FEWEST_MOMENTS = 12
 
 
@@ -75,7 +75,7 @@ def wander_property(residual: LinearResidual, shape: NoiseShape) -> FoundShape |
     times = np.geomspace(min(0.7 * float(np.median(gaps)), 0.5 * longest), longest, _TIMES)
     wanders = [Wander(share, float(time), moments.in_poses) for time in times for share in _SHARES]
     weights = residual.weights(shape)
-    values = np.array([residual.likelihood(replace(shape, wander=w), weights) for w in wanders])
+    values = np.array(residual.likelihoods(shape, wanders, weights))
     top = int(np.argmax(values))
     mean = float(values[top] + np.log(np.mean(np.exp(values - values[top]))))
     return FoundShape(replace(shape, wander=wanders[top]), mean - residual.likelihood(shape, weights))

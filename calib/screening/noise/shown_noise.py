@@ -14,13 +14,14 @@ import numpy as np
 from calib.array_types import BoolArray
 from calib.dataset.dataset import Dataset
 from calib.noise_shape import NoiseShape
-from calib.screening.noise.find_shape import MIN_GAIN, find_shape
+from calib.screening.noise.find_shape import find_shape
 from calib.screening.noise.from_repeats import scatter_of_repeats
 from calib.screening.noise.likelihood import LinearResidual
 from calib.screening.noise.properties import wander_property
 from calib.screening.projected_residual import ProjectedResidual
 
 MIN_LEAD = 3.0  # in log evidence, of an effect over a wander
+MIN_RIVAL_GAIN = 3.0  # of a wander, from which it is a rival
 
 
 @dataclass(frozen=True)
@@ -50,8 +51,18 @@ def noise_of_repeats(dataset: Dataset) -> ShownNoise | None:
     return None if shown is None else ShownNoise(shown.shape, from_repeats=True)
 
 
+def first_beaten(added: Sequence[Added], outliers: Collection[str]) -> Added | None:
+    """The first effect that does not lead a slow wander of the instrument; None where each does.
+
+    Args:
+        added: by a search, one after the other.
+        outliers: ids of poses that stand out, which do not count.
+    """
+    return next((one for one in added if _lead_over_wander(one, outliers) < MIN_LEAD), None)
+
+
 def noise_of_residual(
-    dataset: Dataset, added: Sequence[Added], left: ProjectedResidual, outliers: Collection[str]
+    dataset: Dataset, beaten: Added | None, left: ProjectedResidual, outliers: Collection[str]
 ) -> ShownNoise | None:
     """The shape that what is left over asks for; None where the noise as it was taken does.
 
@@ -59,27 +70,33 @@ def noise_of_residual(
 
     Args:
         dataset: that was fitted, with the noise as it was taken.
-        added: by a search, one after the other.
+        beaten: the effect that does not lead a wander: then what is left without it counts, and the wander is there.
         left: in the end.
         outliers: ids of poses that stand out.
     """
-    beaten = next((one for one in added if _is_beaten(one, outliers)), None)
     rest = left if beaten is None else beaten.left
+    residual, outlier = LinearResidual.of(rest), _of_poses(rest, outliers)
+    wander = (
+        None if beaten is None else wander_property(residual.select(np.flatnonzero(~outlier)), NoiseShape())
+    )
     shown = find_shape(
-        LinearResidual.of(rest), _of_poses(rest, outliers), points=scatter_of_repeats(dataset) is None
+        residual,
+        outlier,
+        points=scatter_of_repeats(dataset) is None,
+        start=NoiseShape() if wander is None else wander.shape,
     )
     if shown is None:
         return None
     shape = shown.shape if dataset.noise is None else replace(dataset.noise, wander=shown.shape.wander)
-    rival = beaten.effect if beaten is not None and shape.wander is not None else ""
+    rival = "" if beaten is None else beaten.effect
     return ShownNoise(shape, rival, from_repeats=dataset.noise is not None)
 
 
-def _is_beaten(added: Added, outliers: Collection[str]) -> bool:
-    """Whether the effect does not lead a wander, which is worth something."""
+def _lead_over_wander(added: Added, outliers: Collection[str]) -> float:
+    """Log evidence of the effect over a wander; inf where a wander is worth nothing."""
     kept = np.flatnonzero(~_of_poses(added.left, outliers))
     wander = wander_property(LinearResidual.of(added.left).select(kept), NoiseShape())
-    return wander is not None and wander.gain > max(MIN_GAIN, added.log_evidence - MIN_LEAD)
+    return np.inf if wander is None or wander.gain < MIN_RIVAL_GAIN else added.log_evidence - wander.gain
 
 
 def _of_poses(left: ProjectedResidual, pose_ids: Collection[str]) -> BoolArray:

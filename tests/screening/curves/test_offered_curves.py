@@ -13,8 +13,8 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.advice import advice_on
-from calib.diagnosis.conclusion import AddCurves
 from calib.diagnosis.decision_rules import MIN_LEAD, beside_curves, is_convincing
+from calib.diagnosis.diagnose import AddCurves
 from calib.diagnosis.search_space import add_in_turn
 from calib.diagnosis.words.conclusion_text import advice_text
 from calib.diagnosis.words.phrases import fault_text
