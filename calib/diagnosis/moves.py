@@ -3,7 +3,8 @@
 The automatic search makes these moves one after the other; the page advises them, one a button. An effect is added only
 if its family beats noise (F test with Holm's correction, and the evidence floor), leads the second by more than
 `MIN_LEAD` in log evidence, and does not make the test poses worse. One of one place or one pose gives way to curves of
-the joints that say more. What a later effect explains too is taken out once nothing is left to add.
+the joints, a step to a slow course of the same displacement, that say more. What a later effect explains too is taken
+out once nothing is left to add.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from calib.diagnosis.decision_rules import (
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.search_space import SearchSpace, step_after, with_candidate
 from calib.screening.candidates import Candidate, Screening, screen
+from calib.screening.curves.slow_courses import slow_course
 from calib.screening.curves.smooth_joint_error import LEARNED
 
 MAX_TRIED_AHEAD = 4  # members of a tied set that are tried with a successor
@@ -113,6 +115,9 @@ def _addition(space: SearchSpace, step: FitStep, dropped: Collection[str], tell:
     if may_be_curves(screening.candidates[0], step.calibration, screening):
         screening = beside_curves(screening, step.curves)
         if not any(is_convincing(candidate) for candidate in screening.candidates):
+            return Stop(left_to_curves=True)
+        first = screening.candidates[0]
+        if slow_course(screening.projected, first) > first.log_evidence + MIN_LEAD:
             return Stop(left_to_curves=True)
     best, lead, tied = rank_candidates(screening)
     if tied:

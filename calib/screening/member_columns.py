@@ -90,6 +90,20 @@ def member_columns(projected: ProjectedResidual, member: Effect) -> Array:
     return (projected.base_to_residual @ columns).reshape(-1, columns.shape[-1])
 
 
+def displacement_columns(projected: ProjectedResidual, members: Sequence[ShapedEffect]) -> Array:
+    """(M, 3, W) derivative of the whitened residual by what each of some members displaces, in usual sizes.
+
+    Each displacement once, however many members share it; before projection.
+    """
+    sizes: dict[Displacement, Array] = {}
+    for member in members:
+        width = member.displacement.width
+        sizes[member.displacement] = np.array([p.scale for p in member.parameters[:width]])
+    columns = [member_columns(projected, _Unit(one)) * size for one, size in sizes.items()]
+    together = np.concatenate(columns, axis=1)
+    return together.reshape(-1, 3, together.shape[1])
+
+
 def _visible(projected: ProjectedResidual, member: Effect) -> Array:
     """(R, K) a member's visible columns, for coefficients of usual size; zero where fitted parameters do the same."""
     raw = member_columns(projected, member) * np.array([p.scale for p in member.parameters])
