@@ -7,7 +7,7 @@ as a cause that sets in at every pose alike is none of these.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -45,17 +45,21 @@ class SparseColumns:
         None  # (G, N) how much of it there is at each pose, where members are shapes of one thing
     )
     of_same: IndexArray | None = None  # (G,) members with the same number are shapes of the same thing
+    _distinct: dict[int, BoolArray] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     def distinct(self, member: int) -> BoolArray:
         """(G,) members that do something else than this one at `FEWEST_APART` poses or more.
 
         Two steps at neighbouring poses, one back, are an error of the pose between: an outlier, no cause.
         """
-        out = np.arange(self.columns.shape[1]) != member
-        if self.shapes is not None and self.of_same is not None:
-            apart = np.count_nonzero(np.abs(self.shapes - self.shapes[member]) > 0.5, axis=1) >= FEWEST_APART
-            out &= apart | (self.of_same != self.of_same[member])
-        return out
+        if member not in self._distinct:
+            out = np.arange(self.columns.shape[1]) != member
+            if self.shapes is not None and self.of_same is not None:
+                same = np.flatnonzero(self.of_same == self.of_same[member])
+                off = np.abs(self.shapes[same] - self.shapes[member]) > 0.5
+                out[same] &= np.count_nonzero(off, axis=1) >= FEWEST_APART
+            self._distinct[member] = out
+        return self._distinct[member]
 
     @cached_property
     def gram(self) -> Array:
