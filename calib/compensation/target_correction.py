@@ -7,6 +7,9 @@ map, effects included (`calib.kinematics.inverse`). Redundant arms move the leas
 Joints stay inside a box: their limits and a largest change from q0. Near a singular posture a small error would need a
 large turn of the wrist.
 
+Targets come after all that was measured: an effect that sets in at a pose, or settles in time, is taken as after the
+last pose, and no joint is still on its way.
+
 Limits: with an unknown scanner frame, link errors that only move or turn the base (d1, theta1, beta1) cannot be
 identified and stay nominal, so corrected targets are right relative to each other, up to one motion of the base common
 to all. Measured points do not depend on the tool's turn about its own point: a corrected orientation is as accurate as
@@ -27,6 +30,7 @@ from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
 from calib.compensation.tool_problem import ToolProblem
 from calib.dataset.dataset import Poses
+from calib.effects.effect import family_name
 from calib.errors import CalibError, FitError
 from calib.fitting.model import Model, geometric_model
 from calib.kinematics import chain as kinematics
@@ -55,6 +59,9 @@ class Correction:
     orientation_error_rad: Array  # (N,) with q; nan where only the position counts
     uncorrected_mm: Array  # (N,) position error with q_nominal
     reasons: tuple[str, ...]  # (N,) why a target is not reached, as text; "" where it is
+    changed: tuple[
+        str, ...
+    ] = ()  # effects that changed the arm as it was measured: it is taken as it was in the end
 
     @property
     def change(self) -> Array:
@@ -75,6 +82,10 @@ class Correction:
             f"misses them by {self.uncorrected_mm.mean():.3g} mm on average, {self.uncorrected_mm.max():.3g} mm at "
             f"most; largest change of a joint {' and '.join(filter(None, largest))}"
         ]
+        if self.changed:
+            lines.append(
+                f"the arm is taken as it is after the last measured pose ({', '.join(self.changed)})"
+            )
         missed = np.flatnonzero(~self.reached)
         names = ids or [f"target {i + 1}" for i in range(len(self.q))]
         lines += [f"{names[i]}: {self.reasons[i]}" for i in missed[:20]]
@@ -161,6 +172,9 @@ def corrected_joints(
         orientation_error_rad=turn_rad,
         uncorrected_mm=problem.errors(q0)[0],
         reasons=tuple(reasons),
+        changed=tuple(
+            dict.fromkeys(family_name(e) for e in model.added_effects if getattr(e, "changes_arm", False))
+        ),
     )
 
 

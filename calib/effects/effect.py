@@ -124,6 +124,9 @@ class CatalogueEffect(ABC):
     symbols: ClassVar[tuple[tuple[str, str], ...]]  # the equation's unknowns: name, unit
     needs: ClassVar[str]  # what a dataset must hold
     testable: ClassVar[bool] = True  # False where no dataset of this format can test it
+    changes_arm: ClassVar[bool] = (
+        False  # whether it is another before and after a pose; later poses are as the last one
+    )
     confirm: ClassVar[str] = ""  # a controlled change that shows this cause and leaves the others as they are
 
     @classmethod

@@ -127,7 +127,8 @@ class FittedModel:
     def before_and_after(self, dataset: Dataset) -> tuple[Evaluation, Evaluation]:
         """The nominal robot's errors at a dataset's points, and the model's, as it is.
 
-        Each setup's scanner frame is fitted to the setup's training poses, as in every evaluation; nothing else is.
+        Each setup's scanner frame is fitted to the setup's training poses, as in every evaluation; nothing else is. The
+        poses of another dataset than the model was fitted to count as later than all of that one's.
 
         Raises FitError for another arm, unknown targets, or missing conditions.
         """
@@ -138,6 +139,8 @@ class FittedModel:
             if unknown:
                 raise FitError(f"dataset {dataset.name}: the model has no target {unknown[0]!r}")
         self.require_conditions(dataset.poses)
+        if self.source.files and not self.is_fitted_to(dataset):  # another day: what changed has changed
+            dataset = replace(dataset, poses=dataset.poses.measured_later())
         before, after = evaluate_all(self.model, [np.zeros(len(self.x)), self.x], dataset)
         return before, after
 

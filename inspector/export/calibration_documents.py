@@ -148,6 +148,7 @@ def correction_document(correction: Correction, ids: Sequence[str]) -> dict[str,
     ]
     return {
         "what": correction.what,
+        "as_after_last_pose": correction.changed,
         "q_units": ["rad" if turns else "mm" for turns in correction.robot.is_revolute],
         "targets": targets,
         "unreached": [

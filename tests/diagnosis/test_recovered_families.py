@@ -1,4 +1,4 @@
-"""The families that are of one pose or place, and others, from their exact laws: ranked first, fitted, kept in files."""
+"""Families of one pose or place, and others, from their exact laws: ranked first, fitted, kept in files."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ import pytest
 from calib.calibration.result import Calibration
 from calib.compensation.target_correction import corrected_joints, plain_poses
 from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.search_space import add_in_turn
-from calib.effects.catalogue import effects_for
+from calib.effects.catalogue import effects_for, effects_named
 from calib.effects.effect import full_name
+from calib.errors import CalibError
 from calib.models.fitted_model import FittedModel
 from calib.models.model_file import load_model, save_model
 from calib.screening.candidates import screen
@@ -128,3 +130,26 @@ def test_targets_are_corrected_for_the_arm_as_it_is_after_the_last_pose(
     now = corrected_joints(dataset.robot, fitted.model, q, x=fitted.fit.x, conditions=told)
     plain = corrected_joints(dataset.robot, fitted.model, q, x=fitted.fit.x)
     np.testing.assert_allclose(now.q, plain.q, atol=1e-12)
+    assert now.changed == ("joint_step",)
+    assert "as it is after the last measured pose (joint_step)" in now.summary()
+
+
+def test_another_dataset_is_of_a_later_day(slipped: tuple[Dataset, Calibration], tmp_path: Path) -> None:
+    dataset, _ = slipped
+    write_dataset(dataset, tmp_path / "cell")
+    fitted = add_in_turn(load_dataset(tmp_path / "cell"), ["joint_step"])[-1].calibration
+    model = FittedModel.of(fitted)
+    same = model.evaluate(load_dataset(tmp_path / "cell"))
+    np.testing.assert_allclose(same.error_mm, fitted.after.error_mm, atol=1e-9)
+    write_dataset(replace(dataset, description="measured again"), tmp_path / "again")
+    assert dataset.points is not None
+    later = model.evaluate(load_dataset(tmp_path / "again"))
+    (step,) = fitted.model.added_effects
+    first = getattr(step, "start").first  # noqa: B009
+    before = dataset.points.pose < first
+    assert np.median(np.linalg.norm(later.error_mm[before], axis=1)) > 3.0 * NOISE_MM
+
+
+def test_a_family_of_places_is_not_taken_whole(slipped: tuple[Dataset, Calibration]) -> None:
+    with pytest.raises(CalibError, match=r"joint_step could be at \d+ places .* --add joint_step"):
+        effects_named(slipped[0], ["joint_step"])

@@ -105,6 +105,15 @@ def available_family(dataset: Dataset, name: str, more: Sequence[Family] = ()) -
 def effects_named(
     dataset: Dataset, names: Sequence[str], user_effects: Sequence[Family] = ()
 ) -> tuple[Effect, ...]:
-    """The members of families by name, for `calibrate`. Raises CalibError for unknown and for untestable ones."""
+    """The members of families by name, for `calibrate`.
+
+    Raises CalibError for unknown and for untestable ones, and for families of which a fit has to choose members.
+    """
     families = [available_family(dataset, name, user_effects) for name in dict.fromkeys(names)]
+    for family in families:
+        if family.sparse:
+            raise CalibError(
+                f"effect {family.name} could be at {len(family.members)} places and is at few of them: add it with "
+                f"--add {family.name}, which finds them, not as a whole"
+            )
     return tuple(member for family in families for member in family.members)

@@ -180,6 +180,7 @@ class FollowingError(CatalogueEffect):
 
     joint: int
     name = "following_error"
+    changes_arm = True
     equation = "theta_j += k_j (q_j - q_j of the pose before)"
     symbols = (("k_j", "1"),)
     needs = "poses in the order they were measured: time_s, else the rows"

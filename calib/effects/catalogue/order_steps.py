@@ -88,6 +88,7 @@ class JointStep(ShapedEffect):
     start: ChangePoint
     unit: str = "rad"  # "mm" for a prismatic joint
     name = "joint_step"
+    changes_arm = True
     equation = "theta_j += s from pose k on"
     symbols = (("s", "rad"),)
     needs = "poses in the order they were measured: time_s, else the rows"
@@ -124,6 +125,7 @@ class TargetStep(ShapedEffect):
 
     start: ChangePoint
     name = "target_step"
+    changes_arm = True
     equation = "target shifted on the tool by s from pose k on"
     symbols = (("s", "mm"),)
     needs = "poses in the order they were measured: time_s, else the rows"
@@ -203,6 +205,7 @@ class BaseLoosening(ShapedEffect):
 
     start: ChangePoint
     name = "base_loosening"
+    changes_arm = True
     equation = "base turns by C M(q) from pose k on"
     symbols = (("cx", "rad/Nm"), ("cy", "rad/Nm"))
     needs = "masses in robot.toml, and the order of the poses"

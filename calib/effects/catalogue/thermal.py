@@ -69,6 +69,7 @@ class WarmUp(ShapedEffect):
     start_s: float
     last_s: float
     name = "warm_up"
+    changes_arm = True
     equation = "a, d times 1 + g (1 - exp(-t / T))"
     symbols = (("g", "1"),)
     needs = "time_s in poses.csv, and no temperature_c, which says more"
