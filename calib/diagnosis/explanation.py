@@ -7,6 +7,7 @@ import numpy as np
 from calib.calibration.noise_check import is_declared
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
+from calib.calibration.uncertainty import prediction_covariance
 from calib.dataset.repeats import find_repeats, pooled_sigma_mm
 from calib.diagnosis.decision_rules import untestable_names
 from calib.diagnosis.effect_selection import FitStep
@@ -42,13 +43,19 @@ from calib.diagnosis.words.sentences import (
     ResidualWithoutOrder,
     SetOpen,
 )
+from calib.distributions import chi2_ppf
 from calib.effects.effect import parameters_by_name
+from calib.effects.natural_bounds import exceeded_bound
+from calib.errors import FitError
 from calib.screening.candidates import Candidate, Screening
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.nuisance import TOLD_EVIDENCE
 from calib.screening.residual_tests import ResidualTests
 
 POSES_TOLD = 3
+_PREDICTION_DOUBT = (
+    2.0  # where training poses are alike, directions that they hardly tell count on their prior
+)
 
 
 def explain(findings: Findings) -> Explanation:
@@ -111,6 +118,7 @@ def _effect_found(before: FitStep, after: FitStep, screening: Screening, standin
         change=_error_change(before.calibration, after.calibration),
         values=_fitted_values(candidate, after.calibration),
         note=candidate.family.note,
+        visible_mm=_visible_mm(candidate, before.calibration),
     )
 
 
@@ -123,6 +131,12 @@ def _curves_learned(step: FitStep, learned: Learned) -> CurvesLearned:
         log_evidence=step.log_evidence_margin,  # over noise; not known of curves of a saved session
         change=_error_change(learned.before, learned.after),
     )
+
+
+def _visible_mm(candidate: Candidate, before: Calibration) -> float | None:
+    """RMS over the training poses of what an effect explains of the 3D errors that a fit left over."""
+    train = before.after.train
+    return None if train is None else train.rmse_mm * float(np.sqrt(max(candidate.explained_share, 0.0)))
 
 
 def _error_change(before: Calibration, after: Calibration) -> ErrorChange | None:
@@ -144,7 +158,8 @@ def _fitted_values(candidate: Candidate, calibration: Calibration) -> tuple[Fitt
         size, sigma = map(float, fitted.get(value.name, (0.0, np.inf)))
         if abs(size) > 2.0 * sigma:
             means = meaning(*parameters[value.name], size, calibration)
-            out.append(FittedValue(value.name, size, sigma, value.unit, means))
+            bound = exceeded_bound(*parameters[value.name], size, sigma)
+            out.append(FittedValue(value.name, size, sigma, value.unit, means, bound))
     return tuple(sorted(out, key=lambda v: (abs(v.value) / v.sigma, v.name), reverse=True))
 
 
@@ -209,9 +224,11 @@ def residual_sentences(tests: ResidualTests) -> tuple[ResidualSentence, ...]:
 def _verdict(findings: Findings) -> VerdictSentence:
     missing = findings.missing
     if findings.verdict == "adequate":
-        return Adequate(bool(findings.candidates), untestable_names(findings.untestable))
+        return Adequate(
+            bool(findings.candidates), untestable_names(findings.untestable), _test_excess(findings)
+        )
     if findings.verdict == "named":
-        return Named(missing, _contradicting_points(findings))
+        return Named(missing, _contradicting_points(findings), _test_excess(findings))
     if findings.verdict == "ambiguous":
         return Ambiguous(missing, findings.ambiguous_set, findings.suspected)
     if findings.verdict == "outliers":
@@ -241,3 +258,29 @@ def _contradicting_points(findings: Findings) -> int | None:
     if first is None or last is None or last.rmse_mm < (1.0 + SMALL_CHANGE) * first.rmse_mm:
         return None
     return last.points
+
+
+def _test_excess(findings: Findings) -> float | None:
+    """The test poses' RMSE over what noise leaves there; None where it is no more than that may be by chance.
+
+    Noise leaves the point's own and what it does to the fit's prediction, which is much where test poses are of another
+    kind. A chi^2 with 3 degrees of freedom a point exceeds its 99.9 % quantile by chance once in a thousand; what the
+    fit says of its own uncertainty is believed to `_PREDICTION_DOUBT`.
+    """
+    calibration, noise_mm = findings.calibration, findings.residual_tests.noise_mm
+    after, poses = calibration.after, calibration.dataset.poses
+    if after.test is None or not noise_mm > 0.0:
+        return None
+    rows = np.flatnonzero(after.is_test[after.pose])
+    expected_mm2 = 3.0 * noise_mm**2 * len(rows)
+    for setup in after.scanner_T_base:
+        of_setup = after.pose[rows][poses.setup[after.pose[rows]] == setup]
+        if len(of_setup):
+            try:
+                covariance_mm2 = prediction_covariance(calibration, poses.q[of_setup], setup)
+            except FitError:  # it has no training pose: its frame is of the test poses themselves
+                return None
+            expected_mm2 += float(np.trace(covariance_mm2, axis1=1, axis2=2).sum())
+    by_chance = float(np.sqrt(chi2_ppf(0.999, 3 * len(rows)) / (3 * len(rows))))
+    ratio = float(np.sqrt(np.sum(after.error_mm[rows] ** 2) / expected_mm2))
+    return ratio if ratio > _PREDICTION_DOUBT * by_chance else None

@@ -26,6 +26,7 @@ class JointFault:
     log_evidence: float
     size: float  # rad, rms over the poses
     unit: str  # "rad"
+    visible_mm: float  # rms over the measured points of what the motion does beyond what a fit absorbed
 
 
 def smooth_motion(projected: ProjectedResidual) -> JointFault | None:
@@ -51,9 +52,12 @@ def smooth_motion(projected: ProjectedResidual) -> JointFault | None:
     _, joint, span = max(tried, key=lambda one: one[0])
     columns = projected.motion_columns(directions[joint], _USUAL * span)
     evaluated = evaluate_family(FamilyColumns(-projected.residual, (columns,), projected.freedom))
+    sigma_mm = np.sqrt(np.trace(projected.residuals.observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
+    moved_mm = evaluated.explained.reshape(-1, 3) * sigma_mm[:, None]
     size = _USUAL * float(np.sqrt(np.mean((span @ evaluated.coefficients[0]) ** 2)))
     total = mean_likelihood(np.array([value for value, _, _ in tried]))
-    return JointFault("smooth", joint, total, size, "rad")
+    visible_mm = float(np.sqrt(np.mean(np.sum(moved_mm**2, axis=1))))
+    return JointFault("smooth", joint, total, size, "rad", visible_mm)
 
 
 def _smooth(angles_rad: Array, length_rad: float) -> Array:

@@ -14,12 +14,14 @@ from calib.screening.fault_models import JointFault
 from calib.screening.pose_recommendation import DiscriminatingPose
 from calib.screening.scan_statistic import Channel
 
-SWAY = JointFault("smooth", 0, 12.4, 2e-4, "rad")
+SWAY = JointFault("smooth", 0, 12.4, 2e-4, "rad", 0.22)
 
 
-def test_faults_count_joints_from_one_and_carry_their_unit() -> None:
+def test_faults_count_joints_from_one_and_tell_what_shows_at_the_tool() -> None:
+    """Not the motion itself: most of one that is nearly a link error is absorbed, and 70 deg may leave 0.22 mm."""
     assert fault_text(SWAY) == (
-        "joint 1 moves by about 0.011 deg in a way that changes smoothly with the arm's attitude"
+        "joint 1 moves the tool by about 0.22 mm, beyond what links could, in a way that changes smoothly with the "
+        "arm's attitude"
     )
 
 
@@ -46,6 +48,12 @@ def test_poses_are_told_in_degrees_and_millimetres() -> None:
         (
             conclusions.Named(("backlash",), None),
             "backlash was missing, and with it nothing else shows.",
+        ),
+        (
+            conclusions.Named(("backlash",), None, 5.2),
+            "backlash was missing, and with it nothing else shows at the training poses; but the test poses are off "
+            "by 5.2 times what noise leaves there: they were measured in another way, on another day, or they show "
+            "what the training poses do not.",
         ),
         (
             conclusions.Named(("backlash", "tool_sag"), 7),
@@ -141,7 +149,7 @@ def test_the_verdict_comes_last_and_paragraphs_are_apart() -> None:
     assert second.startswith(
         "What is left is 0.06 mm a coordinate; the noise is 0.05 mm, by repeated measurements. It has order against "
         "q2, time_s (p = 0.001), most in the motion of joint 2 against q2: it is not noise. It looks as if joint 1 "
-        "moves by"
+        "moves the tool by"
     )
     assert second.endswith("(log evidence 12). Single poses stand out: p1, p2.")
     assert last == "Verdict: a was missing, and with it nothing else shows."

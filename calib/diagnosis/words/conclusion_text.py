@@ -22,11 +22,11 @@ def verdict_text(verdict: facts.VerdictSentence, *, reasons: str = "above", tied
     several = not isinstance(verdict, facts.Adequate) and len(verdict.effects) > 1
     match verdict:
         case facts.Adequate():
-            return f"adequate. {_adequate(verdict)}, and nothing else shows."
+            return f"adequate. {_adequate(verdict)}, and {_nothing_else(verdict.test_excess)}."
         case facts.Named():
             return (
-                f"{named} {'were' if several else 'was'} missing, and with {'them' if several else 'it'} nothing else "
-                f"shows.{_contradiction(verdict.contradicting_points)}"
+                f"{named} {'were' if several else 'was'} missing, and with {'them' if several else 'it'} "
+                f"{_nothing_else(verdict.test_excess)}.{_contradiction(verdict.contradicting_points)}"
             )
         case facts.Ambiguous():
             after = f" after {named}" if named else ""
@@ -71,6 +71,16 @@ def _adequate(verdict: facts.Adequate) -> str:
     names = ", ".join(verdict.untestable)
     covers = f", as far as these data can tell ({names}: not testable)" if names else ""
     return f"Nothing in the catalogue is missing beyond noise{covers}"
+
+
+def _nothing_else(test_excess: float | None) -> str:
+    """Whether the test poses, too, are off by noise alone."""
+    if test_excess is None:
+        return "nothing else shows"
+    return (
+        f"nothing else shows at the training poses; but the test poses are off by {test_excess:.2g} times what noise "
+        "leaves there: they were measured in another way, on another day, or they show what the training poses do not"
+    )
 
 
 def _contradiction(points: int | None) -> str:

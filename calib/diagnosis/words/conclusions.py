@@ -27,6 +27,7 @@ class Adequate:
 
     any_tested: bool
     untestable: tuple[str, ...]  # families, those apart that hardly any data can test
+    test_excess: float | None = None  # the test poses' error over what noise leaves there, where it is larger
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,7 @@ class Named:
 
     effects: tuple[str, ...]
     contradicting_points: int | None  # of test poses, that got worse within their scatter
+    test_excess: float | None = None  # as of `Adequate`
 
 
 @dataclass(frozen=True)

@@ -58,8 +58,8 @@ def curves_text(joints: Sequence[int], inputs: Sequence[str], log_evidence: floa
 def fault_text(fault: JointFault) -> str:
     """What a fault of one joint looks like, without a full stop."""
     return (
-        f"joint {fault.joint + 1} moves by about {np.degrees(abs(fault.size)):.2g} deg in a way that changes smoothly "
-        "with the arm's attitude"
+        f"joint {fault.joint + 1} moves the tool by about {fault.visible_mm:.2g} mm, beyond what links could, in a way "
+        "that changes smoothly with the arm's attitude"
     )
 
 
@@ -114,6 +114,8 @@ def meaning(effect: Effect, parameter: Parameter, size: float, calibration: Cali
     """
     if not np.isfinite(size) or size == 0.0:
         return ""
+    if parameter.unit == "rad kg/Nm":  # a compliance times a mass that is not known
+        return f"as 10 kg at that frame would make it with a {stiffness(0.1 * size)}"
     if has_meaning(effect):
         state = calibration.model.state(calibration.fit.x, calibration.dataset.poses)
         return meaning_of(effect, parameter, size, state)

@@ -12,6 +12,7 @@ from calib.array_types import BoolArray
 from calib.dataset.stands import ShotCount
 from calib.diagnosis.words.conclusions import VerdictSentence
 from calib.diagnosis.words.noise_text import NoiseShaped
+from calib.effects.natural_bounds import NaturalBound
 from calib.fitting.tool_point.placement import ToolShift
 from calib.screening.fault_models import JointFault
 from calib.screening.pose_recommendation import DiscriminatingPose
@@ -43,6 +44,7 @@ class FittedValue:
     sigma: float
     unit: str
     meaning: str  # its consequence on this arm, "" where the value says it already
+    bound: NaturalBound | None = None  # that it exceeds
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,7 @@ class EffectFound:
     change: ErrorChange | None
     values: tuple[FittedValue, ...]  # those known to better than half their size, the surest first
     note: str  # what the family assumes, such as unknown masses; "" where nothing
+    visible_mm: float | None = None  # rms over the training poses of what it explains, and link errors do not
 
 
 @dataclass(frozen=True)

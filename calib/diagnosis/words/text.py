@@ -111,9 +111,23 @@ def _effect_found(found: facts.EffectFound) -> str:
     )
     change = "" if found.change is None else f". {_error_change(found.change)}"
     note = f" Note: {found.note}." if found.note else ""
+    size = "" if found.visible_mm is None else f", {found.visible_mm:.2g} mm rms at the tool"
     return (
-        f"{_STANDING[found.standing]}: {found.effect}. It explains {100 * found.explained_share:.0f} % of what was left "
-        f"(p = {found.p_value:.1g}){lead}{change}. {_fitted_values(found.values)}{note}"
+        f"{_STANDING[found.standing]}: {found.effect}. It explains {100 * found.explained_share:.0f} % of what was left"
+        f"{size} (p = {found.p_value:.1g}){lead}{change}. {_fitted_values(found.values)}{_doubts(found)}{note}"
+    )
+
+
+def _doubts(found: facts.EffectFound) -> str:
+    """A further sentence on the value that is furthest beyond what such causes have; "" where none is."""
+    beyond = [(abs(v.value) / v.bound.size, v) for v in found.values if v.bound is not None]
+    if not beyond:
+        return ""
+    times, value = max(beyond, key=lambda one: one[0])
+    assert value.bound is not None
+    return (
+        f" Doubt it: {value.name} is {times:.2g} times the most that such a cause has been known to have "
+        f"({value.bound.size:g} {value.unit}; {value.bound.source}), so another cause may stand behind the name."
     )
 
 

@@ -1,0 +1,87 @@
+"""What is said has a size that can be: values beyond nature, what shows at the tool, test poses that are off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.words import sentences as facts
+from calib.diagnosis.words.text import reason_text
+from calib.effects.catalogue import descriptions, effects_for
+from calib.effects.effect import Parameter
+from calib.effects.natural_bounds import NATURAL_BOUNDS, exceeded_bound
+from calib.simulation.simulate import simulate_dataset
+from tests.support.fit_cases import rich_dataset
+
+
+def simulated(effects: list[tuple[str, float]], seed: int = 3) -> Dataset:
+    return simulate_dataset(
+        builtin_robot("rb5"), rng=np.random.default_rng(seed), effects=effects, conditions=True, poses=64
+    ).dataset
+
+
+def test_every_family_has_bounds_far_above_its_usual_size() -> None:
+    assert set(NATURAL_BOUNDS) == {description.name for description in descriptions()}
+    for family in effects_for(rich_dataset()):
+        for member in family.members[:1]:
+            for parameter in member.parameters:
+                bound = exceeded_bound(member, parameter, 1e6 * parameter.scale, 0.0)
+                if family.name == "scanner_drift":  # how far it goes depends on how long it was measured
+                    continue
+                assert bound is not None, (family.name, parameter)
+                assert bound.unit == parameter.unit
+                assert bound.size > 2.0 * parameter.scale
+                assert exceeded_bound(member, parameter, -1e6 * parameter.scale, 0.0) == bound
+                assert exceeded_bound(member, parameter, 1.1 * bound.size, 0.1 * bound.size) is None
+
+
+def test_a_users_effect_has_no_bounds() -> None:
+    class Own:
+        name = "joint_compliance"
+        parameters = (Parameter("c", "rad/Nm", 1.0),)
+
+        def apply(self, state, *, c):
+            return state
+
+    assert exceeded_bound(Own(), Own.parameters[0], 1e9, 0.0) is None
+
+
+def test_a_value_beyond_nature_carries_a_doubt() -> None:
+    """Lengths that grow with a temperature six times as much as aluminium does: something else warms with the arm."""
+    dataset = simulated([("thermal_growth", 0.5)])
+    temperature_c = dataset.poses.temperature_c
+    assert temperature_c is not None
+    faint = temperature_c.mean() + 0.05 * (temperature_c - temperature_c.mean())
+    for measured, doubted in ((temperature_c, False), (faint, True)):
+        found = diagnose(replace(dataset, poses=replace(dataset.poses, temperature_c=measured)))
+        assert found.named == ("thermal_growth",)
+        (effect,) = (r for p in found.explanation.reasons for r in p if isinstance(r, facts.EffectFound))
+        assert ("Doubt it: thermal_growth.kappa_per_k is" in reason_text(effect)) == doubted
+        assert ("grows most, by 23e-6/K" in found.summary()) == doubted
+
+
+def test_what_an_effect_explains_is_told_in_millimetres_at_the_tool() -> None:
+    found = diagnose(simulated([("joint_compliance", 5.0)]))
+    (effect,) = (r for p in found.explanation.reasons for r in p if isinstance(r, facts.EffectFound))
+    before, after = (step.calibration.after.train for step in found.steps)
+    assert before is not None
+    assert after is not None
+    taken_away_mm = np.sqrt(before.rmse_mm**2 - after.rmse_mm**2)
+    assert effect.visible_mm == pytest.approx(taken_away_mm, rel=0.1)
+    assert f"{effect.visible_mm:.2g} mm rms at the tool" in reason_text(effect)
+
+
+def test_nothing_else_shows_only_where_the_test_poses_are_off_by_noise() -> None:
+    dataset = simulated([("joint_compliance", 5.0)])
+    assert diagnose(dataset).summary().endswith("with it nothing else shows.")
+    points = dataset.points
+    assert points is not None
+    remounted = points.xyz_mm + np.where(dataset.poses.is_test[points.pose], 2.0, 0.0)[:, None]
+    moved = diagnose(dataset.with_points(replace(points, xyz_mm=remounted)))
+    assert moved.verdict == "named"
+    assert "nothing else shows at the training poses; but the test poses are off by" in moved.summary()
