@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
-from calib.options import RESIDUAL_KINDS
+from calib.options import BUILTIN_ROBOTS, RESIDUAL_KINDS
 from inspector.cli import values
 
 
@@ -111,6 +111,30 @@ def convert_arguments(sub: ArgumentParser) -> None:
     )
     sub.add_argument("--force", action="store_true", help="replace a file that is there")
     sub.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
+
+
+def import_arguments(sub: ArgumentParser) -> None:
+    """Robot, tables, and what their columns mean."""
+    sub.add_argument(
+        "--robot",
+        required=True,
+        metavar="FILE|NAME",
+        help=f"a robot's file, or {' or '.join(BUILTIN_ROBOTS)}",
+    )
+    links_arguments(sub)
+    sub.add_argument(
+        "--joints", type=Path, required=True, metavar="FILE.csv", help="joint values, a row a pose"
+    )
+    sub.add_argument("--points", type=Path, metavar="FILE.csv", help="measured points (default: in --joints)")
+    sub.add_argument("--scans", type=Path, metavar="FOLDER", help="point clouds, a file a pose")
+    sub.add_argument(
+        "--map",
+        action="append",
+        default=[],
+        metavar="COLUMN=MEANING",
+        help="what a column means: q1_deg, x_mm, pose, role ...; may be given several times",
+    )
+    add_json(sub)
 
 
 def links_arguments(sub: ArgumentParser) -> None:

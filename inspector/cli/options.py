@@ -160,3 +160,17 @@ class ConvertOptions(Output):
     base: str | None
     template: Path | None
     force: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportOptions(Output):
+    """Of `import`."""
+
+    path: Path
+    robot: str
+    tip: str | None
+    base: str | None
+    joints: Path
+    points: Path | None
+    scans: Path | None
+    map: Sequence[str]

@@ -19,6 +19,7 @@ from inspector.cli.arguments import (
     add_model_out,
     add_residual,
     convert_arguments,
+    import_arguments,
 )
 from inspector.cli.options import DEFAULT_FOLDS
 
@@ -235,5 +236,13 @@ SUBCOMMANDS = (
         convert_arguments,
         "a robot from one form into another: URDF, robot.toml",
         path=None,
+    ),
+    Subcommand(
+        "import",
+        "robots.commands.run_import",
+        options.ImportOptions,
+        import_arguments,
+        "a dataset folder from a robot, joint values and measured points",
+        path="folder to make",
     ),
 )

@@ -25,6 +25,7 @@ from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, S
 _STEEP = np.sqrt(0.5)  # sine of the angle above which two axes are joined at their common normal
 _NOTHING_MM = 1e-11
 _STRAIGHT = 1e-12  # rad
+_ROUNDING_MM, _ROUNDING_RAD = 1e-12, 1e-15
 Row = tuple[float, float, float, float, float]
 
 
@@ -52,13 +53,13 @@ def robot_of(chain: SerialChain, near_mm: Sequence[ArrayLike] | None = None) -> 
             chain.joints, [*rows, last], frames[1:], at_zero[:-1], strict=True
         )
     ]
-    xyz, rpy = frames[0][:3, 3], rpy_from_rotation(frames[0][:3, :3])
+    xyz, (roll, pitch, yaw) = frames[0][:3, 3], map(float, rpy_from_rotation(frames[0][:3, :3]))
     return Robot(
         name=chain.name,
         joints=tuple(joints),
         tool=Tool(*tool),
         gravity_m_s2=chain.gravity_m_s2,
-        base=Base(_vector(xyz), _vector(rpy)),
+        base=Base(_vector(xyz), (roll, pitch, yaw)),
     )
 
 
@@ -132,7 +133,7 @@ def _row(origin_mm: Array, along: Array, close_to_mm: Array | None) -> Row:
     foot, along = back @ foot, back @ along
     beta = np.arctan2(along[0], np.hypot(along[1], along[2]))
     alpha = np.arctan2(-along[1], along[2])
-    return float(foot[0]), float(alpha), float(foot[2]), theta, float(beta)
+    return _plain((float(foot[0]), float(alpha), float(foot[2]), theta, float(beta)))
 
 
 def _last_rows(frame_T_tip: Array) -> tuple[Row, Row]:
@@ -153,6 +154,14 @@ def _last_rows(frame_T_tip: Array) -> tuple[Row, Row]:
         turn,
         float(beta),
     )
+
+
+def _plain(row: Row) -> Row:
+    """A row without what rounding alone has left in it; the next row starts from where it ends."""
+    a, alpha, d, theta, beta = row
+    turns = [0.0 if abs(angle) < _ROUNDING_RAD else angle for angle in (alpha, theta, beta)]
+    lengths = [0.0 if abs(length) < _ROUNDING_MM else length for length in (a, d)]
+    return lengths[0], turns[0], lengths[1], turns[1], turns[2]
 
 
 def _least_turn(angle_rad: float) -> float:
@@ -190,5 +199,5 @@ def _with_tool(robot: Robot) -> tuple[float | None, Vector | None]:
 
 
 def _vector(values: Array) -> Vector:
-    x, y, z = map(float, values)
+    x, y, z = (0.0 if abs(value) < _ROUNDING_MM else float(value) for value in values)
     return (x, y, z)

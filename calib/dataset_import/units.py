@@ -1,0 +1,85 @@
+"""Units that no name tells, from the numbers themselves: which reading of them agrees with the nominal arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.frames import apply, best_fit_transform
+from calib.kinematics.chain import target_points
+from calib.kinematics.robot import Robot
+
+LENGTHS_MM = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "in": 25.4, "um": 1e-3}
+ANGLES_RAD = {"deg": float(np.pi / 180.0), "rad": 1.0}
+_RADIANS_AT_MOST = 4.0 * np.pi  # of a joint that turns
+_METRES_AT_MOST = 5.0  # of a joint that slides
+_LIKELY = ("mm", "m", "in", "cm")
+
+
+def joint_units(
+    robot: Robot, values: Array, told: Sequence[str], points: Array | None
+) -> tuple[list[str], str]:
+    """The units of the joints' columns and how they were found; "" where names told all of them.
+
+    values  # (N, n) as they stand in the file; points  # (N, 3) as they stand in the file, where each row has one
+    """
+    turns = robot.is_revolute
+    angle, length, how = _angle_unit(robot, values, told, points), "mm", []
+    slides = values[:, ~turns]
+    if slides.size and np.nanmax(np.abs(slides)) <= _METRES_AT_MOST:
+        length = "m"
+    units = [unit or (angle if turning else length) for unit, turning in zip(told, turns, strict=True)]
+    if any(not unit and turning for unit, turning in zip(told, turns, strict=True)):
+        largest = float(np.nanmax(np.abs(values[:, turns])))
+        how.append(f"angles are taken for {angle}, their largest being {largest:.4g}")
+    if any(not unit and not turning for unit, turning in zip(told, turns, strict=True)):
+        how.append(
+            f"slides are taken for {length}, their largest being {float(np.nanmax(np.abs(slides))):.4g}"
+        )
+    return units, "; ".join(how)
+
+
+def _angle_unit(robot: Robot, values: Array, told: Sequence[str], points: Array | None) -> str:
+    turning = values[:, robot.is_revolute]
+    if not turning.size or np.nanmax(np.abs(turning)) > _RADIANS_AT_MOST:
+        return "deg"
+    if points is not None and len(points) >= 6 and "rad" not in told and "deg" not in told:
+        misfit = {unit: _misfit(robot, values, unit, points) for unit in ANGLES_RAD}
+        return min(misfit, key=lambda unit: misfit[unit])
+    return "rad"
+
+
+def _misfit(robot: Robot, values: Array, unit: str, points: Array) -> float:
+    """Share of the points' spread that the nominal arm does not explain, at the best scale."""
+    q = values * np.where(robot.is_revolute, ANGLES_RAD[unit], 1.0)
+    known = np.isfinite(q).all(axis=1) & np.isfinite(points).all(axis=1)
+    mine, seen = target_points(robot, q[known]), points[known]
+    spread = _spread(mine)
+    if spread == 0.0 or _spread(seen) == 0.0:
+        return np.inf
+    scaled = mine * (_spread(seen) / spread)
+    return float(np.sqrt(np.mean((apply(best_fit_transform(scaled, seen), scaled) - seen) ** 2)))
+
+
+def length_unit(robot: Robot, q: Array, points: Array) -> tuple[str, float]:
+    """The points' unit by how far they are spread against the nominal arm's, and how many mm the spread then misses.
+
+    q  # (N, n) rad, mm; points  # (N, 3), beside each other
+    """
+    known = np.isfinite(q).all(axis=1) & np.isfinite(points).all(axis=1)
+    mine, seen = _spread(target_points(robot, q[known])), _spread(points[known])
+    if mine == 0.0 or seen == 0.0:
+        return "mm", 1.0
+    off = {unit: abs(np.log(LENGTHS_MM[unit] * seen / mine)) for unit in _LIKELY}
+    best = min(off, key=lambda unit: off[unit])
+    return best, float(np.exp(off[best]))
+
+
+def _spread(points: Array) -> float:
+    return (
+        float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
+        if len(points) > 1
+        else 0.0
+    )

@@ -1,0 +1,110 @@
+"""A user's CSV: any of the usual separators, decimal commas, a header or none; every fault with its line."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.dataset.files.text_file import read_text
+from calib.errors import DatasetError
+
+_MOST_BYTES = 200_000_000
+_SEPARATORS = (",", ";", "\t")
+
+
+@dataclass(frozen=True)
+class UserTable:
+    """Cells as text, and the line of each row."""
+
+    path: Path
+    columns: tuple[str, ...]  # without a header "column 1", ...
+    rows: tuple[tuple[str, ...], ...]
+    lines: tuple[int, ...]
+    has_header: bool
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def text(self, column: str) -> list[str]:
+        """A column's cells."""
+        k = self.columns.index(column)
+        return [row[k] for row in self.rows]
+
+    def numbers(self, column: str, fault: Callable[[str], None]) -> Array:
+        """(rows,) a column of finite numbers; what is none is told to `fault` and is NaN."""
+        out = np.full(len(self), math.nan)
+        for i, cell in enumerate(self.text(column)):
+            value = as_number(cell)
+            if value is None:
+                fault(
+                    f"{self.path}: line {self.lines[i]}, column {column}: found {cell[:40]!r}; a number is needed"
+                )
+            else:
+                out[i] = value
+        return out
+
+
+def load_table(path: Path) -> UserTable:
+    """Read a table. Raises DatasetError where it cannot be read as one."""
+    text = read_text(path, missing="name a table of numbers", kind="CSV", most_bytes=_MOST_BYTES)
+    first = next((line for line in text.splitlines() if line.strip()), "")
+    if not first:
+        raise DatasetError(f"{path}: the file is empty; a header line with column names is needed")
+    separator = max(_SEPARATORS, key=first.count)
+    if not first.count(separator) and len(first.split()) > 1:
+        text, separator = "\n".join(",".join(line.split()) for line in text.splitlines()), ","
+    try:
+        reader = csv.reader(StringIO(text, newline=""), delimiter=separator, skipinitialspace=True)
+        numbered = [
+            (reader.line_num, [" ".join(c.split()) for c in row])
+            for row in reader
+            if any(c.strip() for c in row)
+        ]
+    except csv.Error as error:
+        raise DatasetError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
+    if separator == ";":
+        numbered = [
+            (line, [c.replace(",", ".") if _is_comma_number(c) else c for c in row]) for line, row in numbered
+        ]
+    line, names = numbered[0]
+    has_header = not all(as_number(cell) is not None for cell in names if cell)
+    body = numbered[1:] if has_header else numbered
+    while names and not names[-1]:
+        names.pop()
+    columns = names if has_header else [f"column {k + 1}" for k in range(len(names))]
+    columns = [name or f"column {k + 1}" for k, name in enumerate(columns)]
+    repeated = next((name for name, times in Counter(columns).items() if times > 1), None)
+    if repeated is not None:
+        raise DatasetError(f"{path}: line {line}: column {repeated!r} stands there twice; rename one")
+    if not body:
+        raise DatasetError(f"{path}: no row below the header; one row a pose is needed")
+    for number, row in body:
+        if any(row[len(columns) :]):
+            raise DatasetError(
+                f"{path}: line {number}: found {len(row)} cells, the first line has {len(columns)}; name the others or "
+                "remove them"
+            )
+    width = len(columns)
+    rows = tuple(tuple((row + [""] * width)[:width]) for _, row in body)
+    return UserTable(path, tuple(columns), rows, tuple(number for number, _ in body), has_header)
+
+
+def as_number(cell: str) -> float | None:
+    """A cell's finite number; None where it has none."""
+    try:
+        value = float(cell) if "_" not in cell else math.nan
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _is_comma_number(cell: str) -> bool:
+    return cell.count(",") == 1 and as_number(cell.replace(",", ".")) is not None

@@ -1,0 +1,223 @@
+"""A dataset from a robot and a user's tables: names and units recognised, faults listed, nothing half-written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.calibration.calibrate import calibrate
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.dataset_import.columns import parsed_mapping, recognise
+from calib.dataset_import.import_dataset import Imported, import_dataset
+from calib.errors import DatasetError
+from calib.simulation.simulate import simulate_dataset
+
+ROBOT = builtin_robot("rb5")
+Q = [f"q{k}" for k in range(1, 7)]
+
+
+@pytest.fixture(scope="module")
+def truth() -> Dataset:
+    return simulate_dataset(ROBOT, rng=np.random.default_rng(0), poses=32, noise_mm=0.02).dataset
+
+
+def write(
+    path: Path, header: list[str], rows: np.ndarray, separator: str = ",", first: list[str] | None = None
+) -> Path:
+    lines = [separator.join(header)] if header else []
+    for i, row in enumerate(rows):
+        cells = [repr(float(v)) for v in row]
+        if separator == ";":
+            cells = [cell.replace(".", ",") for cell in cells]
+        lines.append(separator.join([*([first[i]] if first else []), *cells]))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def both(dataset: Dataset, angle: float, length: float) -> np.ndarray:
+    assert dataset.points is not None
+    return np.hstack([dataset.poses.q * angle, dataset.points.xyz_mm * length])
+
+
+DEG, RAD = 180.0 / np.pi, 1.0
+TABLES: dict[str, tuple[list[str], float, float, str]] = {
+    "our own names": ([*(f"q{k}_deg" for k in range(1, 7)), "x_mm", "y_mm", "z_mm"], DEG, 1.0, ","),
+    "radians and metres by name": (
+        [*(f"J{k} [rad]" for k in range(1, 7)), "X [m]", "Y [m]", "Z [m]"],
+        RAD,
+        1e-3,
+        ",",
+    ),
+    "nothing told, radians and metres": (
+        [*(f"joint_{k}" for k in range(1, 7)), "x", "y", "z"],
+        RAD,
+        1e-3,
+        ",",
+    ),
+    "nothing told, degrees and mm": ([*(f"A{k}" for k in range(1, 7)), "px", "py", "pz"], DEG, 1.0, "\t"),
+    "counted from zero, inches": (
+        [*(f"actual_q_{k}" for k in range(6)), "measured_x", "measured_y", "measured_z"],
+        RAD,
+        1 / 25.4,
+        ",",
+    ),
+    "a spreadsheet in German": (
+        [*(f"Achse q{k} (deg)" for k in range(1, 7)), "x(mm)", "y(mm)", "z(mm)"],
+        DEG,
+        1.0,
+        ";",
+    ),
+    "no header": ([], DEG, 1.0, ","),
+    "spaces": ([*(f"theta{k}_deg" for k in range(1, 7)), "tx_mm", "ty_mm", "tz_mm"], DEG, 1.0, "  "),
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_columns_and_units_are_recognised_and_said(truth: Dataset, tmp_path: Path, name: str) -> None:
+    header, angle, length, separator = TABLES[name]
+    table = write(tmp_path / "log.csv", header, both(truth, angle, length), separator)
+    made = import_dataset(tmp_path / "cell", ROBOT, table)
+    assert truth.points is not None
+    assert made.dataset.points is not None
+    assert made.dataset.poses.q == pytest.approx(truth.poses.q, abs=1e-12)
+    assert made.dataset.points.xyz_mm == pytest.approx(truth.points.xyz_mm, abs=1e-9)
+    assert any("points are" in line for line in made.said)
+    if "nothing told" in name:
+        assert any("angles are taken for" in line for line in made.said)
+
+
+def test_a_fit_runs_at_once(truth: Dataset, tmp_path: Path) -> None:
+    header = [*Q, "x", "y", "z"]
+    made = import_dataset(
+        tmp_path / "cell", ROBOT, write(tmp_path / "log.csv", header, both(truth, RAD, 1e-3))
+    )
+    roles = made.dataset.poses.role.tolist()
+    assert roles.count("reference") == 1
+    assert roles.count("test") == 8
+    fitted = calibrate(made.dataset)
+    assert fitted.after.test is not None
+    assert fitted.after.test.rmse_mm < 0.2
+
+
+def test_two_tables_meet_by_the_pose(truth: Dataset, tmp_path: Path) -> None:
+    assert truth.points is not None
+    ids = [str(i) for i in range(1, 33)]
+    joints = write(
+        tmp_path / "joints.csv",
+        ["pose", *Q, "temperature"],
+        np.hstack([truth.poses.q, np.full((32, 1), 21.5)]),
+        first=ids,
+    )
+    order = np.random.default_rng(0).permutation(32)
+    points = write(
+        tmp_path / "points.csv",
+        ["Nr", "x", "y", "z"],
+        truth.points.xyz_mm[order],
+        first=[f"{i + 1:03d}" for i in order],
+    )
+    made = import_dataset(tmp_path / "cell", ROBOT, joints, points)
+    assert made.dataset.points is not None
+    assert made.dataset.points.xyz_mm == pytest.approx(truth.points.xyz_mm[order])
+    assert made.dataset.poses.ids == tuple(ids)
+    assert made.dataset.poses.temperature_c is not None
+    assert made.dataset.poses.temperature_c[0] == 21.5
+
+
+def test_other_columns_are_kept_and_roles_are_read(truth: Dataset, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = both(truth, RAD, 1.0)
+    lines = [",".join([*Q, "x", "y", "z", "split", "hall humidity"])]
+    lines += [
+        ",".join([*map(str, row), "validation" if i > 25 else "Training", str(40 + i)])
+        for i, row in enumerate(rows)
+    ]
+    path.write_text("\n".join(lines))
+    made = import_dataset(tmp_path / "cell", ROBOT, path)
+    assert made.dataset.poses.role.tolist() == ["reference", *["train"] * 25, *["test"] * 6]
+    assert made.dataset.poses.extra["hall humidity"].tolist() == list(range(40, 72))
+
+
+def test_points_that_were_not_measured_are_left_out(truth: Dataset, tmp_path: Path) -> None:
+    path = write(tmp_path / "log.csv", [*Q, "x", "y", "z"], both(truth, RAD, 1.0))
+    lines = path.read_text().splitlines()
+    lines[1] = ",".join([*lines[1].split(",")[:6], "", "", ""])
+    path.write_text("\n".join(lines))
+    made = import_dataset(tmp_path / "cell", ROBOT, path)
+    assert made.dataset.points is not None
+    assert len(made.dataset.points) == 31
+    assert made.dataset.poses.role[1] == "reference"
+
+
+def refusal(tmp_path: Path, run: Callable[[], Imported]) -> str:
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(DatasetError) as caught:
+        run()
+    assert sorted(tmp_path.rglob("*")) == before
+    return str(caught.value)
+
+
+def test_all_faults_are_told_at_once_and_nothing_is_written(truth: Dataset, tmp_path: Path) -> None:
+    assert truth.points is not None
+    ids = [f"p{i}" for i in range(32)]
+    ids[4] = "p3"
+    joints = write(tmp_path / "joints.csv", ["pose", *Q], truth.poses.q, first=ids)
+    joints.write_text(joints.read_text().replace(repr(float(truth.poses.q[9, 2])), "n/a"))
+    points = write(
+        tmp_path / "points.csv",
+        ["pose", "x", "y", "z"],
+        truth.points.xyz_mm,
+        first=[*ids[:20], "p99", *ids[21:]],
+    )
+    said = refusal(tmp_path, lambda: import_dataset(tmp_path / "cell", ROBOT, joints, points))
+    assert said.startswith("nothing was written, 3 faults:")
+    assert "joints.csv: line 11, column q3: found 'n/a'; a number is needed" in said
+    assert "joints.csv: line 6: pose 'p3' stands in line 5 too" in said
+    assert "points.csv: line 22, column pose: pose 'p99' is not in" in said
+
+
+def test_what_is_not_clear_is_asked_for(truth: Dataset, tmp_path: Path) -> None:
+    rows = both(truth, RAD, 1.0)
+    twice = write(
+        tmp_path / "two.csv",
+        [*(f"{s}_q_{k}" for s in ("actual", "target") for k in range(6)), "x", "y", "z"],
+        np.hstack([rows[:, :6], rows]),
+    )
+    said = refusal(tmp_path, lambda: import_dataset(tmp_path / "cell", ROBOT, twice))
+    assert "found 2 sets of joint columns, actual_q_0 ... and target_q_0 ..." in said
+    made = import_dataset(tmp_path / "cell", ROBOT, twice, mapping=parsed_mapping(["target_q_*=q*"]))
+    assert made.dataset.poses.q == pytest.approx(truth.poses.q)
+    few = write(tmp_path / "few.csv", ["q1", "q2", "x", "y", "z"], rows[:, :5])
+    assert "6 columns of joints are needed, q1 to q6" in refusal(
+        tmp_path, lambda: import_dataset(tmp_path / "b", ROBOT, few)
+    )
+    odd = write(tmp_path / "odd.csv", [*Q, "x", "y", "z"], rows * [1, 1, 1, 1, 1, 1, 5, 5, 5])
+    assert "--map 'x=x_mm'" in refusal(tmp_path, lambda: import_dataset(tmp_path / "b", ROBOT, odd))
+    wrong = write(tmp_path / "wrong.csv", ["q1_mm", *Q[1:], "x", "y", "z"], rows)
+    assert "mm is no unit of joint 1" in refusal(
+        tmp_path, lambda: import_dataset(tmp_path / "b", ROBOT, wrong)
+    )
+    short = write(tmp_path / "short.csv", ["x", "y", "z"], rows[:5, 6:])
+    long = write(tmp_path / "long.csv", Q, rows[:, :6])
+    assert "has 5 rows" in refusal(tmp_path, lambda: import_dataset(tmp_path / "b", ROBOT, long, short))
+    assert "give --points" in refusal(tmp_path, lambda: import_dataset(tmp_path / "b", ROBOT, long))
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "a").write_text("")
+    assert "not empty" in refusal(tmp_path, lambda: import_dataset(tmp_path / "full", ROBOT, long))
+
+
+@pytest.mark.parametrize("pair", ["q1", "=q1", "a=", "a=q0", "a=weight", "a=q1_kg_m"])
+def test_a_mapping_is_column_and_meaning(pair: str) -> None:
+    with pytest.raises(DatasetError, match="expected column=meaning"):
+        parsed_mapping([pair])
+
+
+def test_joints_by_the_robots_own_names() -> None:
+    panda = builtin_robot("panda")
+    names = [f"position.{joint.name}" for joint in panda.joints]
+    found = recognise([*reversed(names), "x"], panda, {})
+    if min(len(joint.name) for joint in panda.joints) > 2:
+        assert [found.columns[f"q{k + 1}"].name for k in range(7)] == names
