@@ -25,6 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.result import Diagnosis
 from calib.simulation.simulate import simulate_dataset
 from calib.simulation.truth.arm_sampling import SIMULATED_EFFECTS
@@ -57,6 +58,11 @@ def followed(dataset: Dataset) -> Session:
     return session
 
 
+def parameters_of(step: FitStep) -> dict[str, set[str]]:
+    """The names of the parameters of each effect in a model."""
+    return {effect.name: set(effect.prior_sigmas) for effect in step.selected}
+
+
 def differences(session: Session, found: Diagnosis) -> list[str]:
     """In what the two ends differ."""
     here = session.diagnosis
@@ -67,9 +73,7 @@ def differences(session: Session, found: Diagnosis) -> list[str]:
         found.verdict, found.missing, found.suspected, found.ambiguous_set
     ):  # fmt: skip
         out.append("verdict")
-    if {e.name: e.members for e in session.steps[-1].selected} != {
-        e.name: e.members for e in found.steps[-1].selected
-    }:
+    if parameters_of(session.steps[-1]) != parameters_of(found.steps[-1]):
         out.append("model")
     ours, theirs = session.steps[-1].calibration.after.test, found.calibration.after.test
     if ours is None or theirs is None or not math.isclose(ours.rmse_mm, theirs.rmse_mm, rel_tol=SAME):
