@@ -115,7 +115,8 @@ def _fitted(task: FitTask, start: Calibration | None) -> tuple[Fitted, BoolArray
         make = _maker(fitted.model, options)
         return belonging_points(make, observed, fitted.fit, kept, prior=options.prior, back_level=back_level)
 
-    first_back_level = LEVEL if start is None else BACK_LEVEL
+    refit = start is not None and start.options.robust
+    first_back_level = BACK_LEVEL if refit else LEVEL
     return fit_belonging(lambda kept: _fitted_from(task.of(kept), before), belonging, kept, first_back_level)
 
 

@@ -26,10 +26,13 @@ from calib.measurement.measured_points import failed_searches, with_corners
 from calib.options import FitOptions
 from calib.scans.scan import PointCount
 from calib.validation.cross_validation import SUSPICIOUS, noise_ratio
+from calib.validation.remounting import remounting
 from calib.validation.splits import training_groups
 
 MAX_SIGMA_RATIO = 100.0
 """Residual sigma over the declared one, beyond which the arm is not calibrated, whatever the improvement."""
+MAX_LEFT_RATIO = 10.0
+"""The same for the model that the diagnosis ends with: what is left then has a cause that no one knows."""
 _NO_NOISE_MM = 1e-6  # where none is declared
 MAX_SHARE_DROPPED = 0.5  # of a scan's points that have no value; more is a warning
 
@@ -133,6 +136,7 @@ def check(
                 on_step=on_step,
             )
             items.append(CheckItem("diagnosis", None, verdict_text(diagnosis.explanation.verdict)))
+            items += _left_by_diagnosis(diagnosis)
         except FitError as error:  # no degree of freedom is left: a note, no failure
             items.append(CheckItem("diagnosis", None, f"not tried: {error}"))
     return Check(dataset, tuple(items), calibration, repeats, diagnosis)
@@ -196,6 +200,9 @@ def _against_training(calibration: Calibration, train: Figures, test: Figures) -
     after = calibration.after
     error_mm = np.linalg.norm(after.error_mm, axis=1)
     worst = int(np.argmax(np.where(after.is_test[after.pose], error_mm, -1.0)))
+    moved = remounting(calibration)
+    if moved is not None:
+        return CheckItem(name, None, f"{words}, noise explains {expected:.2f}: {moved.words}", warning=True)
     words += (
         f", noise explains {expected:.2f}: expect the test error elsewhere; too few poses, physics that is not in the "
         f"model, or wrong test points, the worst at {calibration.dataset.poses.ids[after.pose[worst]]} with "
@@ -233,6 +240,19 @@ def _test_poses(calibration: Calibration, max_test_rmse_mm: float | None) -> lis
     if train is not None and train.rmse_mm > 0.0:
         items.append(_against_training(calibration, train, test))
     return items
+
+
+def _left_by_diagnosis(diagnosis: Diagnosis) -> list[CheckItem]:
+    """A failure where even the model that the diagnosis ends with leaves many times the declared noise."""
+    last = diagnosis.calibration
+    if not is_declared(last.dataset) or not last.fit.noise > MAX_LEFT_RATIO:
+        return []
+    what = " with ".join(["the links", *(["all that was found"] if last.model.family_names else [])])
+    words = (
+        f"{last.sigma_mm:.4g} mm a coordinate are left by {what}, {last.fit.noise:.3g} times the declared sigma: "
+        "the arm is not calibrated to what was measured, or sigma was declared far too small"
+    )
+    return [CheckItem("noise", False, words)]
 
 
 def _residual(calibration: Calibration) -> list[CheckItem]:

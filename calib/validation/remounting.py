@@ -1,0 +1,98 @@
+"""Test points that are off all alike: the scanner, the arm's foot or the tool was mounted anew between the roles.
+
+Test poses are placed by the scanner's frame of the training poses. Where the arm stands elsewhere for the scanner, one
+rigid motion brings all test points back; where the tool sits elsewhere, one shift in its own frame does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib import frames
+from calib.array_types import Array, BoolArray
+from calib.calibration.result import Calibration
+from calib.fitting.observations import Observations
+
+_FEWEST = 5  # test poses
+_BROUGHT_BACK = 0.5  # share of the test error that may be left
+
+
+@dataclass(frozen=True)
+class Remounting:
+    """What one motion of all test points takes away of their error."""
+
+    what: str  # "scanner" or "tool"
+    shift_mm: float
+    turn_rad: float  # of the scanner; 0 of the tool
+    before_mm: float  # 3D RMSE of the test poses
+    after_mm: float
+
+    @property
+    def words(self) -> str:
+        """A clause."""
+        left = f"brings the test poses from {self.before_mm:.3g} to {self.after_mm:.3g} mm"
+        if self.what == "tool":
+            return f"a tool that sits {self.shift_mm:.2g} mm elsewhere {left}: it was changed or mounted anew"
+        turn = f" and {np.degrees(self.turn_rad):.2g} deg" if self.turn_rad > 1e-4 else ""
+        return (
+            f"a motion of all test points by {self.shift_mm:.2g} mm{turn} {left}: the scanner or the arm's foot was "
+            "moved, as between two days"
+        )
+
+
+def remounting(calibration: Calibration) -> Remounting | None:
+    """The motion that explains the test poses' error; None where none explains most of it, or where they are few.
+
+    A motion has six unknowns, a tool's place three; what is left is by degrees of freedom.
+    """
+    after = calibration.after
+    rows = after.is_test[after.pose]
+    if after.test is None or len(np.unique(after.pose[rows])) < _FEWEST:
+        return None
+    tries = [found for found in (_of_scanner(calibration, rows), _of_tool(calibration, rows)) if found]
+    best = min(tries, key=lambda found: found.after_mm, default=None)
+    return best if best is not None and best.after_mm < _BROUGHT_BACK * after.test.rmse_mm else None
+
+
+def _of_scanner(calibration: Calibration, rows: BoolArray) -> Remounting | None:
+    """Of test points that one setup saw."""
+    after, measured_mm = calibration.after, _points(calibration).points.xyz_mm[rows]
+    if len(np.unique(calibration.dataset.poses.setup[after.pose[rows]])) > 1:
+        return None
+    predicted_mm = measured_mm + after.error_mm[rows]
+    motion = frames.best_fit_transform(predicted_mm, measured_mm, np.ones(len(measured_mm)))
+    left_mm = frames.apply(motion, predicted_mm) - measured_mm
+    centre_mm = predicted_mm.mean(axis=0)
+    shift_mm = float(np.linalg.norm(frames.apply(motion, centre_mm[None])[0] - centre_mm))
+    turn_rad = float(np.linalg.norm(frames.rotvec_from_rotation(motion[None, :3, :3])[0]))
+    return Remounting("scanner", shift_mm, turn_rad, _rmse(after.error_mm[rows], 0), _rmse(left_mm, 6))
+
+
+def _of_tool(calibration: Calibration, rows: BoolArray) -> Remounting | None:
+    """A shift t in the tool's frame: error = scanner_R_base base_R_tool t."""
+    after, observed = calibration.after, _points(calibration)
+    if np.any(observed.points.target[rows] != "jig"):
+        return None
+    poses = calibration.dataset.poses
+    turn = calibration.model.state(calibration.fit.x, poses).attitude
+    turn = np.broadcast_to(turn, (len(poses), 3, 3))[after.pose[rows]]
+    placed = np.stack([after.scanner_T_base[str(name)][:3, :3] for name in poses.setup[after.pose[rows]]])
+    columns = (placed @ turn).reshape(-1, 3)
+    error_mm = after.error_mm[rows].ravel()
+    shift_mm = np.linalg.lstsq(columns, error_mm, rcond=None)[0]
+    left_mm = (error_mm - columns @ shift_mm).reshape(-1, 3)
+    return Remounting(
+        "tool", float(np.linalg.norm(shift_mm)), 0.0, _rmse(after.error_mm[rows], 0), _rmse(left_mm, 3)
+    )
+
+
+def _points(calibration: Calibration) -> Observations:
+    """All points, in the order of the evaluation."""
+    return Observations.of(calibration.dataset, np.ones(len(calibration.dataset.poses), dtype=bool))
+
+
+def _rmse(error_mm: Array, unknowns: int) -> float:
+    """3D RMSE of points (M, 3) with so many unknowns fitted."""
+    return float(np.sqrt(np.sum(error_mm**2) / max(len(error_mm) - unknowns / 3.0, 1.0)))
