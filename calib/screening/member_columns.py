@@ -143,15 +143,15 @@ def _of_shapes(
     Beside them the shapes (G, N), those of one member in a row, and the number of each one's displacement (G,).
     """
     row = projected.residuals.observed.used_poses[1]
-    units: dict[Displacement, Array] = {}
-    parts, all_shapes, of_same = [], [], []
-    for member in members:
-        displacement = member.displacement
-        if displacement not in units:
-            units[displacement] = member_columns(projected, _Unit(displacement)).reshape(len(row), 3, -1)
-        shapes = member.shapes(projected.state)
-        all_shapes.append(shapes.ravel())
-        of_same.append(list(units).index(displacement))
-        columns = shapes[row][:, None, :, None] * units[displacement][:, :, None, :]  # (M, 3, L, W)
-        parts.append(columns.reshape(3 * len(row), -1))
-    return np.stack(parts, axis=1), np.stack(all_shapes), np.array(of_same)
+    shapes = np.stack([member.shapes(projected.state) for member in members])  # (G, N, L)
+    displacements = [member.displacement for member in members]
+    number = {displacement: k for k, displacement in enumerate(dict.fromkeys(displacements))}
+    of_same = np.array([number[displacement] for displacement in displacements])
+    count, width = len(members), shapes.shape[2] * displacements[0].width
+    raw = np.empty((3 * len(row), count, width))
+    for displacement, k in number.items():
+        unit = member_columns(projected, _Unit(displacement)).reshape(len(row), 3, -1)  # (M, 3, W)
+        at = np.flatnonzero(of_same == k)
+        columns = np.einsum("mcw,gml->mcglw", unit, shapes[at][:, row])
+        raw[:, at] = columns.reshape(3 * len(row), len(at), width)
+    return raw, shapes.reshape(count, -1), of_same
