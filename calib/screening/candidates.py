@@ -183,8 +183,10 @@ def _candidate(
         if active
         else np.zeros(0)
     )
-    information = columns.T @ columns / projected.sigma**2 + np.diag(1.0 / np.maximum(spread, 1e-9) ** 2)
-    sigma = np.sqrt(np.maximum(np.diag(np.linalg.inv(information)), 0.0)) if active else np.zeros(0)
+    # (C^T C / sigma^2 + S^-2)^-1, by eigenvalues over S, which never is singular: exact data leave a sigma of rounding.
+    shaped = columns * np.maximum(spread, 1e-9) / projected.sigma
+    square, turn = np.linalg.eigh(shaped.T @ shaped)
+    sigma = np.maximum(spread, 1e-9) * np.sqrt(turn**2 @ (1.0 / (1.0 + np.maximum(square, 0.0))))
     values: list[Value] = []
     prior_sigmas: dict[str, float] = {}
     for i in active:
