@@ -25,6 +25,9 @@ MAX_SIGMAS_LEFT = (
     1.4  # residual over noise beside an open set, up to which the effects named before it are claimed
 )
 TWIN_OVERLAP = 0.98  # share of what one explains that lies along what the other explains
+TWIN_SPAN = (
+    0.9995  # share of what the better one explains that the other could make; with less, data tell them apart
+)
 TWIN_LEAD = 8.0  # in log evidence, from which the worse one is no twin
 TWIN_LEFT = 1.15  # times as much as the better one leaves, from which the worse one is no twin
 MAX_WORSENING = 2.0  # standard errors by which a named effect may not raise the test poses' squared error
@@ -58,6 +61,9 @@ def are_twins(one: Candidate, other: Candidate, freedom: int) -> bool:
     Their fits differ by less than noise decides, so that their sizes and the number of their parameters would.
     """
     if not one.members or not other.members:
+        return False
+    better, worse = sorted((one, other), key=lambda candidate: -candidate.log_evidence)
+    if better.overlaps.get(worse.name, 0.0) < TWIN_SPAN:
         return False
     size = float(one.explained @ one.explained) * float(other.explained @ other.explained)
     alike = float(one.explained @ other.explained) ** 2 > TWIN_OVERLAP * size > 0.0

@@ -102,7 +102,7 @@ def test_causes_that_are_alike_are_not_decided(hidden: tuple[Calibration, Screen
         best, family=replace(best.family, name="twin"), log_evidence=best.log_evidence - 1.0, overlaps={}
     )
     other = replace(twin, explained=np.where(np.arange(len(twin.explained)) % 3, twin.explained, 0.0))
-    doubled = replace(best, overlaps={"twin": 0.9})
+    doubled = replace(best, overlaps={"twin": 1.0})
     step = replace(first_fit(space), screening=replace(hidden[1], candidates=(doubled, other)))
     move = next_move(space, step)
     assert isinstance(move, Stop)

@@ -107,6 +107,8 @@ def test_who_is_a_twin(twins: Dataset) -> None:
     assert not twins_if(log_evidence=one.log_evidence - 8.1)
     assert not twins_if(explained=other.explained + 0.2 * np.linalg.norm(other.explained))
     assert not twins_if(members=())
+    nearly = replace(one, overlaps=one.overlaps | {"axis_wobble": 0.998})  # as |q| and three harmonics
+    assert not are_twins(nearly, other, freedom)
 
 
 @pytest.mark.slow
