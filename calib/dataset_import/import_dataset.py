@@ -20,10 +20,10 @@ from calib.dataset_import.reading import (
     rows_of_points,
 )
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, joint_units
-from calib.dataset_import.user_table import load_table
 from calib.dataset_import.writing import points_text, poses_text, written
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
+from calib.user_tables.user_table import load_table
 
 
 @dataclass(frozen=True)

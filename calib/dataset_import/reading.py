@@ -9,9 +9,9 @@ import numpy as np
 from calib.array_types import Array
 from calib.dataset_import.columns import Recognised, recognise
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
-from calib.dataset_import.user_table import UserTable
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
+from calib.user_tables.user_table import UserTable
 
 _MOST_FAULTS = 20
 _FAR_SPREAD = 2.0  # points spread by another factor than the arm's have a unit that cannot be told

@@ -19,9 +19,9 @@ from calib.dataset.files.robot_toml import robot_to_toml
 from calib.dataset_import.columns import Recognised
 from calib.dataset_import.reading import Work
 from calib.dataset_import.roles import roles_of
-from calib.dataset_import.user_table import UserTable
 from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot
+from calib.user_tables.user_table import UserTable
 
 
 def poses_text(

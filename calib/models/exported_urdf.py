@@ -7,10 +7,10 @@ from pathlib import Path
 
 from calib.models.exported_table import ExportedTable
 from calib.models.fitted_model import PROGRAM
-from calib.robot_formats.calibrated_urdf import CalibratedUrdf, calibrated_urdf
+from calib.robot_formats.calibrated_file import CalibratedFile, calibrated_urdf
 
 
-def exported_urdf(table: ExportedTable, template: Path) -> CalibratedUrdf:
+def exported_urdf(table: ExportedTable, template: Path) -> CalibratedFile:
     """The template's text with the calibrated origins; a comment in it says of what they are and how good.
 
     Raises RobotFileError where the template is not of the dataset's arm.

@@ -14,12 +14,16 @@ from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
 from calib.robot_formats.chain.five_parameters import robot_of
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain, chain_frames
+from calib.robot_formats.mjcf import chain_of_mjcf
+from calib.robot_formats.origin_yaml import chain_of_yaml, read_origin_yaml
+from calib.robot_formats.tables import chain_of_table
+from calib.robot_formats.ur_calibration import read_ur_calibration
 from calib.robot_formats.urdf.chain import ArmPath, chain_of_arm, find_arm
 from calib.robot_formats.urdf.safe_xml import XmlFile, parse_xml, read_bytes
 from calib.robot_formats.urdf.tree import read_tree
 
 SOURCE = "source"  # the table of robot.toml that says which file and links it was made of
-_SUFFIXES = (".toml", ".urdf", ".xml")
+SUFFIXES = (".toml", ".urdf", ".xml", ".yaml", ".yml", ".conf", ".csv", ".xacro")
 
 
 @dataclass(frozen=True)
@@ -45,29 +49,51 @@ class RobotFile:
         return "\n".join(lines)
 
 
-def read_robot(path: Path, *, tip: str | None = None, base: str | None = None) -> RobotFile:
+@dataclass(frozen=True)
+class Reading:
+    """What a file does not say by itself."""
+
+    tip: str | None = None  # link, body or site
+    base: str | None = None
+    convention: str | None = None  # of a table of theta, d, a, alpha: "standard" or "modified"
+    model: str | None = None  # of a UR controller's calibration.conf
+
+
+def read_robot(path: Path, reading: Reading = Reading()) -> RobotFile:
     """The robot of a file, by its suffix.
 
     Raises CalibError in one line that names the file, the line or key, and what would do.
     """
     suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        found = suffix or "no suffix"
+        raise RobotFileError(f"{path}: {found} is no form of a robot; expected {', '.join(SUFFIXES)}")
+    _refuse_unused(path, suffix, reading)
     if suffix == ".toml":
-        _refuse_links(path, tip, base)
         robot = load_robot(path)
         refuse_beyond(robot, path)
         return RobotFile(robot, None)
-    if suffix not in _SUFFIXES:
-        raise RobotFileError(
-            f"{path}: {suffix or 'no suffix'} is no form of a robot; expected {', '.join(_SUFFIXES)}"
-        )
-    return _converted(chain_of_arm(find_arm(read_tree(read_xml(path)), tip, base)), path)
+    if suffix == ".conf":
+        robot, chain = read_ur_calibration(path, reading.model)
+        return _with_source(robot, chain, path)
+    if suffix == ".csv":
+        chain = chain_of_table(path, reading.convention)
+    elif suffix in (".yaml", ".yml"):
+        chain = chain_of_yaml(read_origin_yaml(path))
+    else:
+        file = read_xml(path)
+        if file.root.tag == "mujoco":
+            chain = chain_of_mjcf(file, reading.tip, reading.base)
+        else:
+            chain = chain_of_arm(find_arm(read_tree(file), reading.tip, reading.base))
+    return _with_source(robot_of(chain), chain, path)
 
 
-def named_robot(name: str, *, tip: str | None = None, base: str | None = None) -> RobotFile:
+def named_robot(name: str, reading: Reading = Reading()) -> RobotFile:
     """A robot by the name of a built-in one or by its file."""
     if name in BUILTIN_ROBOTS:
         return RobotFile(builtin_robot(name), None)
-    return read_robot(Path(name), tip=tip, base=base)
+    return read_robot(Path(name), reading)
 
 
 def read_xml(path: Path) -> XmlFile:
@@ -97,15 +123,23 @@ def conversion_error_mm(robot: Robot, chain: SerialChain) -> float:
     return float(np.linalg.norm(mine[:, :3, 3] - chain_frames(chain, q)[:, -1, :3, 3], axis=1).max())
 
 
-def _converted(chain: SerialChain, path: Path) -> RobotFile:
+def _with_source(robot: Robot, chain: SerialChain, path: Path) -> RobotFile:
     source = {"file": path.name} | {
         key: name for key, name in (("base", chain.base), ("tip", chain.tip)) if name
     }
-    robot = replace(robot_of(chain), extra={SOURCE: source})
+    robot = replace(robot, extra={SOURCE: source})
     refuse_beyond(robot, path)
     return RobotFile(robot, chain, chain.notes)
 
 
-def _refuse_links(path: Path, tip: str | None, base: str | None) -> None:
-    if tip is not None or base is not None:
-        raise RobotFileError(f"{path}: has no links by name; leave out --tip and --base")
+def _refuse_unused(path: Path, suffix: str, reading: Reading) -> None:
+    """Raise RobotFileError for what this form of a robot has no use for."""
+    has_links = suffix in (".urdf", ".xml", ".xacro")
+    for option, value, used in (
+        ("--tip", reading.tip, has_links),
+        ("--base", reading.base, has_links),
+        ("--convention", reading.convention, suffix == ".csv"),
+        ("--model", reading.model, suffix == ".conf"),
+    ):
+        if value is not None and not used:
+            raise RobotFileError(f"{path}: {option} says nothing about a {suffix}; leave it out")

@@ -100,8 +100,8 @@ def add_residual(sub: ArgumentParser) -> None:
 
 def convert_arguments(sub: ArgumentParser) -> None:
     """IN, OUT and what chooses the arm in them."""
-    sub.add_argument("source", type=Path, metavar="IN", help="a robot: .urdf, .toml")
-    sub.add_argument("out", type=Path, metavar="OUT", help="the form follows the suffix: .toml, .urdf")
+    sub.add_argument("source", type=Path, metavar="IN", help="a robot: .urdf .toml .yaml .conf .csv .xml")
+    sub.add_argument("out", type=Path, metavar="OUT", help="the form follows the suffix: .toml .urdf .yaml")
     links_arguments(sub)
     sub.add_argument(
         "--template",
@@ -141,3 +141,9 @@ def links_arguments(sub: ArgumentParser) -> None:
     """Which links of a URDF are the ends of the arm."""
     sub.add_argument("--tip", metavar="LINK", help="the last link (default: the only one that is a tip)")
     sub.add_argument("--base", metavar="LINK", help="the first link (default: the root)")
+    sub.add_argument(
+        "--convention",
+        choices=("standard", "modified"),
+        help="of a table of theta, d, a, alpha (modified: Craig's)",
+    )
+    sub.add_argument("--model", metavar="NAME", help="which arm a UR calibration.conf is of, such as ur10e")

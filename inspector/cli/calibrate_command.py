@@ -20,7 +20,7 @@ from calib.fitting.observations import nominal_state
 from calib.models.exported_table import ExportedTable, exported_table
 from calib.models.exported_urdf import exported_urdf
 from calib.models.model_file import save_model
-from calib.robot_formats.calibrated_urdf import calibrated_urdf
+from calib.robot_formats.calibrated_file import calibrated_urdf
 from calib.screening.curves.effect_file import effect_file_text
 from calib.screening.curves.fitted_curves import curve_lines, without_curves
 from inspector.cli.dataset_commands import load, measured, show

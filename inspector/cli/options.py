@@ -158,6 +158,8 @@ class ConvertOptions(Output):
     out: Path
     tip: str | None
     base: str | None
+    convention: str | None
+    model: str | None
     template: Path | None
     force: bool
 
@@ -170,6 +172,8 @@ class ImportOptions(Output):
     robot: str
     tip: str | None
     base: str | None
+    convention: str | None
+    model: str | None
     joints: Path
     points: Path | None
     scans: Path | None

@@ -234,7 +234,7 @@ SUBCOMMANDS = (
         "robots.commands.run_convert",
         options.ConvertOptions,
         convert_arguments,
-        "a robot from one form into another: URDF, robot.toml",
+        "a robot from one form into another: URDF, robot.toml, YAML, tables",
         path=None,
     ),
     Subcommand(

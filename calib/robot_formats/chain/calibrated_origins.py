@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.array_types import Array
-from calib.frames import invert, make_transform, rotation_from_rpy
+from calib.array_types import Array, BoolArray
+from calib.frames import best_fit_rotation, invert, make_transform, rotation_from_rpy
 from calib.kinematics.robot import Robot
 from calib.robot_formats.chain.five_parameters import frames_at_zero
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain, axis_frame
@@ -39,8 +39,10 @@ def with_calibration(chain: SerialChain, nominal: Robot, calibrated: Robot) -> C
     Raises RobotFileError where the nominal robot is not the chain's arm: joints in number or kind, an axis.
     """
     _require_same_joints(chain, nominal)
-    at_zero, frames, after = chain.at_zero, frames_at_zero(nominal), frames_at_zero(calibrated)
-    joints, before = [], np.eye(4)
+    frames, after = frames_at_zero(nominal), frames_at_zero(calibrated)
+    robot_T_chain = _base(chain, frames, nominal)
+    at_zero = robot_T_chain @ chain.at_zero
+    joints, before = [], robot_T_chain
     for i, joint in enumerate(chain.joints):
         frame_T_joint = invert(frames[i]) @ at_zero[i]
         _require_axis(chain, nominal, i, frame_T_joint @ axis_frame(joint))
@@ -64,6 +66,46 @@ def _require_same_joints(chain: SerialChain, robot: Robot) -> None:
             f"{chain.name}: has {len(kinds)} joints up to {chain.tip or 'its tip'}, robot.toml has {robot.n_joints}, "
             "or their kinds differ; name the tip of the same arm"
         )
+
+
+def _base(chain: SerialChain, frames: Array, robot: Robot) -> Array:
+    """(4, 4) from the chain's base frame to the robot's: none where their axes agree as they are, else what makes them.
+
+    A maker's file may start from another link than the URDF that robot.toml was made of.
+    """
+    at_zero = chain.at_zero
+    axes = np.stack(
+        [frame @ axis_frame(joint) for frame, joint in zip(at_zero[:-1], chain.joints, strict=True)]
+    )
+    stands = frames[: len(axes)]
+    if _same_axes(axes, stands, robot.is_revolute):
+        return np.eye(4)
+    moved = _moved_onto(axes, stands, robot.is_revolute)
+    return moved if _same_axes(moved @ axes, stands, robot.is_revolute) else np.eye(4)
+
+
+def _across(frames: Array) -> Array:
+    """(n, 3, 3) what takes from a vector what lies along the z axis of each frame (n, 4, 4)."""
+    along = frames[:, :3, 2]
+    return np.asarray(np.eye(3) - along[:, :, None] * along[:, None, :])
+
+
+def _same_axes(axes: Array, frames: Array, turns: BoolArray) -> bool:
+    """Whether the z axes of frames (n, 4, 4) are the same lines, of joints that slide the same directions."""
+    gap_mm = np.einsum("nij,nj->ni", _across(frames), axes[:, :3, 3] - frames[:, :3, 3])[turns]
+    lean = np.abs(axes[:, :3, 2] - frames[:, :3, 2]).max()
+    return bool(lean < _SAME_RAD and np.abs(gap_mm).max(initial=0.0) < _SAME_MM)
+
+
+def _moved_onto(axes: Array, frames: Array, turns: BoolArray) -> Array:
+    """(4, 4) the motion that brings axes (n, 4, 4) onto the z axes of frames (n, 4, 4), by least squares."""
+    turn = best_fit_rotation(axes[:, :3, 2], frames[:, :3, 2])
+    across = _across(frames)[turns]
+    if not len(across):
+        return make_transform(turn, np.zeros(3))
+    gap_mm = (frames[:, :3, 3] - axes[:, :3, 3] @ turn.T)[turns]
+    shift_mm = np.linalg.pinv(across.sum(axis=0), rcond=1e-9) @ np.einsum("nij,nj->i", across, gap_mm)
+    return make_transform(turn, shift_mm)
 
 
 def _require_axis(chain: SerialChain, robot: Robot, i: int, frame_T_axis: Array) -> None:

@@ -13,20 +13,21 @@ from calib.dataset_import.columns import parsed_mapping
 from calib.dataset_import.import_dataset import import_dataset
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
-from calib.robot_formats.calibrated_urdf import calibrated_urdf
+from calib.robot_formats.calibrated_file import calibrated_urdf, calibrated_yaml
 from calib.robot_formats.chain.five_parameters import chain_of
-from calib.robot_formats.robot_file import RobotFile, conversion_error_mm, named_robot, read_robot
+from calib.robot_formats.origin_yaml import plain_yaml
+from calib.robot_formats.robot_file import Reading, RobotFile, conversion_error_mm, named_robot, read_robot
 from calib.robot_formats.urdf.text import plain_urdf
 from inspector.cli.dataset_commands import show
 from inspector.cli.options import ConvertOptions, ImportOptions
 
-_OUTPUTS = (".toml", ".urdf")
+_OUTPUTS = (".toml", ".urdf", ".yaml", ".yml")
 
 
 def run_convert(options: ConvertOptions) -> int:
     """Read a robot and write it in another form."""
     _check_out(options)
-    found = read_robot(options.source, tip=options.tip, base=options.base)
+    found = read_robot(options.source, _reading(options))
     content, said = _content(options, found)
     write_bytes_atomically(options.out, content)
     text = "\n".join([f"{options.out}: {found.summary}", *said])
@@ -36,7 +37,7 @@ def run_convert(options: ConvertOptions) -> int:
 
 def run_import(options: ImportOptions) -> int:
     """Make a dataset folder of what a user has."""
-    found = named_robot(options.robot, tip=options.tip, base=options.base)
+    found = named_robot(options.robot, _reading(options))
     mapping = parsed_mapping(options.map)
     made = import_dataset(options.path, found.robot, options.joints, options.points, options.scans, mapping)
     dataset = made.dataset
@@ -58,14 +59,24 @@ def run_import(options: ImportOptions) -> int:
     return 0
 
 
+def _reading(options: ConvertOptions | ImportOptions) -> Reading:
+    return Reading(options.tip, options.base, options.convention, options.model)
+
+
 def _content(options: ConvertOptions, found: RobotFile) -> tuple[bytes, list[str]]:
     """What to write, and what is to be said of it."""
     if options.out.suffix.lower() == ".toml":
         return robot_to_toml(found.robot).encode(), []
+    is_urdf = options.out.suffix.lower() == ".urdf"
     if options.template is not None:
-        urdf = calibrated_urdf(options.template, found.robot)
-        return urdf.content, [urdf.summary]
+        make = calibrated_urdf if is_urdf else calibrated_yaml
+        written = make(options.template, found.robot)
+        return written.content, [written.summary]
     chain = chain_of(found.robot)
+    if not is_urdf:
+        return plain_yaml(chain).encode(), [
+            "note: a maker's description has other frames; give its own file as --template"
+        ]
     return plain_urdf(chain).encode(), [f"note: {note}" for note in _not_in_urdf(found.robot)]
 
 
@@ -94,8 +105,10 @@ def _check_out(options: ConvertOptions) -> None:
             )
     if out.exists() and not options.force:
         raise CalibError(f"{out}: exists; name another file, or --force to replace it")
-    if options.template is not None and out.suffix.lower() == ".toml":
-        raise CalibError(f"--template {options.template}: only a .urdf is made of a template")
+    if options.template is not None and options.template.suffix.lower() != out.suffix.lower():
+        raise CalibError(
+            f"--template {options.template}: is of another form than {out}; only a .urdf or .yaml is made of one"
+        )
 
 
 def _document(options: ConvertOptions, found: RobotFile, said: list[str]) -> dict[str, Any]:

@@ -11,10 +11,10 @@ import pytest
 from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_toml
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
-from calib.robot_formats.calibrated_urdf import calibrated_urdf
+from calib.robot_formats.calibrated_file import calibrated_urdf
 from calib.robot_formats.chain.five_parameters import chain_of
 from calib.robot_formats.chain.serial_chain import chain_frames
-from calib.robot_formats.robot_file import read_robot
+from calib.robot_formats.robot_file import Reading, read_robot
 from calib.robot_formats.urdf.text import plain_urdf
 from tests.support.chains import chains, joint, link, shoulder_arm, urdf_of
 
@@ -42,14 +42,14 @@ def through_toml(robot: Robot, tmp_path: Path) -> Robot:
 
 
 def test_nothing_calibrated_is_a_text_diff_of_nothing(template: Path, tmp_path: Path) -> None:
-    robot = through_toml(read_robot(template, tip="tool0").robot, tmp_path)
+    robot = through_toml(read_robot(template, Reading(tip="tool0")).robot, tmp_path)
     out = calibrated_urdf(template, robot, comment="by nobody")
     assert out.content == template.read_bytes()
     assert out.changed == ()
 
 
 def test_only_origins_change_and_the_file_reads_as_the_calibrated_arm(template: Path, tmp_path: Path) -> None:
-    nominal = read_robot(template, tip="tool0").robot
+    nominal = read_robot(template, Reading(tip="tool0")).robot
     change = np.random.default_rng(0).normal(0, 1, nominal.table.shape) * [1.0, 0.005, 1.0, 0.005, 0.005]
     calibrated = nominal.with_table(nominal.table + change)
     out = calibrated_urdf(
@@ -58,7 +58,7 @@ def test_only_origins_change_and_the_file_reads_as_the_calibrated_arm(template: 
     assert out.changed == ("pan", "lift", "elbow", "slide", "roll", "tool_fixed")
     again = tmp_path / "calibrated.urdf"
     again.write_bytes(out.content)
-    found = read_robot(again, tip="tool0").robot
+    found = read_robot(again, Reading(tip="tool0")).robot
     assert np.abs(tips(found) - tips(calibrated))[:, :3, 3].max() < 1e-9
     before, after = template.read_text().splitlines(), out.content.decode().splitlines()
     changed = [line[2:] for line in difflib.ndiff(before, after) if line[0] in "+-"]
@@ -66,7 +66,7 @@ def test_only_origins_change_and_the_file_reads_as_the_calibrated_arm(template: 
 
 
 def test_one_joints_zero_changes_one_line(template: Path) -> None:
-    nominal = read_robot(template, tip="tool0").robot
+    nominal = read_robot(template, Reading(tip="tool0")).robot
     table = nominal.table
     table[2, 3] += np.radians(0.2)
     out = calibrated_urdf(template, nominal.with_table(table), nominal)

@@ -1,4 +1,4 @@
-"""A calibrated robot as the user's own URDF with other origins."""
+"""A calibrated robot as the user's own URDF or kinematics YAML with other origins."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from pathlib import Path
 from calib.kinematics.robot import Robot
 from calib.robot_formats.chain.calibrated_origins import with_calibration
 from calib.robot_formats.chain.five_parameters import robot_of
+from calib.robot_formats.origin_yaml import chain_of_yaml, read_origin_yaml, with_yaml_origins
 from calib.robot_formats.robot_file import read_arm, source_links
 from calib.robot_formats.urdf.chain import chain_of_arm
 from calib.robot_formats.urdf.text import with_origins
 
 
 @dataclass(frozen=True)
-class CalibratedUrdf:
-    """The text of a URDF, and what is to be said of it."""
+class CalibratedFile:
+    """The text of a robot's file, and what is to be said of it."""
 
     content: bytes
     changed: tuple[str, ...]  # joints with another origin
@@ -28,7 +29,7 @@ class CalibratedUrdf:
         what = f"origins changed: {', '.join(self.changed)}" if self.changed else "no origin changed"
         return "\n".join([what, *(f"note: {note}" for note in self.notes)])
 
-    def with_notes(self, notes: Sequence[str]) -> CalibratedUrdf:
+    def with_notes(self, notes: Sequence[str]) -> CalibratedFile:
         """The same with more to be said."""
         return replace(self, notes=(*self.notes, *notes))
 
@@ -41,7 +42,7 @@ def calibrated_urdf(
     tip: str | None = None,
     base: str | None = None,
     comment: str = "",
-) -> CalibratedUrdf:
+) -> CalibratedFile:
     """The template's text with the origins of the calibrated robot, every other byte as it was.
 
     `nominal`: the robot before calibration, whose axes are those of the template; None: as the template says, for a
@@ -60,4 +61,18 @@ def calibrated_urdf(
         )
     elif not text.tip_written:
         notes.append(f"no fixed joint holds link {arm.tip}, so its place on the last joint stays as it was")
-    return CalibratedUrdf(text.content, text.changed, tuple(notes))
+    return CalibratedFile(text.content, text.changed, tuple(notes))
+
+
+def calibrated_yaml(template: Path, calibrated: Robot, nominal: Robot | None = None) -> CalibratedFile:
+    """A maker's kinematics file with calibrated numbers; its hash and all else stay. As `calibrated_urdf`."""
+    origins = read_origin_yaml(template)
+    chain = chain_of_yaml(origins)
+    found = with_calibration(chain, robot_of(chain) if nominal is None else nominal, calibrated)
+    text, changed = with_yaml_origins(origins, found.chain)
+    notes = (
+        ()
+        if origins.flange is not None and found.tip_known
+        else ("the tool is no part of a kinematics file",)
+    )
+    return CalibratedFile(text.encode(), changed, notes)

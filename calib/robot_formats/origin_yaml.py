@@ -1,0 +1,155 @@
+"""Joint origins as makers' YAML: UR, UFACTORY, Flexiv, Franka; in, and out by changing numbers only.
+
+Metres and radians, a block `x y z roll pitch yaw` a joint, which the maker's xacro puts into its <origin>. Joints turn
+about their z axis. rpy is about fixed axes, as URDF has it.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from calib.array_types import Array
+from calib.frames import make_transform, rotation_from_rpy, rpy_from_rotation
+from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, chain_frames
+from calib.robot_formats.simple_yaml import YamlFile, YamlNode, read_yaml
+
+KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
+_UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+_FRANKA_FLANGE = "joint8"  # no joint: the flange behind joint 7
+_SAME = 5e-13  # m or rad
+_MOST = 1e6
+
+
+@dataclass(frozen=True)
+class OriginYaml:
+    """A kinematics file: the blocks in the order of the joints."""
+
+    file: YamlFile
+    blocks: dict[str, YamlNode]  # by name of the joint or link
+    flange: YamlNode | None = None
+
+
+def read_origin_yaml(path: Path) -> OriginYaml:
+    """The blocks of a kinematics file. Raises RobotFileError with file and line."""
+    file = read_yaml(path)
+    top = file.root.children.get("kinematics", file.root)
+    blocks = {}
+    for name, node in top.children.items():
+        block = node.children.get("kinematic", node)
+        if any(key in block.children for key in KEYS):
+            missing = [key for key in KEYS if key not in block.children]
+            if missing:
+                file.fail(
+                    block.line, f"{name} has no {', '.join(missing)}", "a block has x y z roll pitch yaw"
+                )
+            blocks[name] = block
+    if not blocks:
+        raise RobotFileError(
+            f"{path}: found no block of x y z roll pitch yaw; a kinematics file has one a joint"
+        )
+    if set(blocks) == set(_UR_LINKS):
+        blocks = {name: blocks[name] for name in _UR_LINKS}
+    elif all(re.fullmatch(r"joint_?\d+", name) for name in blocks):
+        blocks = dict(sorted(blocks.items(), key=lambda item: int(re.sub(r"\D", "", item[0]))))
+    nested = any("kinematic" in node.children for node in top.children.values())
+    flange = blocks.pop(_FRANKA_FLANGE, None) if nested else None
+    return OriginYaml(file, blocks, flange)
+
+
+def chain_of_yaml(origins: OriginYaml) -> SerialChain:
+    """The arm: each joint turns about z of its block's frame."""
+    places = [_place(origins.file, name, block) for name, block in origins.blocks.items()]
+    end = np.eye(4) if origins.flange is None else _place(origins.file, _FRANKA_FLANGE, origins.flange)
+    joints = tuple(ChainJoint(name, place) for name, place in zip(origins.blocks, places, strict=True))
+    notes = [
+        "the joints turn about z of their blocks, as in the makers' descriptions; limits and masses are not in it"
+    ]
+    chain = SerialChain(origins.file.path.stem, joints, end)
+    if set(origins.blocks) == set(_UR_LINKS):
+        off_mm = _intrinsic_differs_mm(origins, chain)
+        notes.append(
+            f"rpy are read about fixed axes, as URDF reads them; the exporter of UR's driver writes turns about moving "
+            f"axes there, which would put this arm's tip up to {off_mm:.2g} mm elsewhere"
+        )
+    return SerialChain(chain.name, chain.joints, chain.last_T_tip, notes=tuple(notes))
+
+
+def with_yaml_origins(origins: OriginYaml, chain: SerialChain) -> tuple[str, tuple[str, ...]]:
+    """The file's text with the origins of a chain of its joints, and the blocks that changed; a hash stays."""
+    wanted = [joint.before_T_joint for joint in chain.joints]
+    blocks = list(origins.blocks.items())
+    if origins.flange is not None:
+        blocks.append((_FRANKA_FLANGE, origins.flange))
+        wanted.append(chain.last_T_tip)
+    text, edits, changed = origins.file.text, [], []
+    for (name, block), place in zip(blocks, wanted, strict=True):
+        before = _place(origins.file, name, block)
+        new: dict[str, float] = {}
+        if np.abs(place[:3, 3] - before[:3, 3]).max() > 1e3 * _SAME:
+            new |= dict(zip("xyz", map(float, 1e-3 * place[:3, 3]), strict=True))
+        if np.abs(place[:3, :3] - before[:3, :3]).max() > _SAME:
+            new |= dict(zip(KEYS[3:], map(float, rpy_from_rotation(place[:3, :3])), strict=True))
+        if new:
+            changed.append(name)
+        for key, value in new.items():
+            node = block.children[key]
+            edits.append((node.start, node.start + len(node.text), repr(value + 0.0)))
+    for start, end, number in sorted(edits, reverse=True):
+        text = text[:start] + number + text[end:]
+    return text, tuple(changed)
+
+
+def plain_yaml(chain: SerialChain) -> str:
+    """A kinematics file of a chain whose joints turn about z. Raises RobotFileError for others."""
+    lines = ["kinematics:"]
+    for k, joint in enumerate(chain.joints, 1):
+        if not joint.is_revolute or not np.allclose(joint.axis, (0.0, 0.0, 1.0), atol=1e-12):
+            raise RobotFileError(
+                f"robot {chain.name}: joint {k} does not turn about z; a kinematics file has such only"
+            )
+        values = [*(1e-3 * joint.before_T_joint[:3, 3]), *rpy_from_rotation(joint.before_T_joint[:3, :3])]
+        lines.append(f"  {joint.name}:" if re.fullmatch(r"[\w-]+", joint.name) else f"  joint{k}:")
+        lines += [f"    {key}: {float(value) + 0.0!r}" for key, value in zip(KEYS, values, strict=True)]
+    return "\n".join([*lines, ""])
+
+
+def _place(file: YamlFile, name: str, block: YamlNode) -> Array:
+    """(4, 4) of a block, mm."""
+    x, y, z, *rpy = (_number(file, name, key, block.children[key]) for key in KEYS)
+    return make_transform(rotation_from_rpy(rpy), 1e3 * np.array([x, y, z]))
+
+
+def _number(file: YamlFile, name: str, key: str, node: YamlNode) -> float:
+    text, scale = node.text, 1.0
+    if text.startswith("!degrees"):
+        text, scale = text.removeprefix("!degrees"), math.pi / 180.0
+    try:
+        value = float(text.removeprefix("!radians").strip().strip("\"'")) * scale
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= _MOST or "_" in text:
+        file.fail(
+            node.line, f"{key} of {name} is {node.text[:40]!r}", "a number in metres or radians is needed"
+        )
+    return value
+
+
+def _intrinsic_differs_mm(origins: OriginYaml, chain: SerialChain) -> float:
+    """How far the tip moves at most where the angles are taken about moving axes x, y, z."""
+    other = []
+    for (name, block), joint in zip(origins.blocks.items(), chain.joints, strict=True):
+        rpy = [_number(origins.file, name, key, block.children[key]) for key in KEYS[3:]]
+        turn = Rotation.from_euler("XYZ", rpy).as_matrix()
+        other.append(ChainJoint(joint.name, make_transform(turn, joint.before_T_joint[:3, 3])))
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (100, len(other)))
+    tips = [
+        chain_frames(of, q)[:, -1, :3, 3]
+        for of in (chain, SerialChain(chain.name, tuple(other), chain.last_T_tip))
+    ]
+    return float(np.linalg.norm(tips[0] - tips[1], axis=1).max())

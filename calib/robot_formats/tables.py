@@ -1,0 +1,252 @@
+"""Tables of other schools as CSV: standard and modified Denavit-Hartenberg, screw axes at home, joint origins.
+
+Units stand in the columns' names. A row of the name tool, flange, tcp or ee, or of the type fixed, is the way
+from the last joint to the tip.
+
+| columns | row i |
+|---|---|
+| theta d a alpha, standard | Rz(theta + q) Trans(a, 0, d) Rx(alpha), from axis i to axis i + 1 |
+| theta d a alpha, modified (Craig) | Rx(alpha) Trans(a, 0, 0) Rz(theta + q) Trans(0, 0, d), from axis i - 1 to axis i |
+| wx wy wz, px py pz or vx vy vz | axis i at home in the base frame, a point on it or v = -w x p; the tip: px ... yaw |
+| x y z roll pitch yaw, and axis_x axis_y axis_z | the origin of joint i in the frame of the one before, as in a URDF |
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.frames import make_transform, rotation_from_rpy
+from calib.robot_formats.chain.five_parameters import row_transform
+from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
+from calib.user_tables.unit_names import plain, split_unit
+from calib.user_tables.user_table import UserTable, load_table
+
+CONVENTIONS = ("standard", "modified")
+_TIPS = ("tool", "tool0", "flange", "tcp", "ee", "tip", "home", "m")
+_ANGLES = {"deg": math.pi / 180.0, "rad": 1.0}
+_LENGTHS = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "in": 25.4, "um": 1e-3}
+_SAME_AXIS_MM, _SAME_AXIS_RAD = 1e-6, 1e-9
+_MOST = 1e6
+
+
+def chain_of_table(path: Path, convention: str | None) -> SerialChain:
+    """The arm of a table, whose school its columns tell; for Denavit-Hartenberg `convention` says which of the two.
+
+    Raises RobotFileError in one line; so it does where the table is one of the other convention by all signs.
+    """
+    table = _Table(load_table(path))
+    if table.has("a", "alpha", "d", "theta"):
+        return _denavit_hartenberg(table, convention)
+    if convention is not None:
+        raise RobotFileError(f"{path}: --convention is for tables of theta, d, a, alpha; found {table.named}")
+    if table.has("wx", "wy", "wz"):
+        return _screws(table)
+    if table.has("x", "y", "z", "roll", "pitch", "yaw"):
+        return _origins(table)
+    raise RobotFileError(
+        f"{path}: line 1: found {table.named}; expected theta, d, a, alpha, or wx, wy, wz with px, py, pz, or x, y, z, "
+        "roll, pitch, yaw"
+    )
+
+
+class _Table:
+    """Columns by their plain names; values in mm and rad."""
+
+    def __init__(self, table: UserTable) -> None:
+        self.table, self.path = table, table.path
+        self._columns: dict[str, tuple[str, str]] = {}
+        for name in table.columns:
+            base, unit = split_unit(name)
+            self._columns.setdefault(plain(base), (name, unit))
+        types = [word.lower() for word in self.words("type", "revolute")]
+        names = self.words("name", "")
+        if not any(names):
+            names = self.words("joint", "")
+        last = len(table) - 1
+        is_tip = [
+            kind == "fixed" or (i == last and plain(name) in _TIPS)
+            for i, (kind, name) in enumerate(zip(types, names, strict=True))
+        ]
+        if any(is_tip[:-1]):
+            self.fail(is_tip.index(True), "a fixed row stands between joints; join it to the next")
+        self.joints = [i for i in range(len(table)) if not is_tip[i]]
+        self.tip = last if is_tip[-1] else None
+        for i in self.joints:
+            if types[i] not in ("revolute", "prismatic"):
+                self.fail(i, f"type {types[i][:30]!r}; expected revolute, prismatic or fixed")
+        if not self.joints:
+            raise RobotFileError(f"{self.path}: has no row of a joint")
+        self.types = [types[i] for i in self.joints]
+        self.names = [names[i] or f"J{k}" for k, i in enumerate(self.joints, 1)]
+
+    @property
+    def named(self) -> str:
+        """The columns."""
+        return ", ".join(self.table.columns[:20])
+
+    def has(self, *columns: str) -> bool:
+        """Whether all of them are there."""
+        return all(column in self._columns for column in columns)
+
+    def words(self, column: str, default: str) -> list[str]:
+        """A column of texts; the default where it is missing or a cell is empty."""
+        if column not in self._columns:
+            return [default] * len(self.table)
+        return [cell or default for cell in self.table.text(self._columns[column][0])]
+
+    def values(self, column: str, kind: str) -> Array:
+        """(rows,) a column, mm or rad as `kind` is "length" or "angle", bare numbers for "none"."""
+        name, unit = self._columns[column]
+        faults: list[str] = []
+        filled = [tuple(cell or "0" for cell in row) for row in self.table.rows]
+        out = replace(self.table, rows=tuple(filled)).numbers(name, faults.append)
+        if faults:
+            raise RobotFileError(faults[0])
+        units = {"length": _LENGTHS, "angle": _ANGLES, "none": {"": 1.0}}[kind]
+        if unit not in units:
+            needed = " or ".join(f"{plain(column)}_{known}" for known in list(units)[:2])
+            raise RobotFileError(
+                f"{self.path}: line 1: column {name!r} tells no unit that it may have; name it {needed}"
+            )
+        out = out * units[unit]
+        if np.abs(out).max() > _MOST:
+            self.fail(
+                int(np.abs(out).argmax()),
+                f"column {name}: {out[np.abs(out).argmax()]:g} is beyond {_MOST:g} mm or rad",
+            )
+        return out
+
+    def limits(self, end: str) -> list[float | None]:
+        """Of the joints, rad or mm; None where the table has none."""
+        if end not in self._columns:
+            return [None] * len(self.joints)
+        cells = self.table.text(self._columns[end][0])
+        turning = all(kind == "revolute" for kind in self.types)
+        values = self.values(end, "angle" if turning or self._columns[end][1] in _ANGLES else "length")
+        return [float(values[i]) if cells[i] else None for i in self.joints]
+
+    def fail(self, row: int, words: str) -> None:
+        """Raise RobotFileError with a row's line."""
+        raise RobotFileError(f"{self.path}: line {self.table.lines[row]}: {words}")
+
+    def chain(
+        self, places: Sequence[Array], end: Array, axes: Array | None = None, notes: tuple[str, ...] = ()
+    ) -> SerialChain:
+        """A chain of the joints at places (4, 4) in the frame before, each turning about its axis (3,) or z."""
+        low, high = self.limits("min"), self.limits("max")
+        joints = []
+        for k, (name, kind, place) in enumerate(zip(self.names, self.types, places, strict=True)):
+            x, y, z = (0.0, 0.0, 1.0) if axes is None else map(float, axes[k])
+            joints.append(ChainJoint(name, place, (x, y, z), kind, low[k], high[k]))
+        return SerialChain(self.path.stem, tuple(joints), end, notes=notes)
+
+
+def _denavit_hartenberg(table: _Table, convention: str | None) -> SerialChain:
+    a, d = table.values("a", "length"), table.values("d", "length")
+    alpha, theta = table.values("alpha", "angle"), table.values("theta", "angle")
+    rows = np.column_stack([a, alpha, d, theta])
+    readings = {"standard": _standard(table, rows), "modified": _modified(table, rows)}
+    coinciding = {name: _same_axes(chain) for name, chain in readings.items()}
+    if convention is None:
+        clear = [name for name, pairs in coinciding.items() if not pairs]
+        hint = f"; by its axes it looks {clear[0]}" if len(clear) == 1 else ""
+        raise RobotFileError(f"{table.path}: give --convention standard or modified (Craig){hint}")
+    other = next(name for name in readings if name != convention)
+    if coinciding[convention] and not coinciding[other]:
+        i = coinciding[convention][0]
+        raise RobotFileError(
+            f"{table.path}: read as {convention}, joints {i} and {i + 1} turn about one axis, and as {other} none "
+            f"do; it is a {other} table: --convention {other}"
+        )
+    return readings[convention]
+
+
+def _standard(table: _Table, rows: Array) -> SerialChain:
+    ends = [row_transform((a, alpha, d, theta, 0.0)) for a, alpha, d, theta in rows]
+    of_joints = [ends[i] for i in table.joints]
+    end = of_joints[-1] if table.tip is None else of_joints[-1] @ ends[table.tip]
+    return table.chain([np.eye(4), *of_joints[:-1]], end)
+
+
+def _modified(table: _Table, rows: Array) -> SerialChain:
+    ways = [
+        row_transform((0.0, alpha, 0.0, 0.0, 0.0))
+        @ row_transform((a, 0.0, 0.0, 0.0, 0.0))
+        @ row_transform((0.0, 0.0, d, theta, 0.0))
+        for a, alpha, d, theta in rows
+    ]
+    return table.chain([ways[i] for i in table.joints], np.eye(4) if table.tip is None else ways[table.tip])
+
+
+def _same_axes(chain: SerialChain) -> list[int]:
+    """The joints, from 1, that turn about the same axis as the next one."""
+    out = []
+    for k, (joint, following) in enumerate(zip(chain.joints, chain.joints[1:], strict=False), 1):
+        place = following.before_T_joint
+        lean, off_mm = np.hypot(*place[:2, 2]), np.hypot(*place[:2, 3])
+        if joint.is_revolute and following.is_revolute and lean < _SAME_AXIS_RAD and off_mm < _SAME_AXIS_MM:
+            out.append(k)
+    return out
+
+
+def _screws(table: _Table) -> SerialChain:
+    w = np.column_stack([table.values(key, "none") for key in ("wx", "wy", "wz")])
+    given = table.has("px", "py", "pz")
+    if not given and not table.has("vx", "vy", "vz"):
+        raise RobotFileError(
+            f"{table.path}: line 1: found {table.named}; axes need points px, py, pz or moments vx, vy, vz"
+        )
+    if given:
+        p_mm = np.column_stack([table.values(key, "length") for key in ("px", "py", "pz")])
+    else:
+        unit = {
+            split_unit(name)[1]
+            for name in table.table.columns
+            if plain(split_unit(name)[0]) in ("vx", "vy", "vz")
+        }
+        kind = "none" if unit == {""} else "length"
+        v = np.column_stack([table.values(key, kind) for key in ("vx", "vy", "vz")])
+        v_mm = v * (1000.0 if kind == "none" else 1.0)  # moments without a unit are those of metres
+        length = np.maximum(np.sum(w**2, axis=1, keepdims=True), 1e-300)
+        p_mm = np.cross(w, v_mm) / length
+        slides = np.linalg.norm(w, axis=1) < 1e-9
+        w = np.where(slides[:, None], v, w)
+        p_mm[slides] = 0.0
+    axes, places, before = [], [], np.zeros(3)
+    for i in table.joints:
+        length = float(np.linalg.norm(w[i]))
+        if length < 1e-9:
+            table.fail(i, "the axis has no direction")
+        axes.append(w[i] / length)
+        places.append(make_transform(np.eye(3), p_mm[i] - before))
+        before = p_mm[i]
+    end = make_transform(np.eye(3), -before)
+    if table.tip is not None:
+        keys = ("roll", "pitch", "yaw")
+        rpy = [float(table.values(key, "angle")[table.tip]) if table.has(key) else 0.0 for key in keys]
+        end = make_transform(rotation_from_rpy(rpy), p_mm[table.tip] - before)
+    return table.chain(places, end, np.array(axes))
+
+
+def _origins(table: _Table) -> SerialChain:
+    xyz_mm = np.column_stack([table.values(key, "length") for key in "xyz"])
+    rpy = np.column_stack([table.values(key, "angle") for key in ("roll", "pitch", "yaw")])
+    ways = [make_transform(rotation_from_rpy(turn), place) for turn, place in zip(rpy, xyz_mm, strict=True)]
+    axes = None
+    if table.has("axisx", "axisy", "axisz"):
+        axes = np.column_stack([table.values(key, "none") for key in ("axisx", "axisy", "axisz")])[
+            table.joints
+        ]
+        lengths = np.linalg.norm(axes, axis=1, keepdims=True)
+        if lengths.min() < 1e-9:
+            table.fail(table.joints[int(lengths.argmin())], "the axis has no direction")
+        axes = axes / lengths
+    return table.chain(
+        [ways[i] for i in table.joints], np.eye(4) if table.tip is None else ways[table.tip], axes
+    )

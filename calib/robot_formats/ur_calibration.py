@@ -1,0 +1,131 @@
+"""calibration.conf of a Universal Robots controller: lists of six that are added to the nominal table.
+
+Standard Denavit-Hartenberg, metres and radians. As axes 2 to 4 are nearly parallel, the controller's d of them may
+reach hundreds of metres; the same arm has a table with small numbers, each frame on its axis where it is closest to the
+nominal one, and that is the one that is made.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.frames import rotation_from_rpy
+from calib.kinematics.robot import Robot
+from calib.robot_formats.chain.five_parameters import robot_of
+from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
+from calib.robot_formats.urdf.safe_xml import read_bytes
+
+# a2, a3, d1, d4, d5, d6 in metres: universal-robots.com, "DH parameters for calculations of kinematics and dynamics"
+MODELS: dict[str, tuple[float, float, float, float, float, float]] = {
+    "ur3": (-0.24365, -0.21325, 0.1519, 0.11235, 0.08535, 0.0819),
+    "ur5": (-0.425, -0.39225, 0.089159, 0.10915, 0.09465, 0.0823),
+    "ur10": (-0.612, -0.5723, 0.1273, 0.163941, 0.1157, 0.0922),
+    "ur3e": (-0.24355, -0.2132, 0.15185, 0.13105, 0.08535, 0.0921),
+    "ur5e": (-0.425, -0.3922, 0.1625, 0.1333, 0.0997, 0.0996),
+    "ur10e": (-0.6127, -0.57155, 0.1807, 0.17415, 0.11985, 0.11655),
+    "ur16e": (-0.4784, -0.36, 0.1807, 0.17415, 0.11985, 0.11655),
+    "ur20": (-0.8620, -0.7287, 0.2363, 0.2010, 0.1593, 0.1543),
+    "ur30": (-0.6370, -0.5037, 0.2363, 0.2010, 0.1593, 0.1543),
+}
+_ALPHA = (math.pi / 2, 0.0, 0.0, math.pi / 2, -math.pi / 2, 0.0)
+_NAMES = (
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)
+_LISTS = ("delta_theta", "delta_a", "delta_d", "delta_alpha")
+_LINE = re.compile(r"\s*(?P<key>\w+)\s*=\s*\[(?P<values>[^\]]*)\]\s*$")
+_MOST_BYTES = 1024 * 1024
+_MOST = 1e5  # m or rad
+
+
+def read_ur_calibration(path: Path, model: str | None) -> tuple[Robot, SerialChain]:
+    """The robot of a calibration.conf with small numbers, and the controller's own table as a chain.
+
+    `model`: which arm it is of, as the file does not say. Raises RobotFileError with file and line.
+    """
+    if model is None or model.lower() not in MODELS:
+        said = "does not say which arm it is of" if model is None else f"--model {model} is not known"
+        raise RobotFileError(f"{path}: {said}; give --model, one of {', '.join(MODELS)}")
+    deltas = _deltas(path)
+    nominal = chain_of_standard(nominal_rows(model), model)
+    rows = nominal_rows(model) + np.column_stack([deltas[key] for key in _LISTS]) * [1.0, 1000.0, 1000.0, 1.0]
+    chain = chain_of_standard(rows, f"{model.upper()} of {path.name}")
+    largest_m = float(np.abs(rows[:, 2]).max()) / 1e3
+    note = (
+        f"the controller's own table has a d of {largest_m:.4g} m; this one is the same arm with each frame near its "
+        "nominal place"
+    )
+    chain = SerialChain(chain.name, chain.joints, chain.last_T_tip, notes=(note,))
+    near = list(nominal.at_zero[1:-1, :3, 3])
+    return robot_of(chain, near), chain
+
+
+def nominal_rows(model: str) -> Array:
+    """(6, 4) theta, a, d, alpha in rad and mm."""
+    a2, a3, d1, d4, d5, d6 = MODELS[model.lower()]
+    a, d = [0.0, a2, a3, 0.0, 0.0, 0.0], [d1, 0.0, 0.0, d4, d5, d6]
+    return np.column_stack([np.zeros(6), 1e3 * np.array(a), 1e3 * np.array(d), _ALPHA])
+
+
+def chain_of_standard(rows: Array, name: str) -> SerialChain:
+    """The chain of a standard table (6, 4): row i leads from axis i to axis i + 1."""
+    ends = [_row(*row) for row in rows]
+    joints = [
+        ChainJoint(label, before) for label, before in zip(_NAMES, [np.eye(4), *ends[:-1]], strict=True)
+    ]
+    return SerialChain(name, tuple(joints), ends[-1])
+
+
+def _row(theta: float, a_mm: float, d_mm: float, alpha: float) -> Array:
+    """(4, 4) Rz(theta) Trans(a, 0, d) Rx(alpha)."""
+    out = np.eye(4)
+    turn = rotation_from_rpy([0.0, 0.0, theta])
+    out[:3, :3] = turn @ rotation_from_rpy([alpha, 0.0, 0.0])
+    out[:3, 3] = turn @ [a_mm, 0.0, d_mm]
+    return out
+
+
+def _deltas(path: Path) -> dict[str, list[float]]:
+    """The four lists of section [mounting]."""
+    text = read_bytes(path, _MOST_BYTES).decode("utf-8-sig", errors="replace")
+    section, found = "", {}
+    for number, line in enumerate(text.splitlines(), 1):
+        line = re.sub(r"\s[#;].*$", "", line).strip()
+        if line.startswith("["):
+            section = line.strip("[] \t")
+            continue
+        key = line.partition("=")[0].strip()
+        if section != "mounting" or key not in _LISTS:
+            continue
+        match = _LINE.match(line)
+        values = [_number(word) for word in match["values"].split(",")] if match else []
+        if len(values) != 6 or any(value is None for value in values):
+            raise RobotFileError(
+                f"{path}: line {number}: {key}: found {line[:60]!r}; a list of six numbers is needed"
+            )
+        if key in found:
+            raise RobotFileError(f"{path}: line {number}: {key} stands there twice; remove one")
+        found[key] = [value for value in values if value is not None]
+    missing = [key for key in _LISTS if key not in found]
+    if missing:
+        raise RobotFileError(
+            f"{path}: section [mounting] has no {', '.join(missing)}; a controller's calibration.conf has all four"
+        )
+    return found
+
+
+def _number(word: str) -> float | None:
+    try:
+        value = float(word)
+    except ValueError:
+        return None
+    return value if abs(value) <= _MOST and "_" not in word else None

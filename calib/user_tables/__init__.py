@@ -1,0 +1,1 @@
+"""Tables as users have them: any separator, units in the names of columns."""

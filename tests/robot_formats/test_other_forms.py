@@ -1,0 +1,448 @@
+"""Kinematics YAML, UR calibrations, tables of other schools, MuJoCo models: each against code of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+from calib.effects.gravity import GravityLoads
+from calib.kinematics.chain import forward
+from calib.kinematics.robot import Base, Robot
+from calib.robot_formats.calibrated_file import calibrated_yaml
+from calib.robot_formats.chain.five_parameters import frames_at_zero
+from calib.robot_formats.chain.serial_chain import RobotFileError
+from calib.robot_formats.robot_file import Reading, read_robot
+from calib.robot_formats.ur_calibration import MODELS, nominal_rows
+from tests.support.chains import joint, link, urdf_of
+
+DELTAS = {  # a published calibration of a UR10: Universal_Robots_ROS2_Driver, ur_calibration/test
+    "delta_theta": [
+        -7.290070070824746e-05, -0.01713897289704999, -0.03707159413492756, 0.054279462160583214,
+        1.488984257025741e-07, 1.551499479707493e-05,
+    ],
+    "delta_a": [
+        4.6311376834935676e-05, -0.00012568315331862312, 0.00186216581161458, 9.918593870679266e-05,
+        4.215462720453189e-06, 0,
+    ],
+    "delta_d": [
+        0.00065609212979853, 1.4442162376284788, 0.854147723854608, -2.2989425877563705,
+        -1.573498686836816e-05, 1.9072435590711256e-05,
+    ],
+    "delta_alpha": [
+        0.000211987863869334, -0.0072553625957652995, -0.013483226769541364, 0.0013495820227329425,
+        -0.001263136163679901, 0,
+    ],
+}  # fmt: skip
+LISTS = "\n".join(f"{key} = {values}" for key, values in DELTAS.items())
+UR10_CONF = f"\n[mounting]\n# a comment\n{LISTS}\njoint_checksum = [1, 2, 3, 4, 5, 6]\n[other]\ndelta_d = 5\n"
+
+
+def tips(robot: Robot, q: np.ndarray) -> np.ndarray:
+    return forward(robot.table, q, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1]
+
+
+def joints_at_random(count: int, n: int) -> np.ndarray:
+    return np.random.default_rng(0).uniform(-np.pi, np.pi, (count, n))
+
+
+def rot(axis: str, angle: float) -> np.ndarray:
+    out = np.eye(4)
+    out[:3, :3] = Rotation.from_euler(axis, angle).as_matrix()
+    return out
+
+
+def trans(x: float, y: float, z: float) -> np.ndarray:
+    out = np.eye(4)
+    out[:3, 3] = (x, y, z)
+    return out
+
+
+def standard(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Rows theta, a, d, alpha."""
+    out = np.eye(4)
+    for (theta, a, d, alpha), value in zip(rows, q, strict=True):
+        out = out @ rot("z", theta + value) @ trans(a, 0, d) @ rot("x", alpha)
+    return out
+
+
+# ---- UR's controllers -----------------------------------------------------------------------------------------------
+
+
+def test_a_ur_calibration_is_the_controllers_arm_with_small_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "calibration.conf"
+    path.write_text(UR10_CONF)
+    found = read_robot(path, Reading(model="ur10"))
+    deltas = np.column_stack([DELTAS[f"delta_{key}"] for key in ("theta", "a", "d", "alpha")])
+    rows = nominal_rows("ur10") + deltas * [1, 1e3, 1e3, 1]
+    q = joints_at_random(1000, 6)
+    theirs = np.array([standard(rows, values) for values in q])
+    assert np.abs(tips(found.robot, q) - theirs)[:, :3, 3].max() < 1e-9
+    assert np.abs(tips(found.robot, q) - theirs)[:, :3, :3].max() < 1e-12
+    nominal = [standard(nominal_rows("ur10")[:k], np.zeros(k)) for k in range(1, 7)]
+    frames = frames_at_zero(found.robot)[1:-1]
+    assert (
+        max(np.linalg.norm(a[:3, 3] - b[:3, 3]) for a, b in zip(frames[:5], nominal[:5], strict=True)) < 50.0
+    )
+    assert np.abs(found.robot.table[:, [0, 2]]).max() < 700.0
+    assert "d of 2.135 m" in found.summary
+    with pytest.raises(RobotFileError, match="give --model, one of ur3, ur5"):
+        read_robot(path)
+    with pytest.raises(RobotFileError, match="--model kuka is not known"):
+        read_robot(path, Reading(model="kuka"))
+    assert read_robot(path, Reading(model="UR10")).robot.base == Base()
+    assert len(MODELS) == 9
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("0.00065609212979853, ", "", "line 6: delta_d: found .* a list of six numbers"),
+        ("0.00065609212979853", "nan", "line 6: delta_d"),
+        ("delta_a = ", "delta_b = ", r"section \[mounting\] has no delta_a"),
+        ("delta_alpha", "delta_a", "line 7: delta_a stands there twice"),
+        ("[mounting]", "[mouting]", "has no delta_theta, delta_a, delta_d, delta_alpha"),
+    ],
+)
+def test_a_damaged_calibration_is_told_with_its_line(tmp_path: Path, old: str, new: str, said: str) -> None:
+    path = tmp_path / "calibration.conf"
+    path.write_text(UR10_CONF.replace(old, new, 1))
+    with pytest.raises(RobotFileError, match=said):
+        read_robot(path, Reading(model="ur10"))
+
+
+# ---- kinematics YAML ------------------------------------------------------------------------------------------------
+
+UR_YAML = """kinematics:
+  shoulder:
+    x: 0
+    y: 0
+    z: 0.1273
+    roll: -0
+    pitch: 0
+    yaw: 0
+  upper_arm:
+    x: 0.00012
+    y: 0
+    z: 0
+    roll: 1.5702
+    pitch: 0.0001
+    yaw: -0.0002
+  forearm: {x: -0.612, y: 0, z: 0, roll: 0.0007, pitch: -0.0009, yaw: 0.0003}
+  wrist_1:   # nearly parallel
+    x: -0.5723
+    y: 0.0001
+    z: 0.163941
+    roll: 0.001
+    pitch: 0.002
+    yaw: 0.003
+  wrist_2:
+    x: 0
+    y: -0.1157
+    z: 1e-05
+    roll: 1.57
+    pitch: 0
+    yaw: "0.0"
+  wrist_3:
+    x: 0
+    y: 0.0922
+    z: 0
+    roll: 1.5707
+    pitch: 3.1415
+    yaw: 3.1414
+  hash: calib_12788084448423163542
+"""
+
+
+def test_a_kinematics_file_is_read_about_fixed_axes_and_the_exporters_error_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "ur10.yaml"
+    path.write_text(UR_YAML)
+    found = read_robot(path)
+    import yaml
+
+    blocks = {k: v for k, v in yaml.safe_load(UR_YAML)["kinematics"].items() if k != "hash"}
+    q = joints_at_random(50, 6)
+    for values, mine in zip(q, tips(found.robot, q), strict=True):
+        theirs = np.eye(4)
+        for block, value in zip(blocks.values(), values, strict=True):
+            x, y, z, *rpy = (float(block[key]) for key in ("x", "y", "z", "roll", "pitch", "yaw"))
+            turn = np.eye(4)
+            turn[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
+            theirs = theirs @ trans(1e3 * x, 1e3 * y, 1e3 * z) @ turn @ rot("z", value)
+        assert mine == pytest.approx(theirs, abs=1e-9)
+    assert "about moving axes there, which would put this arm's tip up to" in found.summary
+
+
+def test_only_numbers_change_in_a_kinematics_file_and_the_hash_stays(tmp_path: Path) -> None:
+    path = tmp_path / "ur10.yaml"
+    path.write_text(UR_YAML)
+    nominal = read_robot(path).robot
+    assert calibrated_yaml(path, nominal, nominal).content == UR_YAML.encode()
+    table = nominal.table
+    table[2] += [0.1, 0.001, 0.0, 0.002, 0.001]
+    out = calibrated_yaml(path, nominal.with_table(table), nominal)
+    assert out.changed == ("forearm", "wrist_1")
+    assert b"calib_12788084448423163542" in out.content
+    assert b"# nearly parallel" in out.content
+    (tmp_path / "again.yaml").write_bytes(out.content)
+    q = joints_at_random(20, 6)
+    again = read_robot(tmp_path / "again.yaml").robot
+    assert np.abs(tips(again, q) - tips(nominal.with_table(table), q)).max() < 1e-9
+
+
+def test_a_kinematics_file_may_start_from_another_link_than_robot_toml(tmp_path: Path) -> None:
+    path = tmp_path / "ur10.yaml"
+    path.write_text(UR_YAML)
+    here = read_robot(path).robot
+    turned = Robot(here.name, here.joints, here.tool, base=Base((5.0, 6.0, 7.0), (0.0, 0.0, np.pi)))
+    assert calibrated_yaml(path, turned, turned).changed == ()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("    yaw: 0\n", "", "line 2: shoulder has no yaw"),
+        ("z: 0.1273", "z: 0.12.73", r"line 5: z of shoulder is '0\.12\.73'"),
+        ("z: 0.1273", "z: &a 0.1273", "line 5: found '&a 0.1273'"),
+        ("z: 0.1273", "z: .inf", "line 5: z of shoulder"),
+        ("z: 0.1273", "x: 0.1273", "line 5: 'x' stands there twice"),
+        ("    x: 0\n", "    - 0\n", "line 3: found a list"),
+        ("  shoulder:", "\tshoulder:", "line 2: the line is indented by tabs"),
+        ("yaw: 0.0003}", "yaw: 0.0003", "line 16: found .* on one line"),
+        (UR_YAML, "a: 1\n", "found no block"),
+        (UR_YAML, "\n".join(" " * k + "a:" for k in range(50)), "too many levels"),
+    ],
+)
+def test_a_damaged_kinematics_file_is_told_with_its_line(
+    tmp_path: Path, old: str, new: str, said: str
+) -> None:
+    path = tmp_path / "ur10.yaml"
+    path.write_text(UR_YAML.replace(old, new, 1))
+    with pytest.raises(RobotFileError, match=said):
+        read_robot(path)
+
+
+# ---- tables ---------------------------------------------------------------------------------------------------------
+
+FRANKA = """joint,a_m,d_m,alpha_deg,theta_deg,min_rad,max_rad
+J1,0,0.333,0,0,-2.9,2.9
+J2,0,0,-90,0,-1.8,1.8
+J3,0,0.316,90,0,,
+J4,0.0825,0,90,0,-3.1,0
+J5,-0.0825,0.384,-90,0,-2.9,2.9
+J6,0,0,90,0,0,3.8
+J7,0.088,0,90,0,-2.9,2.9
+flange,0,0.107,0,0,,
+"""
+
+
+def modified(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Rows a, d, alpha, theta."""
+    out = np.eye(4)
+    for (a, d, alpha, theta), value in zip(rows, q, strict=True):
+        out = out @ rot("x", alpha) @ trans(a, 0, 0) @ rot("z", theta + value) @ trans(0, 0, d)
+    return out
+
+
+def test_a_modified_table_as_franka_publishes_it(tmp_path: Path) -> None:
+    path = tmp_path / "franka.csv"
+    path.write_text(FRANKA)
+    robot = read_robot(path, Reading(convention="modified")).robot
+    cells = np.array([line.split(",")[1:5] for line in FRANKA.splitlines()[1:]], dtype=float)
+    rows = cells * [1e3, 1e3, np.pi / 180, np.pi / 180]
+    q = joints_at_random(100, 7)
+    theirs = np.array([modified(rows, [*values, 0.0]) for values in q])
+    assert np.abs(tips(robot, q) - theirs)[:, :3, 3].max() < 1e-9
+    assert [j.name for j in robot.joints] == [f"J{k}" for k in range(1, 8)]
+    assert (robot.joints[0].min, robot.joints[2].min) == (-2.9, None)
+
+
+def test_a_table_in_the_wrong_convention_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "franka.csv"
+    path.write_text(FRANKA)
+    with pytest.raises(RobotFileError, match="joints 1 and 2 turn about one axis, and as modified none do"):
+        read_robot(path, Reading(convention="standard"))
+    with pytest.raises(RobotFileError, match=r"give --convention .* by its axes it looks modified"):
+        read_robot(path)
+    rows = nominal_rows("ur10")
+    lines = ["theta_rad,a_mm,d_mm,alpha_rad", *(",".join(map(repr, map(float, row))) for row in rows)]
+    path.write_text("\n".join(lines))
+    q = joints_at_random(20, 6)
+    robot = read_robot(path, Reading(convention="standard")).robot
+    assert np.abs(tips(robot, q) - [standard(rows, values) for values in q]).max() < 1e-9
+
+
+@pytest.mark.parametrize("by_points", [True, False])
+def test_screw_axes_at_home(tmp_path: Path, by_points: bool) -> None:
+    rng = np.random.default_rng(1)
+    w = rng.normal(size=(5, 3))
+    w /= np.linalg.norm(w, axis=1, keepdims=True)
+    p = rng.uniform(-0.5, 0.5, (5, 3))
+    v = -np.cross(w, p)
+    w[3], v[3] = 0.0, [0.0, 0.6, 0.8]
+    home = trans(0.1, 0.2, 0.9) @ rot("xyz", [0.1, 0.2, 0.3])
+    if by_points:
+        w[3], p[3] = [0.0, 0.6, 0.8], 0.0
+        lines = ["name,type,wx,wy,wz,px_m,py_m,pz_m,roll_rad,pitch_rad,yaw_rad"]
+        lines += [
+            f"J{k},{'prismatic' if k == 3 else 'revolute'},"
+            + ",".join(map(repr, map(float, [*w[k], *p[k]])))
+            + ",,,"
+            for k in range(5)
+        ]
+        lines.append("home,fixed,0,0,0,0.1,0.2,0.9,0.1,0.2,0.3")
+        w[3] = 0.0
+    else:
+        home = np.eye(4)
+        lines = ["type,wx,wy,wz,vx,vy,vz"]
+        lines += [
+            f"{'prismatic' if k == 3 else 'revolute'}," + ",".join(map(repr, map(float, [*w[k], *v[k]])))
+            for k in range(5)
+        ]
+    path = tmp_path / "poe.csv"
+    path.write_text("\n".join(lines))
+    robot = read_robot(path).robot
+    q = rng.uniform(-2, 2, (20, 5)) * [1, 1, 1, 0.3, 1]
+    for values, mine in zip(q, tips(robot, q * [1, 1, 1, 1e3, 1]), strict=True):
+        theirs = np.eye(4)
+        for k, value in enumerate(values):
+            twist = np.zeros((4, 4))
+            twist[:3, :3] = [[0, -w[k][2], w[k][1]], [w[k][2], 0, -w[k][0]], [-w[k][1], w[k][0], 0]]
+            twist[:3, 3] = v[k]
+            theirs = theirs @ expm(twist * value)
+        theirs = theirs @ home
+        theirs[:3, 3] *= 1e3
+        if (
+            not by_points
+        ):  # without a home pose the tip is the last joint's own frame, where it has no place to tell
+            continue
+        assert mine == pytest.approx(theirs, abs=1e-8)
+
+
+def test_joint_origins_as_a_table(tmp_path: Path) -> None:
+    path = tmp_path / "origins.csv"
+    path.write_text(
+        "name;x_m;y_m;z_m;roll_deg;pitch_deg;yaw_deg;axis_x;axis_y;axis_z\nA;0;0;0,5;0;0;90;0;0;1\nB;0,1;0;0;0;0;0;0;-2;0\ntool;0;0;0,3;0;0;0;0;0;1\n"
+    )
+    arm = tmp_path / "arm.urdf"
+    arm.write_text(
+        urdf_of(
+            link("a") + link("b") + link("c") + link("d"),
+            joint("A", "a", "b", "0 0 0.5", "0 0 1.5707963267948966")
+            + joint("B", "b", "c", "0.1 0 0", axis="0 -1 0")
+            + joint("t", "c", "d", "0 0 0.3", type="fixed"),
+        )
+    )
+    q = joints_at_random(20, 2)
+    assert np.abs(tips(read_robot(path).robot, q) - tips(read_robot(arm).robot, q)).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a,b\n1,2\n", "line 1: found a, b; expected theta, d, a, alpha"),
+        (FRANKA.replace("a_m", "a"), "column 'a' tells no unit"),
+        (FRANKA.replace("0.316", "0.3x"), "line 4, column d_m: found '0.3x'"),
+        (FRANKA.replace("0.316", "1e300"), "line 4: column d_m: 1e.303 is beyond"),
+        ("", "the file is empty"),
+        ("name,wx,wy,wz,px_m,py_m,pz_m\nJ1,0,0,0,1,1,1\n", "line 2: the axis has no direction"),
+    ],
+)
+def test_a_damaged_table_is_told_with_its_line(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text(text)
+    with pytest.raises(Exception, match=said):
+        read_robot(path, Reading(convention="modified" if "theta" in text else None))
+
+
+# ---- MuJoCo ---------------------------------------------------------------------------------------------------------
+
+MJCF = """<mujoco model="arm">
+  <compiler angle="degree"/>
+  <option gravity="0 0 -9.81"/>
+  <worldbody>
+    <body name="base" pos="0.1 0.2 0.3" euler="10 20 30">
+      <geom size="0.05" mass="3"/>
+      <body name="one" pos="0 0 0.2" quat="0.9 0.1 0.2 0.3">
+        <joint name="j1" axis="0 0 -1" pos="0.01 0.02 0.03" range="-90 90"/>
+        <joint name="j2" axis="1 1 0" pos="0 0 0.05" ref="30"/>
+        <geom size="0.05" mass="2" pos="0.1 0 0"/>
+        <body name="two" pos="0.3 0 0.1">
+          <joint name="j3" type="slide" axis="0 1 0" range="-0.2 0.4"/>
+          <geom size="0.04" mass="1.5" pos="0 0.1 0"/>
+          <body name="three" pos="0 0 0.4" euler="90 0 0">
+            <joint name="j4" axis="0 1 0"/>
+            <geom size="0.03" mass="1" pos="0 0 0.1"/>
+            <site name="tcp" pos="0.02 0.03 0.2" euler="0 45 0"/>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_a_mujoco_model_is_what_mujoco_makes_of_it(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(MJCF)
+    robot = read_robot(path, Reading(tip="tcp")).robot
+    assert [(j.name, j.type) for j in robot.joints] == [
+        ("j1", "revolute"),
+        ("j2", "revolute"),
+        ("j3", "prismatic"),
+        ("j4", "revolute"),
+    ]
+    assert robot.joints[0].max == pytest.approx(np.pi / 2)
+    assert robot.joints[2].max == pytest.approx(400.0)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    q = np.random.default_rng(0).uniform(-1, 1, (50, 4))
+    chain = forward(robot.table, q * [1, 1, 1e3, 1], robot.is_revolute, robot.base_T_first)
+    torques = GravityLoads(robot, chain, None).joint_torques
+    for values, mine, torque in zip(q, chain.base_T_frame[:, -1], torques, strict=True):
+        data.qpos[:] = values
+        mujoco.mj_forward(model, data)
+        assert mine[:3, 3] == pytest.approx(1e3 * data.site("tcp").xpos, abs=1e-9)
+        assert mine[:3, :3] == pytest.approx(data.site("tcp").xmat.reshape(3, 3), abs=1e-12)
+        assert torque == pytest.approx(-data.qfrc_bias, abs=1e-9)
+    assert read_robot(path).chain is not None
+    part = read_robot(path, Reading(base="one")).robot
+    assert [j.name for j in part.joints] == ["j3", "j4"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('type="slide" axis="0 1 0" range="-0.2 0.4"', 'type="ball"', "'j3' is a ball or free joint"),
+        (
+            "<worldbody>",
+            '<include file="../other.xml"/><worldbody>',
+            "line 4: names '../other.xml', which is not below",
+        ),
+        (
+            "<worldbody>",
+            '<asset><mesh name="m" file="/etc/passwd"/></asset><worldbody>',
+            "names '/etc/passwd'",
+        ),
+        ("</mujoco>", "", "not valid XML"),
+        ('axis="0 1 0"/>', 'axis="0 0 0"/>', "MuJoCo refuses it"),
+        (
+            '<site name="tcp"',
+            '<body name="fork"/><body name="other"/><site name="tcp"',
+            "several tips; choose one with --tip",
+        ),
+    ],
+)
+def test_a_mujoco_model_that_cannot_be_used_is_one_line(
+    tmp_path: Path, old: str, new: str, said: str
+) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(MJCF.replace(old, new, 1))
+    with pytest.raises(RobotFileError, match=said) as caught:
+        read_robot(path)
+    assert "\n" not in str(caught.value)
