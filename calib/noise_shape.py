@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 Row = tuple[float, float, float]
+_MOST, _MOST_GROWTH, _FURTHEST_MM = 1e3, 50.0, 1e6
 IDENTITY: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -37,6 +38,21 @@ class NoiseShape:
     distance_mm: float = 0.0
     wander: Wander | None = None
     tail: float | None = None  # degrees of freedom of Student's t; None: normal
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether noise can have this shape, and it stays within what can be computed with."""
+        (a, b, c), (d, e, f), (g, h, i) = self.axes
+        volume = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+        sizes = (self.scale, self.depth, volume)
+        return (
+            all(1.0 / _MOST < size < _MOST for size in sizes)
+            and max(abs(entry) for row in self.axes for entry in row) < _MOST
+            and abs(self.growth_per_m) < _MOST_GROWTH
+            and 0.0 <= self.distance_mm < _FURTHEST_MM
+            and (self.wander is None or (0.0 < self.wander.share < 1.0 and self.wander.time > 0.0))
+            and (self.tail is None or self.tail > 2.0)
+        )
 
     @property
     def reshapes_points(self) -> bool:

@@ -38,6 +38,7 @@ from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.noise.shown_noise import noise_of_repeats, noise_of_residual
 from calib.screening.projected_residual import project_residual
 
+MAX_SIGMAS_SHAPED = 2.0  # residual over noise, up to which its shape may explain it
 MAX_OUTLIER_SHARE = 0.1  # share of poses that may stand out and still be called outliers
 
 
@@ -150,15 +151,18 @@ def _with_noise_as_it_is(space: SearchSpace, found: Diagnosis, tell: Tell) -> Di
     told = taken is not None and (of_repeats is None or taken.wander is not None)
     if told or found.steps[-1].left_out or implausibility_reason(last):
         return None
-    tell("once more with the noise as it is")
-    start = found.steps[0].calibration
+    start, tests = found.steps[0].calibration, found.residual_tests
     if of_repeats is not None and taken is None:
+        tell("once more with the noise of repeated measurements")
         return _searched(space.with_noise(of_repeats.shape, start), tell)
-    outliers = found.residual_tests.outlier_poses
+    unknown = tests.lack_of_fit_p is None or tests.residual_mm > MAX_SIGMAS_SHAPED * tests.noise_mm
+    if found.verdict == "unexplained" and unknown:
+        return None  # no shape of the declared size is that large
     beaten = next((one for one in found.added if one.effect == found.beaten), None)
-    shown = noise_of_residual(last.fitted_dataset, beaten, project_residual(last), outliers)
+    shown = noise_of_residual(last.fitted_dataset, beaten, project_residual(last), tests.outlier_poses)
     if shown is None:
         return None
+    tell("once more with the noise as it is")
     again = _searched(space.with_noise(shown.shape, start), tell, shown.rival)
     return again if noise_is_believed(found, again) else None
 

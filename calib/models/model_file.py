@@ -159,6 +159,8 @@ def _options(file: JsonFile, document: ModelDocument) -> FitOptions:
     options = file.checked(["options"], document.options, FitOptions)
     if options.residual not in RESIDUAL_KINDS:
         file.fail(["options", "residual"], repr(options.residual), f"expected {' or '.join(RESIDUAL_KINDS)}")
+    if options.noise is not None and not options.noise.is_possible:
+        file.fail(["options", "noise"], repr(options.noise)[:200], "a shape that noise can have is needed")
     return options
 
 

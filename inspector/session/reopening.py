@@ -107,7 +107,7 @@ def replayed(session: Session, saved: Saved) -> Session:
         dataset = without_poses(measured, step.left_out) if step.left_out else measured
         selected = relearned(selected, steps) if steps else selected
         start = sessions.start_of(steps[-1], selected) if steps else None
-        fit = calibrate_with(dataset, selected, FitOptions(step.residual), start=start)
+        fit = calibrate_with(dataset, selected, FitOptions(step.residual, noise=step.noise), start=start)
         steps.append(FitStep(step.label, selected, fit, left_out=step.left_out))
     return sessions.with_steps(session, steps) if steps else session
 

@@ -8,6 +8,7 @@ is ever opened, so a file from someone else cannot lead anywhere. It runs no cod
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -20,8 +21,9 @@ from msgspec import Meta
 
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.fingerprint import fingerprint
-from calib.diagnosis.effect_selection import SelectedEffect
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.errors import CalibError
+from calib.noise_shape import NoiseShape
 from calib.options import RESIDUAL_KINDS
 from calib.strict_json import (
     LIST_LIMIT,
@@ -73,6 +75,7 @@ class SavedStep(msgspec.Struct, frozen=True):
     train_rmse_mm: Finite | None = None
     test_rmse_mm: Finite | None = None
     sigma_mm: Finite | None = None
+    noise: NoiseShape | None = None  # that the points were weighed by
 
     @property
     def figures(self) -> tuple[float | None, float | None, float | None]:
@@ -149,10 +152,16 @@ def _history(session: Session) -> list[dict[str, Any]]:
     return [
         _entry(nominal, POSITION, (), ()),
         *(
-            _entry(after, step.calibration.residual, step.selected, step.left_out)
+            _entry(after, step.calibration.residual, step.selected, step.left_out) | _noise(step)
             for after, step in zip(errors, session.steps, strict=True)
         ),
     ]
+
+
+def _noise(step: FitStep) -> dict[str, Any]:
+    """The shape of the noise, where the step's fit took one."""
+    shape = step.calibration.options.noise
+    return {} if shape is None else {"noise": dataclasses.asdict(shape)}
 
 
 def _entry(
@@ -180,6 +189,10 @@ def load_session(path: Path) -> Saved:
         if step.residual not in RESIDUAL_KINDS:
             expected = f"expected {' or '.join(RESIDUAL_KINDS)}"
             file.fail(["history", i, "residual"], repr(step.residual), expected)
+        if step.noise is not None and not step.noise.is_possible:
+            file.fail(
+                ["history", i, "noise"], repr(step.noise)[:200], "a shape that noise can have is needed"
+            )
         for k, effect in enumerate(step.effects):
             place: Place = ["history", i, "effects", k, "sizes"]
             for name, size in effect.sizes.items():

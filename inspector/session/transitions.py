@@ -96,6 +96,7 @@ def with_calibration(session: Session, residual: str = "position") -> Session:
     """Fit the five-parameter model, and the effects that were added, to what is measured so far."""
     session = with_face_labels(session) if residual == "pose" else session
     asked = FitOptions() if session.calibration is None else session.calibration.options
+    asked = asked if session.effects else replace(asked, noise=None)  # what is left in the end tells it
     result = calibrate_with(session.measured_for(residual), session.effects, asked.with_residual(residual))
     before, label = (session.steps[:-1], session.steps[-1].label) if session.effects else ((), GEOMETRY)
     return with_steps(session, (*before, FitStep(label, session.effects, result)))

@@ -17,6 +17,7 @@ from calib.diagnosis.search_space import add_in_turn
 from calib.simulation.simulate import simulate_dataset
 from inspector.session import transitions as sessions
 from inspector.session.session import Session
+from tests.support.odd_noise import odd_arm
 
 MOST_PRESSES = 9
 
@@ -74,6 +75,9 @@ CASES = {
     "a wild point beside an effect": with_wild_point(arm(4, ("joint_compliance", 4.0))),
     "a dent": arm(1, ("joint_dent", 4.0)),
     "no name, curves": arm(1, ("rough_gear", 5.0)),
+    "depth three times coarser": odd_arm("deep", 2, ["transmission_error"], sigmas=4.0),
+    "a wander like a drift": odd_arm("wandering", 5),
+    "shots that tell the noise": odd_arm("deep", 0, shots=3),
     "a second arm": arm(9, ("joint_scale", 3.0), ("scanner_drift", 3.0), robot="panda"),
 }
 

@@ -14,7 +14,10 @@ import numpy as np
 import pytest
 
 from calib.dataset.files.fingerprint import fingerprint
+from calib.diagnosis.effect_selection import calibrate_with
 from calib.errors import CalibError
+from calib.noise_shape import NoiseShape, Wander
+from calib.options import FitOptions
 from inspector.cli.parser import main
 from inspector.session import transitions as sessions
 from inspector.session.reopening import dataset_of, opening, reopened
@@ -85,6 +88,19 @@ def test_a_diagnosis_comes_back_with_its_words(folder: Path, tmp_path: Path) -> 
     assert again.diagnosis.verdict == found.diagnosis.verdict == "named"
     assert str(again.history) == str(found.history)
     assert selections(again) == selections(found)
+
+
+@pytest.mark.slow
+def test_the_shape_of_the_noise_comes_back(worked_on: Session, folder: Path, tmp_path: Path) -> None:
+    shape = NoiseShape(0.5, 3.0, growth_per_m=0.1, distance_mm=900.0, wander=Wander(0.5, 80.0), tail=4.0)
+    options = FitOptions(noise=shape)
+    fits = [calibrate_with(worked_on.dataset, s.selected, options) for s in worked_on.steps]
+    steps = [replace(step, calibration=fit) for step, fit in zip(worked_on.steps, fits, strict=True)]
+    save_session(tmp_path / "s.json", sessions.with_steps(worked_on, steps))
+    again, _ = opened(tmp_path / "s.json", folder)
+    assert again.calibration is not None
+    assert again.calibration.options.noise == shape
+    assert load_session(tmp_path / "s.json").history[1].noise == shape
 
 
 @pytest.mark.slow
@@ -232,6 +248,8 @@ BAD: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
         lambda d: d["history"][2]["effects"][0].update(name="scanner_scale"),
         "cannot be fitted",
     ),
+    "noise without size": (lambda d: d["history"][1].update(noise={"scale": 0.0}), "history[1].noise: found"),
+    "noise a text": (lambda d: d["history"][1].update(noise="white"), "history[1].noise: found 'white'"),
     "unknown pose out": (lambda d: d["history"][1].update(left_out=["p9999"]), "no pose named 'p9999'"),
     "too many steps": (lambda d: d.update(history=[{}] * 2000), "2000 entries"),
     "arrows zero": (lambda d: d["shown"].update(arrows=0), "shown.arrows: found 0; a number above 0"),
