@@ -5,6 +5,7 @@ Files that the model names (meshes, included models) are read from its own folde
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,10 @@ from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, S
 from calib.robot_formats.urdf.safe_xml import Element, XmlFile, parse_xml, read_bytes
 
 _MOST_FILES = 2000
+_LARGE = re.compile(r"\d{8}|[GTPEgtpe]\s*$")
+_REFUSED = frozenset(
+    {"plugin", "extension", "replicate", "composite", "flexcomp", "size"}
+)  # code, or any number of parts
 
 
 def chain_of_mjcf(file: XmlFile, tip: str | None, base: str | None) -> SerialChain:
@@ -29,7 +34,7 @@ def chain_of_mjcf(file: XmlFile, tip: str | None, base: str | None) -> SerialCha
     try:
         import mujoco
     except ImportError:
-        raise RobotFileError(f"{file.path}: a MuJoCo model needs MuJoCo itself; pip install mujoco") from None
+        raise RobotFileError(f"{file.path}: a MuJoCo model needs MuJoCo itself, the extra `mujoco`") from None
     try:
         model = mujoco.MjModel.from_xml_path(str(file.path))
     except (ValueError, mujoco.FatalError) as error:
@@ -45,7 +50,7 @@ class _Arm:
     def __init__(self, mujoco: Any, model: Any, path: Path) -> None:
         self._mujoco, self._m, self._path = mujoco, model, path
         self._data = mujoco.MjData(model)
-        mujoco.mj_forward(model, self._data)
+        mujoco.mj_kinematics(model, self._data)
         kinds = mujoco.mjtJoint
         self._hinge, self._slide = int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)
 
@@ -67,7 +72,7 @@ class _Arm:
             )
         self._refuse_unserial(numbers)
         self._data.qpos[self._m.jnt_qposadr[numbers]] = 0.0  # a model's reference may be elsewhere
-        self._mujoco.mj_forward(self._m, self._data)
+        self._mujoco.mj_kinematics(self._m, self._data)
         world_T_base, world_T_tip = self._body_frame(root), self._tip(tip)[1]
         places = [invert(world_T_base) @ self._joint_frame(j) for j in numbers]
         befores = [places[0], *(invert(a) @ b for a, b in pairwise(places))]
@@ -200,8 +205,10 @@ def _refuse_outside(file: XmlFile) -> None:
                 directories += [
                     element.attributes.get(key, "") for key in ("meshdir", "texturedir", "assetdir")
                 ]
-            if element.tag in ("plugin", "extension"):
-                at.fail(element, f"found <{element.tag}>", "models with plugins are not read")
+            if element.tag == "size" and any(_LARGE.search(value) for value in element.attributes.values()):
+                at.fail(element, "<size> asks for more memory than a robot needs", "leave it out")
+            if element.tag in _REFUSED:
+                at.fail(element, f"found <{element.tag}>", "a serial arm needs none; leave it out")
         for element in elements:
             for name in _files(element):
                 for directory in directories if element.tag != "include" else [""]:

@@ -1,0 +1,95 @@
+"""Damaged and hostile files: one line that names the file, no traceback, no hang, nothing of another file."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.dataset.files.robot_toml import builtin_robot, robot_to_toml
+from calib.dataset_import.columns import parsed_mapping
+from calib.dataset_import.import_dataset import import_dataset
+from calib.errors import CalibError
+from calib.robot_formats.robot_file import Reading, read_robot
+from inspector.cli.parser import main
+from tests.support.chains import shoulder_arm
+from tests.support.robot_mutations import mutated
+from tests.support.robot_texts import FRANKA, MJCF, UR10_CONF, UR_YAML
+
+FILES = {
+    "arm.urdf": (shoulder_arm(), Reading(tip="tool0")),
+    "arm.yaml": (UR_YAML, Reading()),
+    "arm.conf": (UR10_CONF, Reading(model="ur10")),
+    "arm.csv": (FRANKA, Reading(convention="modified")),
+    "arm.xml": (MJCF, Reading(tip="tcp")),
+}
+COUNTS = [12, pytest.param(400, marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize("count", COUNTS)
+@pytest.mark.parametrize("name", FILES)
+def test_a_damaged_robot_is_read_or_told_in_one_line(tmp_path: Path, name: str, count: int) -> None:
+    text, reading = FILES[name]
+    path, rng = tmp_path / name, np.random.default_rng(1)
+    for _ in range(count):
+        content = mutated(text.encode(), rng)
+        path.write_bytes(content)
+        began = time.process_time()
+        said = ""
+        try:
+            read_robot(path, reading)
+        except CalibError as error:
+            said = str(error)
+        assert not said or said.startswith(str(path)), said
+        assert "\n" not in said
+        assert len(said) < 2000
+        assert time.process_time() - began < 5.0
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_a_damaged_table_is_imported_or_refused_whole(tmp_path: Path, count: int) -> None:
+    rng, robot = np.random.default_rng(2), builtin_robot("rb5")
+    rows = [
+        ",".join(map(repr, map(float, row))) for row in rng.uniform(-1, 1, (12, 9)) * ([1] * 6 + [500] * 3)
+    ]
+    text = "\n".join(["pose,q1,q2,q3,q4,q5,q6,x,y,z", *(f"p{i},{row}" for i, row in enumerate(rows))])
+    table = tmp_path / "log.csv"
+    for i in range(count):
+        table.write_bytes(mutated(text.encode(), rng))
+        out = tmp_path / f"cell{i}"
+        said = ""
+        try:
+            import_dataset(out, robot, table, mapping=parsed_mapping(["x=x_mm", "y=y_mm", "z=z_mm"]))
+        except CalibError as error:
+            said = str(error)
+        assert not said or str(tmp_path) in said or "--map" in said, said
+        assert out.exists() != bool(said)
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+@pytest.mark.slow
+def test_the_command_answers_with_exit_code_2_and_no_traceback(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    out = tmp_path / "robot.toml"
+    for name, (text, reading) in FILES.items():
+        options = [f"--{key}={value}" for key, value in vars(reading).items() if value is not None]
+        path = tmp_path / name
+        for _ in range(40):
+            path.write_bytes(mutated(text.encode(), rng))
+            said = io.StringIO()
+            with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+                code = main(["convert", str(path), str(out), "--force", *options])
+            assert code in (0, 2)
+            assert "internal error" not in said.getvalue(), said.getvalue()
+            assert said.getvalue().count("\n") == (1 if code else 0)
+
+
+def test_a_robot_toml_that_is_converted_goes_through_the_same_checks(tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text(robot_to_toml(builtin_robot("rb5")).replace("425.0", "nan"))
+    with pytest.raises(CalibError, match=r"robot\.toml"):
+        read_robot(path)
