@@ -17,10 +17,9 @@ from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
+from calib.models.exported_robot_file import exported_robot_file, require_template_of
 from calib.models.exported_table import ExportedTable, exported_table
-from calib.models.exported_urdf import exported_urdf
 from calib.models.model_file import save_model
-from calib.robot_formats.calibrated_file import calibrated_urdf
 from calib.screening.curves.effect_file import effect_file_text
 from calib.screening.curves.fitted_curves import curve_lines, without_curves
 from inspector.cli.dataset_commands import load, measured, show
@@ -56,25 +55,25 @@ def run_calibrate(options: CalibrateOptions) -> int:
     dataset = load(options.path, options.leave_out)
     outputs = [
         options.out, options.model_out, options.residuals, options.scene, options.session, options.learned_out,
-        options.urdf_out,
+        options.urdf_out, options.kinematics_out,
     ]  # fmt: skip
-    check_outputs(dataset, outputs, [options.effects_file, options.template])
-    _require_template(options, dataset)
+    check_outputs(dataset, outputs, [options.effects_file, *options.template])
+    templates = _templates(options, dataset)
     dataset = measured(dataset, orientation=options.residual == "pose")
     steps = fitted(options, dataset)
     result = steps[-1].calibration
     table = exported_table(result, steps[0].calibration)
-    if options.out is not None or options.model_out is not None or options.urdf_out is not None:
+    if options.out is not None or options.model_out is not None or templates:
         require_plausible(result, options.force)
-    if options.out is not None or options.urdf_out is not None:
+    if options.out is not None or templates:
         table.require_improvement(force=options.force)
     session = _as_session(options, dataset, steps) if options.session is not None else None
     learned = effect_file_text(result, options.learned_out.name) if options.learned_out is not None else ""
-    urdf = None if options.template is None else exported_urdf(table, options.template)
+    robot_files = {out: exported_robot_file(table, template) for out, template in templates.items()}
     if options.out is not None:
         write_text_atomically(options.out, table.to_toml())
-    if options.urdf_out is not None and urdf is not None:
-        write_bytes_atomically(options.urdf_out, urdf.content)
+    for path, robot_file in robot_files.items():
+        write_bytes_atomically(path, robot_file.content)
     if options.model_out is not None:
         save_model(result, options.model_out)
     if options.residuals is not None:
@@ -88,24 +87,42 @@ def run_calibrate(options: CalibrateOptions) -> int:
     if session is not None and options.session is not None:
         save_session(options.session, session)
     hint = outlier_hint(result)
-    said = "" if urdf is None else f"{options.urdf_out}: {urdf.summary}"
+    said = "\n".join(f"{path}: {robot_file.summary}" for path, robot_file in robot_files.items())
     document = documents.calibration_document(result) | {
         "steps": documents.additions(steps),
         "table_alone": documents.table_document(table),
     }
-    if urdf is not None:
-        document["urdf"] = {"changed": urdf.changed, "left_out": table.left_out, "notes": urdf.notes}
+    for path, robot_file in robot_files.items():
+        key = "urdf" if path == options.urdf_out else "kinematics"
+        document[key] = {"changed": robot_file.changed, "left_out": table.left_out, "notes": robot_file.notes}
     document["warnings"] = [*document["warnings"], *filter(None, [hint])]
     show(options, document, "\n".join(filter(None, [_calibration_text(steps, table), hint, said])))
     return 0
 
 
-def _require_template(options: CalibrateOptions, dataset: Dataset) -> None:
-    """Raise CalibError where only one of --urdf-out and --template is given, or the template is of another arm."""
-    if (options.urdf_out is None) != (options.template is None):
-        raise CalibError("--urdf-out FILE and --template ROBOT.urdf, your own URDF of this arm, go together")
-    if options.template is not None:
-        calibrated_urdf(options.template, dataset.robot, dataset.robot)
+def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
+    """The template of each robot's file that is to be written.
+
+    Raises CalibError where a file has no template, a template no file, or a template is of another arm.
+    """
+    wanted = (
+        (options.urdf_out, "--urdf-out", (".urdf",)),
+        (options.kinematics_out, "--kinematics-out", (".yaml", ".yml")),
+    )
+    found: dict[Path, Path] = {}
+    for out, option, suffixes in wanted:
+        fitting = [path for path in options.template if path.suffix.lower() in suffixes]
+        if (out is not None) != (len(fitting) == 1):
+            raise CalibError(
+                f"{option} FILE and one --template ROBOT{suffixes[0]}, your own of this arm, go together"
+            )
+        if out is not None:
+            found[out] = fitting[0]
+    if len(found) < len(options.template):
+        raise CalibError("--template: a template is a .urdf or .yaml")
+    for template in found.values():
+        require_template_of(template, dataset.robot)
+    return found
 
 
 def _calibration_text(steps: Sequence[FitStep], table: ExportedTable) -> str:

@@ -84,7 +84,8 @@ class CalibrateOptions(_FittingOptions):
     out: Path | None
     model_out: Path | None
     urdf_out: Path | None
-    template: Path | None
+    kinematics_out: Path | None
+    template: Sequence[Path]
     force: bool
     residuals: Path | None
     scene: Path | None

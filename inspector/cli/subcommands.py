@@ -70,7 +70,17 @@ def _calibrate(sub: ArgumentParser) -> None:
     sub.add_argument(
         "--urdf-out", type=Path, metavar="FILE", help="write the template with calibrated origins, as --out"
     )
-    sub.add_argument("--template", type=Path, metavar="ROBOT.urdf", help="your own URDF of this arm")
+    sub.add_argument(
+        "--kinematics-out", type=Path, metavar="FILE.yaml", help="the same for joint origins as makers' YAML"
+    )
+    sub.add_argument(
+        "--template",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="your own .urdf or .yaml of this arm",
+    )
     sub.add_argument("--force", action="store_true", help="write although the fit is no improvement")
     sub.add_argument(
         "--residuals",

@@ -12,6 +12,7 @@ from calib.dataset.files.folder import write_dataset
 from calib.dataset.files.robot_toml import builtin_robot, load_robot
 from calib.kinematics.chain import forward
 from calib.robot_formats.chain.five_parameters import chain_of
+from calib.robot_formats.origin_yaml import plain_yaml
 from calib.robot_formats.robot_file import read_robot
 from calib.robot_formats.urdf.text import plain_urdf
 from calib.simulation.simulate import simulate_dataset
@@ -40,7 +41,7 @@ def test_the_written_file_is_the_exported_table_and_tells_what_it_leaves_out(
     assert main(["calibrate", str(cell / "data"), "--urdf-out", str(out), *template, *more]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["urdf"]["left_out"] == ["joint_compliance"]
-    assert "a URDF cannot hold joint_compliance" in document["urdf"]["notes"][0]
+    assert "no origin holds joint_compliance" in document["urdf"]["notes"][0]
     table, written = load_robot(toml), read_robot(out).robot
     q = np.random.default_rng(0).uniform(-2, 2, (50, 6))
     places = [
@@ -62,5 +63,23 @@ def test_a_template_of_another_arm_is_refused_before_the_fit(
     assert main(["calibrate", str(cell / "data"), "--urdf-out", str(out), "--template", str(other)]) == 2
     assert "has 7 joints" in capsys.readouterr().err
     assert main(["calibrate", str(cell / "data"), "--urdf-out", str(out)]) == 2
-    assert "--template ROBOT.urdf" in capsys.readouterr().err
+    assert "--urdf-out FILE and one --template ROBOT.urdf" in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_a_kinematics_file_gets_the_same_origins_and_keeps_its_hash(
+    cell: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own, out, urdf = tmp_path / "own.yaml", tmp_path / "out.yaml", tmp_path / "out.urdf"
+    own.write_text(plain_yaml(chain_of(builtin_robot("rb5"))) + "  hash: calib_42\n")
+    outputs = ["--kinematics-out", str(out), "--urdf-out", str(urdf)]
+    templates = ["--template", str(own), "--template", str(cell / "arm.urdf")]
+    assert main(["calibrate", str(cell / "data"), *outputs, *templates, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["kinematics"]["changed"] == document["urdf"]["changed"][:-1]
+    assert out.read_text().endswith("  hash: calib_42\n")
+    one, other = read_robot(out), read_robot(urdf)
+    assert one.chain is not None
+    assert other.chain is not None
+    for mine, theirs in zip(one.chain.joints, other.chain.joints, strict=True):
+        assert mine.before_T_joint == pytest.approx(theirs.before_T_joint, abs=1e-9)
