@@ -1,4 +1,4 @@
-"""A calibrated robot in the user's own URDF or kinematics YAML: the table best alone, and what such files cannot hold."""
+"""A calibrated robot in the user's own URDF or kinematics YAML: the table best alone, and what it leaves out."""
 
 from __future__ import annotations
 
