@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
-from calib.user_tables.unit_names import plain, split_unit
+from calib.user_tables.unit_names import MOST_CHARACTERS, plain, split_unit
 
 _JOINT = re.compile(r"^(?P<set>.*?)(?:q|j|joint|axis|a|theta|angle|position|pos)(?P<number>\d+)$")
 _POINT = re.compile(
@@ -108,7 +108,7 @@ def recognise(names: Sequence[str], robot: Robot, mapping: Mapping[str, tuple[st
         for k, name in enumerate(matching):
             own = split_unit(name)[1]
             take(name, f"q{k + 1}" if meaning == "q*" else meaning, unit or own)
-    left = [name for name in names if name not in taken]
+    left = [name for name in names if name not in taken and len(name) <= MOST_CHARACTERS]
     if not any(re.fullmatch(r"q\d+", meaning) for meaning in found):
         joints, said = _joints(left, robot)
         faults += said

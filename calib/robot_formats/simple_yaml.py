@@ -16,6 +16,7 @@ from calib.robot_formats.urdf.safe_xml import read_bytes
 
 _MOST_BYTES = 1024 * 1024
 _MOST_DEPTH = 20
+_MOST_CHARACTERS = 1000  # of a line
 _LINE = re.compile(
     r"""(?P<space>[ \t]*)(?P<key>"[^"]*"|'[^']*'|[^\s:#'"{}\[\]&*!|>-][^:#{}\[\]]*?)\s*:(?=\s|$)"""
 )
@@ -58,6 +59,8 @@ def read_yaml(path: Path) -> YamlFile:
     at = 0
     for number, whole in enumerate(text.splitlines(keepends=True), 1):
         start, at = at, at + len(whole)
+        if len(whole) > _MOST_CHARACTERS:
+            file.fail(number, f"the line has {len(whole)} characters", "lines of `key: value` are needed")
         line = _COMMENT.sub("", whole.rstrip("\r\n")).rstrip()
         if not line.strip() or line.strip() in ("---", "...") or line.startswith("%"):
             continue

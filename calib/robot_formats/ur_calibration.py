@@ -16,7 +16,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.frames import rotation_from_rpy
 from calib.kinematics.robot import Robot
-from calib.robot_formats.chain.five_parameters import robot_of
+from calib.robot_formats.chain.five_parameters import frames_at_zero, robot_of
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
 from calib.robot_formats.urdf.safe_xml import read_bytes
 
@@ -43,6 +43,7 @@ _NAMES = (
 )
 _LISTS = ("delta_theta", "delta_a", "delta_d", "delta_alpha")
 _LINE = re.compile(r"\s*(?P<key>\w+)\s*=\s*\[(?P<values>[^\]]*)\]\s*$")
+_FAR_MM = 50.0  # real arms are off by a few
 _MOST_BYTES = 1024 * 1024
 _MOST = 1e5  # m or rad
 
@@ -65,8 +66,15 @@ def read_ur_calibration(path: Path, model: str | None) -> tuple[Robot, SerialCha
         "nominal place"
     )
     chain = SerialChain(chain.name, chain.joints, chain.last_T_tip, notes=(note,))
-    near = list(nominal.at_zero[1:-1, :3, 3])
-    return robot_of(chain, near), chain
+    near = nominal.at_zero[1:-1, :3, 3]
+    robot = robot_of(chain, list(near))
+    off_mm = float(np.linalg.norm(frames_at_zero(robot)[1:-2, :3, 3] - near, axis=1).max())
+    if off_mm > _FAR_MM:
+        raise RobotFileError(
+            f"{path}: read as of a {model}, a joint is {off_mm:.0f} mm from its nominal place; give --model as the arm "
+            f"is, one of {', '.join(MODELS)}"
+        )
+    return robot, chain
 
 
 def nominal_rows(model: str) -> Array:

@@ -10,6 +10,7 @@ UNITS = {
     "kg": "kg", "s": "s", "sec": "s", "c": "c", "°c": "c", "degc": "c",
 }  # fmt: skip
 """Units as they are written, and as they are called here."""
+MOST_CHARACTERS = 200  # of a name that tells anything
 _UNIT = re.compile(
     r"^(?P<name>.*?)(?:[\s_]*[\[(]\s*(?P<bracket>[^\])]+?)\s*[\])]|[\s_.]+(?P<end>[^\s_.\d]+))$"
 )
@@ -17,7 +18,7 @@ _UNIT = re.compile(
 
 def split_unit(name: str) -> tuple[str, str]:
     """A column's name without its unit, and the unit; "" where it has none that is known."""
-    found = _UNIT.match(name.strip())
+    found = _UNIT.match(name.strip()) if len(name) <= MOST_CHARACTERS else None
     unit = UNITS.get((found["bracket"] or found["end"] or "").lower(), "") if found else ""
     return (found["name"], unit) if found and unit else (name, "")
 

@@ -50,6 +50,39 @@ def test_a_damaged_robot_is_read_or_told_in_one_line(tmp_path: Path, name: str, 
         assert time.process_time() - began < 5.0
 
 
+def comb(links: int) -> str:
+    """A chain of links with a further link on each."""
+    names = "".join(f'<link name="{kind}{i}"/>' for i in range(links) for kind in "ab")
+    joints = "".join(
+        f'<joint name="{kind}{i}" type="continuous"><parent link="a{i}"/><child link="{child}"/></joint>'
+        for i in range(links - 1)
+        for kind, child in (("j", f"a{i + 1}"), ("k", f"b{i}"))
+    )
+    return f"<robot>{names}{joints}</robot>"
+
+
+LONG = {
+    "a long line.yaml": "kinematics:\n  a" + " " * 900_000 + "\n",
+    "many links.urdf": comb(20_000),
+    "as many as are read.urdf": comb(2_400),
+    "a long name.csv": "a" + "_" * 300_000 + "[x,theta,d,alpha\n1,2,3,4\n",
+    "many levels.urdf": "<robot>" + "<link>" * 100_000,
+    "a long number.urdf": '<robot><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/>'
+    f'<child link="b"/><axis xyz="0 0 {"9" * 500_000}"/></joint></robot>',
+}
+
+
+@pytest.mark.parametrize("name", LONG)
+def test_long_files_are_no_hang(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_text(LONG[name])
+    began = time.process_time()
+    with pytest.raises(CalibError) as caught:
+        read_robot(path)
+    assert time.process_time() - began < 5.0
+    assert len(str(caught.value)) < 2000
+
+
 @pytest.mark.parametrize("count", COUNTS)
 def test_a_damaged_table_is_imported_or_refused_whole(tmp_path: Path, count: int) -> None:
     rng, robot = np.random.default_rng(2), builtin_robot("rb5")

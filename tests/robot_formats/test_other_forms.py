@@ -20,7 +20,7 @@ from calib.robot_formats.chain.serial_chain import RobotFileError
 from calib.robot_formats.robot_file import Reading, read_robot
 from calib.robot_formats.ur_calibration import MODELS, nominal_rows
 from tests.support.chains import joint, link, urdf_of
-from tests.support.robot_texts import DELTAS, FRANKA, MJCF, UR10_CONF, UR_YAML
+from tests.support.robot_texts import DELTAS, FAR_DELTAS, FRANKA, MJCF, UR10_CONF, UR_YAML, conf_of
 
 
 def tips(robot: Robot, q: np.ndarray) -> np.ndarray:
@@ -54,28 +54,47 @@ def standard(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
 # ---- UR's controllers -----------------------------------------------------------------------------------------------
 
 
-def test_a_ur_calibration_is_the_controllers_arm_with_small_numbers(tmp_path: Path) -> None:
+def exactly(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """As `standard`, in 64 bits of mantissa: d of hundreds of metres cost three digits."""
+    out = np.eye(4, dtype=np.longdouble)
+    for (theta, a, d, alpha), value in zip(rows.astype(np.longdouble), q, strict=True):
+        c, s, ca, sa = np.cos(theta + value), np.sin(theta + value), np.cos(alpha), np.sin(alpha)
+        row = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
+        out = out @ np.array(row, dtype=np.longdouble)
+    return out.astype(float)
+
+
+@pytest.mark.parametrize("number", [0, 1, 2])
+def test_a_ur_calibration_is_the_controllers_arm_with_small_numbers(tmp_path: Path, number: int) -> None:
+    deltas = [DELTAS, *FAR_DELTAS][number]
     path = tmp_path / "calibration.conf"
-    path.write_text(UR10_CONF)
+    path.write_text(conf_of(deltas))
     found = read_robot(path, Reading(model="ur10"))
-    deltas = np.column_stack([DELTAS[f"delta_{key}"] for key in ("theta", "a", "d", "alpha")])
-    rows = nominal_rows("ur10") + deltas * [1, 1e3, 1e3, 1]
+    added = np.column_stack([deltas[f"delta_{key}"] for key in ("theta", "a", "d", "alpha")])
+    rows = nominal_rows("ur10") + added * [1, 1e3, 1e3, 1]
     q = joints_at_random(1000, 6)
-    theirs = np.array([standard(rows, values) for values in q])
+    theirs = np.array([exactly(rows, values) for values in q])
     assert np.abs(tips(found.robot, q) - theirs)[:, :3, 3].max() < 1e-9
     assert np.abs(tips(found.robot, q) - theirs)[:, :3, :3].max() < 1e-12
     nominal = [standard(nominal_rows("ur10")[:k], np.zeros(k)) for k in range(1, 7)]
     frames = frames_at_zero(found.robot)[1:-1]
     assert (
-        max(np.linalg.norm(a[:3, 3] - b[:3, 3]) for a, b in zip(frames[:5], nominal[:5], strict=True)) < 50.0
+        max(np.linalg.norm(a[:3, 3] - b[:3, 3]) for a, b in zip(frames[:5], nominal[:5], strict=True)) < 5.0
     )
     assert np.abs(found.robot.table[:, [0, 2]]).max() < 700.0
-    assert "d of 2.135 m" in found.summary
+    assert f"d of {np.abs(rows[:, 2]).max() / 1e3:.4g} m" in found.summary
+    assert found.robot.base == Base()
+
+
+def test_a_ur_calibration_needs_its_arms_model(tmp_path: Path) -> None:
+    path = tmp_path / "calibration.conf"
+    path.write_text(conf_of(FAR_DELTAS[0]))
     with pytest.raises(RobotFileError, match="give --model, one of ur3, ur5"):
         read_robot(path)
     with pytest.raises(RobotFileError, match="--model kuka is not known"):
         read_robot(path, Reading(model="kuka"))
-    assert read_robot(path, Reading(model="UR10")).robot.base == Base()
+    with pytest.raises(RobotFileError, match="read as of a ur5, a joint is 178 mm from its nominal place"):
+        read_robot(path, Reading(model="ur5"))
     assert len(MODELS) == 9
 
 

@@ -55,13 +55,13 @@ def find_arm(tree: UrdfTree, tip: str | None = None, base: str | None = None) ->
             tree.file.fail(
                 joint.element, f"joint {joint.name!r} is part of a loop", "only serial chains can be read"
             )
-        joints.insert(0, joint)
+        joints.append(joint)
         at = joint.parent
     if base is not None and at != base:
         raise RobotFileError(
             f"{path}: link {base!r} is not on the way from {at!r} to {tip!r}; name another base"
         )
-    arm = ArmPath(tree, at, tip, tuple(joints))
+    arm = ArmPath(tree, at, tip, tuple(reversed(joints)))
     _refuse_unserial(arm)
     return arm
 

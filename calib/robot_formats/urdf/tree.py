@@ -13,6 +13,7 @@ from calib.frames import make_transform, rotation_from_rpy
 from calib.kinematics.robot import Vector
 from calib.robot_formats.urdf.safe_xml import Element, XmlFile
 
+_MOST_LINKS = 5000
 _MOST = 1e6  # of any number: m, rad, kg
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
@@ -71,6 +72,8 @@ def read_tree(file: XmlFile) -> UrdfTree:
         if name in links:
             file.fail(element, f"link {name!r} stands there twice", "rename one")
         links[name] = _inertial(file, element, name)
+    if len(links) > _MOST_LINKS:
+        file.fail(robot, f"the robot has {len(links)} links", f"at most {_MOST_LINKS} are read")
     if not links:
         file.fail(robot, "the robot has no <link>", "a URDF has a link for each body")
     joints = [_joint(file, element, links) for element in robot.all("joint")]
