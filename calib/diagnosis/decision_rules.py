@@ -219,6 +219,4 @@ def noise_is_believed(before: Findings, again: Findings) -> bool:
     """
     if before.verdict == "unexplained" and again.residual_tests.lack_of_fit_p is None:
         return False
-    opened = again.open_sets and not again.tied and not again.suspected
-    clean = again.verdict in ("adequate", "named", "outliers") or opened
-    return bool(clean and set(before.missing) <= {*again.missing, *again.ambiguous_set})
+    return again.is_clean and set(before.missing) <= {*again.missing, *again.ambiguous_set}

@@ -135,8 +135,7 @@ def closing_move(space: SearchSpace, found: Diagnosis, tell: Tell) -> ClosingMov
         # Only now, with the effects in: a few wrong points bend the fit and hide or feign a pattern in all others.
         tell("once more without the poses that stand out")
         rest = _searched(space.without(outliers), tell, found.noise.rival if found.noise is not None else "")
-        clean = rest.verdict in ("adequate", "named", "outliers") or (rest.open_sets and not rest.suspected)
-        if clean and not rest.tied and set(found.named) <= set(rest.named):
+        if rest.is_clean and set(found.named) <= set(rest.named):
             return SearchAgain(_of_all_poses(rest, outliers), outliers)
     return _curves_to_add(space.without(found.steps[-1].left_out), found, tell)
 

@@ -83,6 +83,14 @@ class Findings:
         return tuple(effect.name for effect in self.steps[-1].selected if effect.name != LEARNED)
 
     @property
+    def is_clean(self) -> bool:
+        """Whether noise alone is left, outliers apart, and an effect in the model stands for all that is open."""
+        only_stood_for = bool(self.open_sets) and not self.suspected and not self.tied
+        return self.verdict in ("adequate", "named", "outliers") or (
+            self.verdict == "ambiguous" and only_stood_for
+        )
+
+    @property
     def tied(self) -> tuple[str, ...]:
         """Effects that cannot be told apart and of which none is in the model."""
         opened = {name for found in self.open_sets for name in found.names}

@@ -56,6 +56,12 @@ class RobotState:
         """The same state, loads worked out at another."""
         return replace(self, _loaded=[loaded])
 
+    def with_masses_of(self, robot: Robot, poses: Poses) -> RobotState:
+        """The same state with a robot's masses and the payload of poses of the same joint positions."""
+        out = replace(self, robot=robot, poses=poses)
+        out.__dict__["chain"] = self.chain  # masses do not move it
+        return out
+
     @property
     def q_rad(self) -> Array:
         """(N, n) joint positions as commanded; mm for prismatic joints."""

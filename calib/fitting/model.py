@@ -102,7 +102,8 @@ class Model:
             )
         return replace(self, held=self.held | wanted)
 
-    def _values_by_effect(self, x: ArrayLike) -> list[Array]:
+    def values_by_effect(self, x: ArrayLike) -> list[Array]:
+        """The parameters of each effect, those that are held at zero among them."""
         full = np.zeros(len(self._is_free))
         full[self._is_free] = np.asarray(x, dtype=float)
         ends = np.cumsum([len(effect.parameters) for effect in self.effects])
@@ -128,7 +129,7 @@ class Model:
     def _states(self, x: ArrayLike, poses: Poses, seen: Seen | None) -> list[RobotState]:
         """The state before each effect, in order, and after all of them."""
         states = [self._start(poses, seen)]
-        for effect, values in zip(self.effects, self._values_by_effect(x), strict=True):
+        for effect, values in zip(self.effects, self.values_by_effect(x), strict=True):
             states.append(apply_values(effect, states[-1], values))
         return states
 
@@ -172,14 +173,14 @@ class Model:
         """(N, K, P) of a derivative by the last state (N, K, S): the chain rule, effect by effect."""
         columns = [
             effect_columns(by_state, effect, state, values)
-            for effect, state, values in zip(self.effects, before, self._values_by_effect(x), strict=True)
+            for effect, state, values in zip(self.effects, before, self.values_by_effect(x), strict=True)
         ]
         return np.concatenate(columns, axis=-1)[..., self._is_free]
 
     def calibrated_robot(self, x: ArrayLike) -> Robot:
         """The robot with its link errors and its targets' offsets; other effects have no place in robot.toml."""
         robot = self.robot
-        for effect, values in zip(self.effects, self._values_by_effect(x), strict=True):
+        for effect, values in zip(self.effects, self.values_by_effect(x), strict=True):
             if corrects_robot(effect):
                 robot = effect.corrected(robot, values)
         return robot

@@ -8,15 +8,16 @@ variance as unit and N (R, K) what projection leaves of the columns. They are ne
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.array_types import Array
 from calib.dataset.dataset import Poses
-from calib.effects.state import Seen
-from calib.fitting.model import Model, point_by_state
+from calib.effects.effect import Effect, apply_values, corrects_robot
+from calib.effects.state import RobotState
+from calib.fitting.model import point_by_state
 from calib.fitting.position_residuals import PositionResiduals
 from calib.kinematics.robot import Joint, Robot, Vector
 
@@ -78,27 +79,37 @@ def load_columns(residuals: PositionResiduals, x: Array, base_to_residual: Array
     if robot is None or not model.added_effects:
         return none
     poses, row = observed.used_poses
-    heavy = replace(robot, joints=tuple(_heavier(joint) for joint in robot.joints))
-    changes = list(_uncertain(robot, poses))
-    targets = list(map(str, np.unique(observed.points.target)))
+    loaded = RobotState.nominal(robot, poses)
+    heavy = loaded.with_masses_of(replace(robot, joints=tuple(map(_heavier, robot.joints))), poses)
+    changes = [loaded.with_masses_of(*changed) for changed in _uncertain(robot, poses)]
+    added = [
+        (effect, values)
+        for effect, values in zip(model.effects, model.values_by_effect(x), strict=True)
+        if not corrects_robot(effect)
+    ]
     out = np.zeros((len(observed.points), 3, len(changes)))
-    for target in targets:
-        seen = observed.seen(target)
-        state = model.state(x, poses, seen)
-        if np.array_equal(_vector(model, heavy, x, poses, seen), state.vector):
-            return none  # no effect of load is in the model
-        by_state = point_by_state(state, target)[1]
+    for target in map(str, np.unique(observed.points.target)):
+        start = RobotState.nominal(model.robot, poses, observed.seen(target))
+        of_load = [one for one in added if np.any(_moved([one], start, heavy) - _moved([one], start, loaded))]
+        if not of_load:
+            return none
+        by_state = point_by_state(model.state(x, poses, observed.seen(target)), target)[1]
+        before = _moved(of_load, start, loaded)
         of_target = observed.points.target == target
-        for k, (changed, at) in enumerate(changes):
-            difference = _vector(model, changed, x, at, seen) - state.vector
+        for k, changed in enumerate(changes):
+            difference = _moved(of_load, start, changed) - before
             touched = np.flatnonzero(difference.any(axis=0))
             column = np.sum(by_state[..., touched] * difference[:, None, touched], axis=-1)
             out[of_target, :, k] = column[row[of_target]]
     return np.asarray((base_to_residual @ out).reshape(-1, len(changes)))
 
 
-def _vector(model: Model, loads_of: Robot, x: Array, poses: Poses, seen: Seen | None) -> Array:
-    return replace(model, loads_of=loads_of).state(x, poses, seen).vector
+def _moved(effects: Sequence[tuple[Effect, Array]], start: RobotState, loaded: RobotState) -> Array:
+    """The vector (1 or N, S) of a state after effects with these values, loads worked out at another state."""
+    state = start.with_loads_at(loaded)
+    for effect, values in effects:
+        state = apply_values(effect, state, values)
+    return state.vector
 
 
 def _uncertain(robot: Robot, poses: Poses) -> Iterator[tuple[Robot, Poses]]:
