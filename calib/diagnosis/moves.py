@@ -33,6 +33,7 @@ from calib.screening.curves.slow_courses import slow_course
 from calib.screening.curves.smooth_joint_error import LEARNED
 
 MAX_TRIED_AHEAD = 4  # members of a tied set that are tried with a successor
+MAX_REFUSED = 3  # effects that are tried in a step
 
 Tell = Callable[[str], None]  # called with a line of words before each stage
 
@@ -106,8 +107,13 @@ def applied(step: FitStep, move: AddEffect | DropEffect) -> FitStep:
     return FitStep(f"− {move.name}", move.selected, move.calibration, left_out=step.left_out)
 
 
-def _addition(space: SearchSpace, step: FitStep, dropped: Collection[str], tell: Tell) -> AddEffect | Stop:
-    """The effect that is to be added, with its fit, or why there is none."""
+def _addition(
+    space: SearchSpace, step: FitStep, dropped: Collection[str], tell: Tell, *, may_refuse: int = MAX_REFUSED
+) -> AddEffect | Stop:
+    """The effect that is to be added, with its fit, or why there is none.
+
+    Where the best is refused, one that explains less may be the cause that it stood in for: `may_refuse` are tried.
+    """
     assert step.screening is not None
     screening = _without(step.screening, dropped)
     if not any(is_convincing(candidate) for candidate in screening.candidates):
@@ -129,7 +135,9 @@ def _addition(space: SearchSpace, step: FitStep, dropped: Collection[str], tell:
     tell(f"adding {best.name}")
     trial = space.fit((*step.selected, SelectedEffect.of(best)), step.calibration)
     if is_refused(best, screening, step.calibration, trial, further=bool(step.selected)):
-        return Stop(refused=best.name)
+        rest = {*dropped, best.name}
+        other = _addition(space, step, rest, tell, may_refuse=may_refuse - 1) if may_refuse > 1 else Stop()
+        return other if isinstance(other, AddEffect) else Stop(refused=best.name)
     return AddEffect(best, lead, *with_candidate(space, step, best, trial))
 
 
