@@ -113,10 +113,15 @@ class GravityLoads:
         payload_kg = np.zeros(len(lever_mm)) if self.payload_kg is None else self.payload_kg
         return np.asarray(np.cross(lever_mm * 1e-3, self._gravity_m_s2) * payload_kg[:, None])
 
-    @property
+    @cached_property
     def unit_moments(self) -> Array:
         """(N, K, 3) moment about the base's origin of 1 kg at each frame beyond it, and at the tool point."""
         return np.asarray(np.cross(self.chain.base_T_frame[:, 1:, :3, 3] * 1e-3, self._gravity_m_s2))
+
+    @cached_property
+    def unit_bendings(self) -> list[tuple[Array, Array]]:
+        """Of each link, see `unit_bending`."""
+        return [self.unit_bending(link) for link in range(self.robot.n_joints)]
 
     def unit_bending(self, link: int) -> tuple[Array, Array]:
         """As `bending`, of 1 kg at each frame from the link's end on, and at the tool point: (N, K, 3), (N, K, 3)."""

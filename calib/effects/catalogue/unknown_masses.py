@@ -138,7 +138,7 @@ class LinkBendingUnknownMasses:
         """Turn about x, y and z of the link's end (alpha and beta of its row, theta of the next), and its shift."""
         link, gravity = self.joint, state.loaded.gravity
         weights = np.array(list(values.values()))
-        turns, shifts_mm = gravity.unit_bending(link)  # (N, K, 3)
+        turns, shifts_mm = gravity.unit_bendings[link]  # (N, K, 3)
         in_link = np.einsum("nki,k->ni", turns, weights[: self.places])
         shift_mm = np.einsum("nki,k->ni", shifts_mm, weights[: self.places])
         if self.payload:
