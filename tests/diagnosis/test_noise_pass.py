@@ -111,14 +111,14 @@ def test_repeats_are_believed_whatever_else_is_left() -> None:
     assert found.verdict == "adequate"
     assert found.noise is not None
     assert found.noise.from_repeats
-    assert "the repeated measurements show;" in shape_words(found)
+    assert "The repeated measurements show this;" in shape_words(found)
     noise = diagnosis_document(found)["noise"]
     assert noise["axes_mm"][2] / noise["axes_mm"][0] == pytest.approx(3.0, rel=0.2)
     assert noise["isotropic_mm"] == pytest.approx(SIGMA_MM, rel=0.15)
 
 
 def test_a_wander_that_explains_as_much_keeps_a_drift_from_being_claimed() -> None:
-    found = diagnose(odd_arm("wandering", 5))
+    found = diagnose(odd_arm("wandering", 8))
     assert found.noise is not None
     rival = found.noise.rival
     assert rival in ("scanner_drift", "scanner_step")

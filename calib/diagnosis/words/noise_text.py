@@ -47,8 +47,8 @@ def noise_text(noise: NoiseShaped) -> str:
         _tail(shape.tail),
         _rival(noise.rival),
     )
-    shows = "the repeated measurements show" if noise.from_repeats else "what is left shows"
-    end = f"This is what {shows}; the fit weighs the points by it, and the size of the noise stays as it was."
+    shows = "The repeated measurements show" if noise.from_repeats else "What is left shows"
+    end = f"{shows} this; the fit weighs the points by it, and the size of the noise stays as it was."
     return " ".join([*filter(None, said), end])
 
 
@@ -84,7 +84,7 @@ def _growth(per_m: float) -> str:
         return ""
     more = float(np.expm1(per_m))
     how = f"grows by {100.0 * more:.0f} %" if per_m > 0.0 else f"falls by {-100.0 * more:.0f} %"
-    return f"Its noise {how} with each metre of distance."
+    return f"The scanner's noise {how} with each metre of distance."
 
 
 def _wander(wander: Wander | None) -> str:

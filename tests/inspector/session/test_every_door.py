@@ -76,7 +76,7 @@ CASES = {
     "a dent": arm(1, ("joint_dent", 4.0)),
     "no name, curves": arm(1, ("rough_gear", 5.0)),
     "depth three times coarser": odd_arm("deep", 2, ["transmission_error"], sigmas=4.0),
-    "a wander like a drift": odd_arm("wandering", 5),
+    "a wander like a drift": odd_arm("wandering", 8),
     "shots that tell the noise": odd_arm("deep", 0, shots=3),
     "a second arm": arm(9, ("joint_scale", 3.0), ("scanner_drift", 3.0), robot="panda"),
 }
