@@ -48,7 +48,7 @@ def load_targets(path: Path, robot: Robot) -> Targets:
         raise DatasetError(
             f"{path}: no such file; a table with the columns {', '.join(joint_columns(robot))}"
         )
-    file = TableFile.load(path)
+    file = TableFile.load(path, pipe=True)
     columns = found_joint_columns(file, robot)
     file.require(columns)
     if len(file) == 0:

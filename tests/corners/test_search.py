@@ -342,6 +342,7 @@ def fake_dataset(folder: Path, names: tuple[str, ...]) -> SimpleNamespace:
         poses=poses,
         jig=JIG,
         scanner=Scanner(scan_sigma_mm=0.02),
+        left_out=(),
         scan_path=lambda i: folder / names[i],
     )
 

@@ -31,9 +31,9 @@ class TableFile:
     ] = ()  # where each row ends in the file; without them one row a line, the header above
 
     @classmethod
-    def load(cls, path: Path) -> TableFile:
-        """The file's cells. Raises DatasetError."""
-        text = read_text(path, missing="dataset.toml names it", kind="CSV", most_bytes=MOST_BYTES)
+    def load(cls, path: Path, *, pipe: bool = False) -> TableFile:
+        """The file's cells; `pipe` as `read_text` has it. Raises DatasetError."""
+        text = read_text(path, missing="dataset.toml names it", kind="CSV", most_bytes=MOST_BYTES, pipe=pipe)
         try:
             reader = csv.reader(StringIO(text, newline=""), skipinitialspace=True)
             numbered = [(reader.line_num, row) for row in reader if any(row)]

@@ -7,7 +7,7 @@ from pathlib import Path
 from calib.errors import DatasetError
 
 
-def read_text(path: Path, *, missing: str, kind: str, most_bytes: int) -> str:
+def read_text(path: Path, *, missing: str, kind: str, most_bytes: int, pipe: bool = False) -> str:
     """A file's text; a byte order mark, as editors on Windows and spreadsheets write it, is left out.
 
     Args:
@@ -15,12 +15,13 @@ def read_text(path: Path, *, missing: str, kind: str, most_bytes: int) -> str:
         missing: what would do where there is none.
         kind: as what it is read, "TOML" or "CSV".
         most_bytes: that a file of this kind has.
+        pipe: whether a pipe will do, where the user named it for this reading alone.
 
     Raises:
         DatasetError: it is missing, no file (reading a pipe would wait for ever), too large, or not UTF-8.
     """
     try:
-        if path.exists() and not path.is_file():
+        if path.exists() and not (path.is_file() or (pipe and path.is_fifo())):
             raise DatasetError(f"{path}: this is no file; put a {kind} file in its place")
         size = path.stat().st_size
         if size > most_bytes:
