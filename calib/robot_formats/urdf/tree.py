@@ -14,6 +14,7 @@ from calib.kinematics.robot import Vector
 from calib.robot_formats.urdf.safe_xml import Element, XmlFile
 
 _MOST_LINKS = 5000
+_NO_LIMIT = 1e3  # rad or m
 _MOST = 1e6  # of any number: m, rad, kg
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
@@ -145,7 +146,7 @@ def _joint(file: XmlFile, element: Element, links: Mapping[str, object]) -> Urdf
     if limit is not None and type_ in ("revolute", "prismatic"):
         low = _number(file, limit, "lower", f"<limit> of joint {name!r}", 0.0)
         high = _number(file, limit, "upper", f"<limit> of joint {name!r}", 0.0)
-        if low >= high:  # both 0 stand in files that have no limits to tell
+        if low >= high or max(-low, high) > _NO_LIMIT:  # both 0 or +-1e16 stand where there are none to tell
             low = high = None
     return UrdfJoint(
         name=name,

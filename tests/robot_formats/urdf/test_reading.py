@@ -77,6 +77,14 @@ def test_limits_masses_and_names(tmp_path: Path) -> None:
     assert "finger_slide" in found.summary
 
 
+@pytest.mark.parametrize("limit", ["lower='0' upper='0'", "lower='-1e5' upper='1e5'", "effort='1'"])
+def test_limits_that_say_nothing_are_none(tmp_path: Path, limit: str) -> None:
+    text = urdf_of(link("a") + link("b"), joint("j", "a", "b", type="continuous", more=f"<limit {limit}/>"))
+    path = written(tmp_path, text.replace("continuous", "revolute"))
+    (only,) = read_robot(path).robot.joints
+    assert (only.min, only.max) == (None, None)
+
+
 def test_a_urdf_without_masses_gives_none(tmp_path: Path) -> None:
     text = urdf_of(link("a") + link("b"), joint("j", "a", "b"))
     (only,) = read_robot(written(tmp_path, text)).robot.joints
