@@ -1,0 +1,151 @@
+"""Every arm of every URDF below a folder, imported, beside MuJoCo's reading of the same file.
+
+    python benchmarks/robot_files.py FOLDER [--vectors 100] [--tips 20] [--tell]
+
+For each file and each of its tips: the tool's place and attitude by robot.toml, written and read again, at random joint
+vectors; gravity's torques where the file has masses; and whether the file comes back byte for byte where
+nothing is calibrated. MuJoCo gets the file without shapes, with joints beside the arm fixed and other inertias, as many
+files have some that no body can have; links without mass get one, and torques are then not compared.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import xml.etree.ElementTree as ET
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import simulated  # noqa: F401  (sets the paths)
+
+from calib.dataset.files.robot_toml import load_robot, robot_to_toml
+from calib.effects.gravity import GravityLoads
+from calib.errors import CalibError
+from calib.kinematics.chain import forward
+from calib.robot_formats.calibrated_file import calibrated_urdf
+from calib.robot_formats.robot_file import Reading, read_arm, read_robot
+from calib.robot_formats.urdf.chain import ArmPath
+
+UNIT_INERTIA = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+
+
+@dataclass
+class Worst:
+    """Over all arms."""
+
+    arms: int = 0
+    weighed: int = 0  # of them with torques compared
+    place_mm: float = 0.0
+    attitude: float = 0.0
+    torque_nm: float = 0.0
+    changed: int = 0  # files that did not come back as they were
+
+
+def in_mujoco(arm: ArmPath) -> Any:
+    """MuJoCo's model of the arm's file."""
+    root = ET.fromstring(arm.tree.file.content)
+    moving = {joint.name for joint in arm.moving}
+    for link in root.iter("link"):
+        for tag in ("visual", "collision"):
+            for shape in link.findall(tag):
+                link.remove(shape)
+        inertial = link.find("inertial")
+        mass = None if inertial is None else inertial.find("mass")
+        if inertial is None or mass is None or float(mass.get("value", "0")) < 1e-14:
+            for part in link.findall("inertial"):
+                link.remove(part)
+            link.append(ET.fromstring(f'<inertial><mass value="1e-14"/>{UNIT_INERTIA}</inertial>'))
+        else:
+            for inertia in inertial.findall("inertia"):
+                inertial.remove(inertia)
+            inertial.append(ET.fromstring(UNIT_INERTIA))
+    for joint in root.findall("joint"):
+        for mimic in joint.findall("mimic"):
+            joint.remove(mimic)
+        if joint.get("name") not in moving:
+            joint.set("type", "fixed")
+    spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
+    spec.compiler.fusestatic = False
+    return spec.compile()
+
+
+def compare(path: Path, tip: str | None, vectors: int, worst: Worst, folder: Path) -> None:
+    """One arm of one file."""
+    reading = Reading(tip=tip)
+    found, arm = read_robot(path, reading), read_arm(path, tip=tip)
+    (folder / "robot.toml").write_text(robot_to_toml(found.robot))
+    robot = load_robot(folder / "robot.toml")
+    worst.arms += 1
+    worst.changed += calibrated_urdf(path, robot).content != path.read_bytes()
+    model = in_mujoco(arm)
+    q = np.random.default_rng(0).uniform(-2, 2, (vectors, robot.n_joints)) * np.where(
+        robot.is_revolute, 1, 300
+    )
+    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+    weighed = all(joint.mass_kg is not None for joint in robot.joints)
+    torques = GravityLoads(robot, chain, None).joint_torques
+    data, joints = mujoco.MjData(model), [model.joint(joint.name) for joint in robot.joints]
+    qpos, dof = [int(joint.qposadr[0]) for joint in joints], [int(joint.dofadr[0]) for joint in joints]
+    for k, values in enumerate(q):
+        data.qpos[qpos] = np.where(robot.is_revolute, values, values / 1e3)
+        mujoco.mj_forward(model, data)
+        body, mine = data.body(arm.tip), chain.base_T_frame[k, -1]
+        worst.place_mm = max(worst.place_mm, float(np.abs(mine[:3, 3] - 1e3 * body.xpos).max()))
+        worst.attitude = max(worst.attitude, float(np.abs(mine[:3, :3] - body.xmat.reshape(3, 3)).max()))
+        if weighed:
+            worst.torque_nm = max(worst.torque_nm, float(np.abs(torques[k] + data.qfrc_bias[dof]).max()))
+    worst.weighed += weighed
+
+
+def tips_of(path: Path, most: int) -> list[str | None]:
+    """The tips to take; None: the file has one only."""
+    try:
+        read_arm(path)
+    except CalibError as error:
+        _, several, listed = str(error).partition("choose one with --tip: ")
+        if not several:
+            raise
+        return [name.strip() for name in listed.partition(" and ")[0].split(",")][:most]
+    return [None]
+
+
+def main() -> None:
+    """Read the command line, compare, print."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--vectors", type=int, default=100)
+    parser.add_argument("--tips", type=int, default=20, help="of a file, at the most")
+    parser.add_argument("--tell", action="store_true", help="every refusal")
+    given = parser.parse_args()
+    worst, refused, files = Worst(), Counter[str](), 0
+    with tempfile.TemporaryDirectory() as made:
+        for path in sorted(given.folder.rglob("*.urdf")):
+            files += 1
+            try:
+                tips = tips_of(path, given.tips)
+            except CalibError as error:
+                tips = []
+                refused[str(error).split(": ")[-1]] += 1
+                print(error) if given.tell else None
+            for tip in tips:
+                try:
+                    compare(path, tip, given.vectors, worst, Path(made))
+                except CalibError as error:
+                    refused[str(error).split("; ")[-1]] += 1
+                    print(error) if given.tell else None
+                except (ValueError, ET.ParseError) as error:
+                    print(f"MuJoCo cannot read {path.name}: {error}")
+    print(f"{files} files, {worst.arms} arms, {sum(refused.values())} refused:")
+    for words, times in refused.most_common():
+        print(f"  {times:4d}  {words[:110]}")
+    print(f"place {worst.place_mm:.1e} mm, attitude {worst.attitude:.1e} at worst")
+    print(f"torques of {worst.weighed} arms with masses {worst.torque_nm:.1e} Nm at worst")
+    print(f"{worst.changed} files changed by an export of nothing")
+
+
+if __name__ == "__main__":
+    main()
