@@ -10,6 +10,7 @@ import pytest
 
 from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.dataset_import.columns import parsed_mapping, recognise
 from calib.dataset_import.import_dataset import Imported, import_dataset
@@ -221,3 +222,50 @@ def test_joints_by_the_robots_own_names() -> None:
     found = recognise([*reversed(names), "x"], panda, {})
     if min(len(joint.name) for joint in panda.joints) > 2:
         assert [found.columns[f"q{k + 1}"].name for k in range(7)] == names
+
+
+def test_what_our_own_tables_hold_comes_through_as_it_was(tmp_path: Path) -> None:
+    """Orientations, payload, setups and further conditions, by the names that the format has for them."""
+    given = simulate_dataset(
+        ROBOT,
+        rng=np.random.default_rng(5),
+        poses=24,
+        payloads_kg=(0.0, 3.0),
+        setups=2,
+        orientation_sigma_rad=1e-4,
+        effects=["backlash"],
+    ).dataset
+    write_dataset(given, tmp_path / "given")
+    tables = (tmp_path / "given" / "poses.csv", tmp_path / "given" / "points.csv")
+    made = import_dataset(tmp_path / "cell", ROBOT, *tables)
+    for name in ("payload_kg", "approach"):
+        mine, theirs = getattr(made.dataset.poses, name), getattr(given.poses, name)
+        assert (mine is None) == (theirs is None)
+        if theirs is not None:
+            assert mine.tolist() == theirs.tolist()
+    assert made.dataset.poses.setup.tolist() == given.poses.setup.tolist()
+    assert made.dataset.poses.role.tolist() == given.poses.role.tolist()
+    assert made.dataset.points is not None
+    assert given.points is not None
+    assert given.points.orientations is not None
+    assert made.dataset.points.orientations is not None
+    turned, as_given = made.dataset.points.orientations.scanner_R_jig, given.points.orientations.scanner_R_jig
+    assert turned == pytest.approx(as_given, abs=1e-12)
+    assert made.dataset.points.target.tolist() == given.points.target.tolist()
+
+
+def test_scans_of_any_suffix_find_their_poses(tmp_path: Path) -> None:
+    sample = Path(__file__).parents[2] / "sample_data" / "rb5_jang"
+    lines = (sample / "poses.csv").read_text().splitlines()
+    (tmp_path / "scans").mkdir()
+    for line in lines[1:5]:
+        name = line.split(",")[0]
+        (tmp_path / "scans" / f"{name}.xyz").write_text("1 2 3\n4 5 6\n")
+    (tmp_path / "joints.csv").write_text("\n".join(lines[:5]))
+    made = import_dataset(tmp_path / "cell", ROBOT, tmp_path / "joints.csv", scans=tmp_path / "scans")
+    assert made.dataset.poses.scan_names == tuple(f"{line.split(',')[0]}.xyz" for line in lines[1:5])
+    assert (tmp_path / "cell" / "scans" / made.dataset.poses.scan_names[0]).is_file()
+    (tmp_path / "joints.csv").write_text("\n".join(lines[:7]))
+    with pytest.raises(DatasetError, match="no such scan"):
+        import_dataset(tmp_path / "b", ROBOT, tmp_path / "joints.csv", scans=tmp_path / "scans")
+    assert not (tmp_path / "b").exists()

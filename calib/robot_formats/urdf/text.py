@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.frames import invert, rpy_from_rotation
-from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain
+from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, axis_frame
 from calib.robot_formats.urdf.chain import ArmPath
 from calib.robot_formats.urdf.safe_xml import Element
 from calib.robot_formats.urdf.tree import UrdfJoint
@@ -134,10 +134,19 @@ def plain_urdf(chain: SerialChain, comment: str = "") -> str:
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(chain.name)}>"]
     if comment:
         lines.append(f"  <!-- {escape(comment.replace('--', '- -'))} -->")
+    standing = _standing(chain)
+    if standing is not None:  # a URDF's root is upright
+        if "world" in (base, tip, *links) or "world_fixed" in names:
+            raise RobotFileError(
+                f"robot {chain.name}: has a link world of its own, which its leaning base would need"
+            )
+        lines.append('  <link name="world"/>')
     lines.append(f"  <link name={quoteattr(base)}/>")
     for joint, link in zip(chain.joints, links, strict=True):
         lines += _link(link, joint.mass_kg, joint.com_mm)
     lines.append(f"  <link name={quoteattr(tip)}/>")
+    if standing is not None:
+        lines += [*_joint_lines("world_fixed", "fixed", "world", base, standing), "  </joint>"]
     before = base
     for joint, link in zip(chain.joints, links, strict=True):
         scale = 1.0 if joint.is_revolute else 1e-3
@@ -157,6 +166,20 @@ def plain_urdf(chain: SerialChain, comment: str = "") -> str:
         "",
     ]
     return "\n".join(lines)
+
+
+def _standing(chain: SerialChain) -> Array | None:
+    """(4, 4) how the base stands in a world with gravity along -z; None where it stands upright or nothing tells."""
+    down = np.array(chain.gravity_m_s2)
+    if not down.any() or (down[2] < 0.0 and not down[:2].any()):
+        return None
+    frame = axis_frame(ChainJoint("", np.eye(4), _unit(-down)))  # its z axis points up, in the base's frame
+    return invert(frame)
+
+
+def _unit(vector: Array) -> tuple[float, float, float]:
+    x, y, z = map(float, vector / np.linalg.norm(vector))
+    return (x, y, z)
 
 
 def _link(name: str, mass_kg: float | None, com_mm: tuple[float, float, float] | None) -> list[str]:

@@ -82,10 +82,10 @@ def _content(options: ConvertOptions, found: RobotFile) -> tuple[bytes, list[str
 
 def _not_in_urdf(robot: Robot) -> list[str]:
     """What a plain URDF of a robot does not hold."""
-    x, y, z = robot.gravity_m_s2
     notes = []
+    x, y, z = robot.gravity_m_s2
     if x or y or z > 0.0:
-        notes.append("URDF tells no gravity; this robot's base does not stand upright")
+        notes.append("the base does not stand upright: it hangs on a link world, whose z axis points up")
     if robot.targets:
         notes.append("further targets are left out")
     if any(joint.mass_kg for joint in robot.joints):

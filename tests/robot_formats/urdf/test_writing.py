@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import difflib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_toml
+from calib.effects.gravity import GravityLoads
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
 from calib.robot_formats.calibrated_file import calibrated_urdf
@@ -123,6 +125,24 @@ def test_any_chain_goes_through_a_plain_urdf(tmp_path: Path) -> None:
         found = read_back(tmp_path / "plain.urdf", plain_urdf(chain))
         mine = forward(found.table, q, found.is_revolute, found.base_T_first).base_T_frame[:, -1]
         assert np.abs(mine - chain_frames(chain, q)[:, -1]).max() < 1e-9
+
+
+@pytest.mark.parametrize("gravity", [(0.0, 9.81, 0.0), (3.0, -4.0, 5.0), (0.0, 0.0, 9.81)])
+def test_a_base_that_leans_hangs_on_a_world(tmp_path: Path, gravity: tuple[float, float, float]) -> None:
+    size = 9.81 / float(np.linalg.norm(gravity))
+    x, y, z = (size * v for v in gravity)
+    robot = replace(builtin_robot("rb5"), gravity_m_s2=(x, y, z))
+    path = tmp_path / "plain.urdf"
+    path.write_text(plain_urdf(chain_of(robot)))
+    q = np.random.default_rng(0).uniform(-2, 2, (5, 6))
+    whole, part = read_robot(path).robot, read_robot(path, Reading(base="base_link")).robot
+    assert part.gravity_m_s2 == pytest.approx(robot.gravity_m_s2, abs=1e-12)
+    loads = [
+        GravityLoads(r, forward(r.table, q, r.is_revolute, r.base_T_first), None).joint_torques
+        for r in (robot, whole, part)
+    ]
+    assert loads[1] == pytest.approx(loads[0], abs=1e-9)
+    assert loads[2] == pytest.approx(loads[0], abs=1e-9)
 
 
 def read_back(path: Path, text: str) -> Robot:
