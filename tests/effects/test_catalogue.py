@@ -13,7 +13,6 @@ from calib.effects.catalogue import catalogue_names, effects_for, family_of
 from calib.effects.catalogue.scanner import ScannerDistortion
 from calib.effects.effect import (
     Effect,
-    Family,
     Parameter,
     apply_values,
     family_name,
@@ -31,20 +30,10 @@ from calib.fitting.observations import (
     with_nominal_scanner_frames,
 )
 from tests.support.arms import dataset_of
-from tests.support.fit_cases import label, rich_dataset
+from tests.support.fit_cases import label, rich_dataset, some_of
 
 DATASET = rich_dataset()
 UNHEATED = replace(DATASET, poses=replace(DATASET.poses, temperature_c=None))
-
-
-def some_of(family: Family) -> tuple[Effect, ...]:
-    """All members; of a sparse family five, evenly."""
-    at = (
-        np.linspace(0, len(family.members) - 1, 5).astype(int)
-        if family.sparse
-        else range(len(family.members))
-    )
-    return tuple(family.members[k] for k in dict.fromkeys(at))
 
 
 MEMBERS = [

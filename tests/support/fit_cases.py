@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from calib.dataset.dataset import Dataset, Orientations, Points
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.effects.effect import Effect, full_name
+from calib.effects.effect import Effect, Family, full_name
 from calib.fitting.residual import Residuals
 from calib.simulation.simulate import simulate_dataset
 from tests.support.arms import dataset_of, perturbed
@@ -81,6 +81,16 @@ def with_point_covariances(dataset: Dataset, rng: np.random.Generator) -> Datase
     return dataset.with_points(
         Points(dataset.points.pose, dataset.points.xyz_mm, dataset.points.target, covariance)
     )
+
+
+def some_of(family: Family) -> tuple[Effect, ...]:
+    """All members; of a sparse family five, evenly."""
+    at = (
+        np.linspace(0, len(family.members) - 1, 5).astype(int)
+        if family.sparse
+        else range(len(family.members))
+    )
+    return tuple(family.members[k] for k in dict.fromkeys(at))
 
 
 def label(effect: Effect) -> str:
