@@ -52,7 +52,10 @@ def read_yaml(path: Path) -> YamlFile:
     try:
         text = read_bytes(path, _MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise RobotFileError(f"{path}: cannot be read as YAML ({error.reason}); save it as UTF-8") from None
+        at_line = error.object[: error.start].count(b"\n") + 1
+        raise RobotFileError(
+            f"{path}: line {at_line}: is no UTF-8 text ({error.reason}); save it as UTF-8"
+        ) from None
     root = YamlNode(1)
     file = YamlFile(path, text, root)
     open_: list[tuple[int, YamlNode]] = [(-1, root)]

@@ -12,6 +12,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from calib.effects.gravity import GravityLoads
+from calib.errors import CalibError
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Base, Robot
 from calib.robot_formats.calibrated_file import calibrated_yaml
@@ -368,3 +369,12 @@ def test_a_mujoco_model_that_cannot_be_used_is_one_line(
     with pytest.raises(RobotFileError, match=said) as caught:
         read_robot(path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"), [("a.csv", b"a,b\n1,2\n3,\xff\n"), ("a.yaml", b"a:\n  b: 1\n  c: \xff\n")]
+)
+def test_a_byte_that_is_no_text_is_told_with_its_line(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(CalibError, match=r"line 3: .* save it as UTF-8"):
+        read_robot(tmp_path / name)

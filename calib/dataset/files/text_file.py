@@ -35,7 +35,8 @@ def read_text(path: Path, *, missing: str, kind: str, most_bytes: int, pipe: boo
     except NotADirectoryError:
         raise DatasetError(f"{path.parent}: is a file; name the folder that it lies in") from None
     except UnicodeDecodeError as error:
-        words = " ".join(str(error).split())
+        line = error.object[: error.start].count(b"\n") + 1
+        words = f"line {line}: {' '.join(str(error).split())}"
         raise DatasetError(f"{path}: cannot be read as {kind} ({words}); save it as UTF-8") from None
     except OSError as error:
         raise DatasetError(f"{path}: {error.strerror or error}; check that the file can be read") from None
