@@ -76,6 +76,8 @@ def import_dataset(
     scale = np.array([ANGLES_RAD.get(unit) or LENGTHS_MM[unit] for unit in units])
     if seen is not None:
         seen = seen * points_scale(work, other or table, of_points, robot, q_file * scale, seen, row_of)
+    if other is not None and of_points.rest:
+        work.said.append(f"{other.path}: other columns are left out: {', '.join(of_points.rest)}")
     work.raise_all()
     measured = None if near is None else np.asarray(np.isfinite(near).all(axis=1))
     poses_csv = poses_text(work, table, meant, ids, q_file * scale, scans, measured)

@@ -191,7 +191,7 @@ def points_scale(
         return LENGTHS_MM[unit]
     unit, off = length_unit(robot, q[row_of], seen)
     work.said.append(
-        f"{table.path}: points are {what}, taken for {unit}: so they are spread as the arm's tool is"
+        f"{table.path}: points are {what}, taken for {unit}, in which they spread as the arm's tool does"
     )
     if off > _FAR_SPREAD:
         work.fault(

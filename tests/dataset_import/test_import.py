@@ -116,14 +116,15 @@ def test_two_tables_meet_by_the_pose(truth: Dataset, tmp_path: Path) -> None:
     order = np.random.default_rng(0).permutation(32)
     points = write(
         tmp_path / "points.csv",
-        ["Nr", "x", "y", "z"],
-        truth.points.xyz_mm[order],
+        ["Nr", "x", "y", "z", "quality"],
+        np.hstack([truth.points.xyz_mm[order], np.ones((32, 1))]),
         first=[f"{i + 1:03d}" for i in order],
     )
     made = import_dataset(tmp_path / "cell", ROBOT, joints, points)
     assert made.dataset.points is not None
     assert made.dataset.points.xyz_mm == pytest.approx(truth.points.xyz_mm[order])
     assert made.dataset.poses.ids == tuple(ids)
+    assert f"{points}: other columns are left out: quality" in made.said
     assert made.dataset.poses.temperature_c is not None
     assert made.dataset.poses.temperature_c[0] == 21.5
 
