@@ -30,6 +30,9 @@ TWIN_SPAN = (
 )
 TWIN_LEAD = 8.0  # in log evidence, from which the worse one is no twin
 TWIN_LEFT = 1.15  # times as much as the better one leaves, from which the worse one is no twin
+CURVES_SHARE = (
+    1.25  # how many times the evidence of a cause of one place or pose curves need to take its place
+)
 MAX_WORSENING = 2.0  # standard errors by which a named effect may not raise the test poses' squared error
 
 VERDICTS = ("adequate", "named", "ambiguous", "unexplained", "outliers")
@@ -200,7 +203,7 @@ def beside_curves(screening: Screening, curves: LearnedCurves | None) -> Screeni
 
     Such a cause follows a corner of what the curves follow whole: nobody is sent to open a healthy gear.
     """
-    least = -np.inf if curves is None else curves.log_evidence - MIN_LEAD
+    least = -np.inf if curves is None else (curves.log_evidence - MIN_LEAD) / CURVES_SHARE
     kept = tuple(c for c in screening.candidates if not c.family.sparse or c.log_evidence >= least)
     return replace(screening, candidates=kept)
 

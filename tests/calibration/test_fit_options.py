@@ -114,7 +114,7 @@ def test_comparison_holds_only_what_the_link_errors_have(dataset: Dataset) -> No
 @pytest.mark.parametrize("asked", ASKED[:3], ids=str)
 def test_every_step_of_a_diagnosis_is_fitted_as_was_asked(dataset: Dataset, asked: FitOptions) -> None:
     found = diagnose(dataset, asked)
-    assert found.missing
+    assert found.named
     assert all(step.calibration.options == asked for step in found.steps)
 
 

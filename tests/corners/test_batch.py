@@ -50,6 +50,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
         poses=SimpleNamespace(ids=tuple(name.removesuffix(".ply") for name in names)),
         jig=Jig(),
         scanner=Scanner(scan_sigma_mm=0.02),
+        left_out=(),
         scan_path=lambda i: folder / names[i],
     )
 

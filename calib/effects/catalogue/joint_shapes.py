@@ -10,6 +10,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.effects.catalogue.joints import harmonic, revolute_joints
+from calib.effects.catalogue.order_steps import shows
 from calib.effects.effect import CatalogueEffect, Family, Parameter
 from calib.effects.shaped import JointOffset, ShapedEffect
 from calib.effects.state import RobotState
@@ -59,7 +60,7 @@ class JointDent(ShapedEffect):
     def family(cls, dataset: Dataset) -> Family:
         """A member for each revolute joint, width and place that enough poses show."""
         poses = dataset.poses
-        q_deg = np.degrees(poses.q[~poses.is_test])
+        q_deg = np.degrees(poses.q[shows(dataset)])
         members = []
         for joint in revolute_joints(dataset.robot):
             angle = q_deg[:, joint]

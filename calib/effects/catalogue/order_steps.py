@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.array_types import Array
+from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import Dataset
 from calib.effects.catalogue.compliance import where_masses_are_known
 from calib.effects.catalogue.scanner import Vector, field_of
@@ -48,6 +48,14 @@ class ChangePoint:
         return (state.poses.order >= self.first).astype(float)[:, None]
 
 
+def shows(dataset: Dataset) -> BoolArray:
+    """(N,) training poses that something was measured at, each stand by one of its shots; all before any point is known."""
+    training = ~dataset.poses.is_test
+    if dataset.points is None:
+        return training
+    return training & np.isin(np.arange(len(dataset.poses)), dataset.points.pose)
+
+
 def change_points(dataset: Dataset) -> list[ChangePoint]:
     """Before training poses, in the order of measuring, with enough others before and after to show a step there.
 
@@ -55,7 +63,7 @@ def change_points(dataset: Dataset) -> list[ChangePoint]:
     """
     poses = dataset.poses
     sequence = np.argsort(poses.order, kind="stable")
-    sequence = sequence[~poses.is_test[sequence]]
+    sequence = sequence[shows(dataset)[sequence]]
     count = len(sequence) - 2 * AT_ENDS + 1
     if count < 1:
         return []

@@ -67,7 +67,7 @@ def test_they_are_offered_added_with_a_click_and_taken_back(app: App, page: Wire
     page.set("Effect", LEARNED)
     shows(page, "No named effect explains what is left", "log evidence, all together")
     page.click(ADD_CURVES)
-    shows(page, f"+ {LEARNED}: the test error fell", f"Curves of {LEARNED}", "sin(5 q1)")
+    shows(page, f"+ {LEARNED}: the test error fell", f"Curves of {LEARNED}", "sin(23 q1)")
     page.wait(curves_drawn)
     assert session(app).effects[0].members is learned.members
     assert f"{LEARNED}.J1" not in page.text()  # no row for each mode
@@ -95,7 +95,7 @@ def test_the_report_has_them_in_a_section_and_no_row_for_each_mode(folder: Path)
     without, with_curves = (report_html(report_of(s), now=datetime.now()) for s in (ranked, added))
     assert "Learned curves of the joints" not in without
     assert "Learned curves of the joints" in with_curves
-    assert "sin(5 q1)" in with_curves
+    assert "sin(23 q1)" in with_curves
     assert CURVE in with_curves
     assert f"{LEARNED}.J1" not in with_curves
 

@@ -135,11 +135,18 @@ def test_a_word_that_is_too_long_for_a_column_is_broken_and_others_are_not() -> 
 
 @pytest.mark.slow
 def test_a_model_put_together_by_hand_is_told_as_such(folder: Path) -> None:
-    session = sessions.with_screening(sessions.with_calibration(sessions.open_session(folder / "hidden")))
-    session = sessions.with_screening(sessions.with_effect(session, HIDDEN))
-    page = plain(report_html(report_of(session), now=datetime(2026, 3, 4, 5, 6)))
-    assert f"the model (link errors + {HIDDEN}) was put together by hand" in page
-    assert f"+ {HIDDEN}: the test error fell by" in page
+    ranked = sessions.with_screening(sessions.with_calibration(sessions.open_session(folder / "hidden")))
+    assert ranked.screening is not None
+    other = next(c.name for c in ranked.screening.candidates[1:] if c.members)
+    unfinished, finished = (
+        sessions.with_screening(sessions.with_effect(ranked, name)) for name in (other, HIDDEN)
+    )
+    now = datetime(2026, 3, 4, 5, 6)
+    assert f"the model (link errors + {other}) was put together by hand" in plain(
+        report_html(report_of(unfinished), now=now)
+    )
+    page = plain(report_html(report_of(finished), now=now))
+    assert f"{HIDDEN} was missing, and with it nothing else shows" in page
     assert "2026-03-04 05:06" in page
 
 
