@@ -31,7 +31,7 @@ TWIN_SPAN = (
 TWIN_LEAD = 8.0  # in log evidence, from which the worse one is no twin
 TWIN_LEFT = 1.15  # times as much as the better one leaves, from which the worse one is no twin
 CURVES_SHARE = (
-    1.25  # how many times the evidence of a cause of one place or pose curves need to take its place
+    1.1  # how many times the evidence of a cause of one place or pose curves need to take its place
 )
 MAX_WORSENING = 2.0  # standard errors by which a named effect may not raise the test poses' squared error
 
