@@ -13,7 +13,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.advice import advice_on
-from calib.diagnosis.decision_rules import MIN_LEAD, beside_curves, is_convincing
+from calib.diagnosis.decision_rules import CURVES_SHARE, MIN_LEAD, beside_curves, is_convincing
 from calib.diagnosis.diagnose import AddCurves
 from calib.diagnosis.search_space import add_in_turn
 from calib.diagnosis.words.conclusion_text import advice_text
@@ -90,15 +90,16 @@ def test_a_cause_of_one_place_or_pose_gives_way_to_curves_that_say_more(ranked: 
     assert screening is not None
     assert curves is not None
 
+    least = (curves.log_evidence - MIN_LEAD) / CURVES_SHARE
+
     def stays(name: str, lead: float) -> bool:
         one = next(c for c in screening.candidates if c.name == name)
-        one = replace(one, log_evidence=curves.log_evidence + lead)
+        one = replace(one, log_evidence=least + lead)
         return beside_curves(replace(screening, candidates=(one,)), curves).candidates == (one,)
 
     assert stays("joint_step", 1.0)
-    assert stays("joint_step", 1.0 - MIN_LEAD)
-    assert not stays("joint_dent", -1.0 - MIN_LEAD)
-    assert stays("joint_scale", -1.0 - MIN_LEAD)  # no place, no pose: it names the cause
+    assert not stays("joint_dent", -1.0)
+    assert stays("joint_scale", -1.0)  # no place, no pose: it names the cause
     assert beside_curves(screening, None) == screening
 
 
