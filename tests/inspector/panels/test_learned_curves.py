@@ -107,7 +107,7 @@ def test_find_shows_the_curve(chromium: Any, folder: Path) -> None:
     from tests.support.browser import MS, open_page, says
 
     with idle_app(folder) as running, open_page(chromium, url_of(running.server)) as opened:
-        opened.get_by_role("button", name=FIND, exact=True).click()
+        opened.get_by_role("button", name=FIND, exact=True).click(timeout=4 * MS)
         says(opened, f"Curves of {LEARNED}")
         opened.wait_for_function(
             """name => [...document.querySelectorAll('.js-plotly-plot')].some(plot =>
