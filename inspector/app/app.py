@@ -15,13 +15,13 @@ from pathlib import Path
 import viser
 
 from calib.errors import CalibError
-from inspector.app.dataset_controller import DatasetController
-from inspector.app.dataset_list import has_scans, names_of
-from inspector.app.downloads import Downloads
-from inspector.app.model_controller import ModelController
-from inspector.app.page_state import PageState
-from inspector.app.stage import Stage
-from inspector.app.tabs import add_panels
+from inspector.app.controllers.dataset_controller import DatasetController
+from inspector.app.controllers.downloads import Downloads
+from inspector.app.controllers.model_controller import ModelController
+from inspector.app.controllers.stage import Stage
+from inspector.app.page.dataset_list import has_scans, names_of
+from inspector.app.page.page_state import PageState
+from inspector.app.page.tabs import add_panels
 from inspector.scene.scene_view import LAYERS
 from inspector.server.viser_server import InspectorServer, tell
 from inspector.server.worker import LongWork, Worker

@@ -11,7 +11,7 @@ from pathlib import Path
 from calib.dataset.files.folder import find_datasets
 from calib.errors import CalibError
 from inspector.app.app import App
-from inspector.app.dataset_list import has_scans
+from inspector.app.page.dataset_list import has_scans
 from inspector.server.viser_server import LOOPBACK, start_server, url_of
 from inspector.session.reopening import Opening
 

@@ -33,8 +33,9 @@ from inspector.cli.options import (
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import progress, stages
 from inspector.export import json_documents as documents
+from inspector.session.measuring import with_face_labels
 from inspector.session.session import Session
-from inspector.session.transitions import with_face_labels, with_found
+from inspector.session.transitions import with_found
 
 
 def run_validate(options: ValidateOptions) -> int:

@@ -15,7 +15,7 @@ from calib import frames
 from calib.array_types import Array
 from calib.calibration.result import Calibration
 from calib.fitting.observations import Observations
-from inspector.markup.palette import ARM, JOINT, MODEL_COLOURS, SLIDE, UNKNOWN, rgb, role_colour
+from inspector.markup.parts.palette import ARM, JOINT, MODEL_COLOURS, SLIDE, UNKNOWN, rgb, role_colour
 from inspector.scene.arm_shape import ArmShape, arm_shape
 
 M_PER_MM = 1e-3

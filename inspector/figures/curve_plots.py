@@ -16,7 +16,7 @@ from calib.array_types import Array, BoolArray
 from calib.kinematics.robot import Robot
 from calib.screening.curves.fitted_curves import FittedCurve
 from inspector.figures.style import figure, ink
-from inspector.markup.curves import input_label, shown_unit
+from inspector.markup.learn.curves import input_label, shown_unit
 
 CURVE, BAND, OUTSIDE, MEASURED = "fitted curve", "± 2 sigma", "not measured", "training poses"
 _TOP_PX, _PLOT_PX, _GAP_PX, _BOTTOM_PX = (

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from calib.array_types import Array
 from inspector.figures.style import SIGNED_SCALE, distinct_labels, figure, shortened, strong_ink
-from inspector.markup.numbers import parameter_label
-from inspector.markup.palette import ROLE_COLOURS, ROLE_WORDS, UNKNOWN, role_colour
+from inspector.markup.parts.numbers import parameter_label
+from inspector.markup.parts.palette import ROLE_COLOURS, ROLE_WORDS, UNKNOWN, role_colour
 
 MOST_TICKS = 16
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from calib.array_types import Array, IndexArray
 from inspector.figures.style import SIGNED_SCALE, figure, ink, shortened, strong_ink
-from inspector.markup.palette import ROLE_COLOURS, ROLE_WORDS
+from inspector.markup.parts.palette import ROLE_COLOURS, ROLE_WORDS
 
 SELECTED = "selected pose"
 MEDIAN = "training median"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from calib.array_types import Array
-from inspector.markup import elements
-from inspector.markup.comparison import distance_bar, points_legend, roles_legend
-from inspector.markup.palette import FACE_COLOURS, FILTER_COLOURS, HIGHLIGHT, MODEL_COLOURS, REJECTED
+from inspector.markup.model.comparison import distance_bar, points_legend, roles_legend
+from inspector.markup.parts import elements
+from inspector.markup.parts.palette import FACE_COLOURS, FILTER_COLOURS, HIGHLIGHT, MODEL_COLOURS, REJECTED
 from inspector.session.view import View, corner_of
 
 EMPTY = "Nothing is on show: choose a view above, or tick a layer below."

@@ -6,7 +6,7 @@ from functools import partial
 
 import viser
 
-from inspector.markup import elements
+from inspector.markup.parts import elements
 from inspector.panels.base import Actions
 
 NOTE = (

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import viser
 
-from inspector.markup import elements, numbers
-from inspector.markup.palette import DOUBT, FAILED, ROLE_WORDS, role_colour
+from inspector.markup.parts import elements, numbers
+from inspector.markup.parts.palette import DOUBT, FAILED, ROLE_WORDS, role_colour
 from inspector.panels.base import Actions, ChangedValues, by_page, put
 from inspector.panels.input_checks import clamped, one_of
 from inspector.session.view import FACTORS, POINT_VIEWS, VIEW_LAYERS, VIEWS, View, corner_of

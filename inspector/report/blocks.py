@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import plotly.graph_objects as go
 
-from inspector.markup.elements import LONG_NAME
+from inspector.markup.parts.elements import LONG_NAME
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from calib.identifiability.redundancy import Redundancy
 from calib.models.exported_table import ExportedTable, exported_table
 from calib.screening.candidates import Screening
 from calib.screening.residual_tests import ResidualTests, run_residual_tests
+from inspector.session.measuring import with_redundancy
 from inspector.session.session import Session
-from inspector.session.transitions import with_redundancy
 
 
 @dataclass(frozen=True)

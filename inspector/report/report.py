@@ -16,10 +16,10 @@ from calib.calibration.noise_check import check_sigma, noise_floor_mm
 from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.text import reason_texts
 from inspector.figures.plots import error_history
-from inspector.markup import numbers
-from inspector.markup.effects import VERDICTS, last_change
-from inspector.markup.fit import before_and_after
-from inspector.markup.palette import NEUTRAL
+from inspector.markup.learn.effects import VERDICTS, last_change
+from inspector.markup.model.fit import before_and_after
+from inspector.markup.parts import numbers
+from inspector.markup.parts.palette import NEUTRAL
 from inspector.report import sections
 from inspector.report.blocks import (
     Block,

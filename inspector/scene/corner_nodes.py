@@ -8,7 +8,7 @@ import numpy as np
 import viser
 
 from calib.array_types import Array, ByteArray
-from inspector.markup.palette import HIGHLIGHT, rgb
+from inspector.markup.parts.palette import HIGHLIGHT, rgb
 from inspector.scene.scene_view import M_PER_MM, cloud, to_scene
 from inspector.scene.shapes import ellipsoids, unit_sphere
 

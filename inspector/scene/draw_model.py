@@ -14,9 +14,9 @@ from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
 from calib.fitting.observations import Observations
 from calib.scans.scan import Scan
-from inspector.markup import colour_scale, numbers
-from inspector.markup.comparison import distance_limit_mm, error_limit_mm
-from inspector.markup.palette import FACE_COLOURS, MODEL_COLOURS, rgb, role_colour
+from inspector.markup.model.comparison import distance_limit_mm, error_limit_mm
+from inspector.markup.parts import colour_scale, numbers
+from inspector.markup.parts.palette import FACE_COLOURS, MODEL_COLOURS, rgb, role_colour
 from inspector.scene import corner_nodes, model_nodes
 from inspector.scene.arm_shape import arm_of
 from inspector.scene.link_mesh import load_link_mesh

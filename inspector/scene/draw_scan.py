@@ -8,9 +8,9 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.scans.scan import Scan
-from inspector.markup import numbers
-from inspector.markup.corner import ellipsoid_words
-from inspector.markup.planes import group_colours
+from inspector.markup.measure.corner import ellipsoid_words
+from inspector.markup.measure.planes import group_colours
+from inspector.markup.parts import numbers
 from inspector.scene import corner_nodes, plane_nodes
 from inspector.scene.draw_model import pose_colours
 from inspector.scene.scene_view import SceneView

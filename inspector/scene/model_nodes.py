@@ -10,7 +10,7 @@ import viser
 import viser.transforms
 
 from calib.array_types import Array, ByteArray, IndexArray
-from inspector.markup.palette import ARM, JOINT, SLIDE, rgb
+from inspector.markup.parts.palette import ARM, JOINT, SLIDE, rgb
 from inspector.scene.arm_shape import ArmShape
 from inspector.scene.link_mesh import LinkMesh
 from inspector.scene.scene_view import M_PER_MM, cloud, to_scene

@@ -15,7 +15,7 @@ import viser
 from numpy.typing import ArrayLike, NDArray
 
 from calib.array_types import Array, ByteArray, IndexArray
-from inspector.markup.palette import FACE_COLOURS, SCAN_ON_DARK, SCAN_ON_LIGHT, rgb
+from inspector.markup.parts.palette import FACE_COLOURS, SCAN_ON_DARK, SCAN_ON_LIGHT, rgb
 from inspector.scene.shapes import shaded, thin
 
 M_PER_MM = 1e-3

@@ -17,6 +17,7 @@ from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
 from calib.options import FitOptions
+from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session, StepErrors
 from inspector.session.session_file import Saved, SessionFileError
@@ -98,7 +99,7 @@ def replayed(session: Session, saved: Saved) -> Session:
     """The fits of a saved session once more, on what is measured now; its figures are not read."""
     selections = _selections(saved, session.measured, session.user_effects)
     if any(step.residual == "pose" for step in saved.history[1:]):
-        session = sessions.with_face_labels(session)
+        session = measuring.with_face_labels(session)
     steps: list[FitStep] = []
     for step, selected in list(zip(saved.history, selections, strict=True))[
         1:

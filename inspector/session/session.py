@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from calib.calibration.model_versions import LINKS, Version
 from calib.calibration.pose_errors import PoseErrors
@@ -132,3 +132,9 @@ def _errors(result: Calibration, *, before: bool = False) -> tuple[float, float]
     evaluation = result.before if before else result.after
     train, test = evaluation.train, evaluation.test
     return train.rmse_mm if train else float("nan"), test.rmse_mm if test else float("nan")
+
+
+def untested(session: Session) -> Session:
+    """A new fit, of which nothing more is known yet."""
+    unknown = replace(session, screening=None, pose_errors=None, residual_tests=None, advice=None)
+    return replace(unknown, diagnosis=None, searched=False, separations={}, versions=())

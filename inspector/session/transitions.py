@@ -1,16 +1,13 @@
-"""Functions from a session to the next: a search, a fit, an effect added or removed, a diagnosis."""
+"""Functions from a session to the next: a fit, an effect added or removed, a diagnosis."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from calib.calibration.model_versions import versions
 from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
-from calib.corners.batch import search_file
-from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.advice import Advice, Move, advice_or_verdict
 from calib.diagnosis.diagnose import AddCurves, SearchAgain, SearchWithNoise, diagnose
 from calib.diagnosis.effect_selection import (
@@ -25,71 +22,20 @@ from calib.diagnosis.moves import AddEffect, DropEffect, applied
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, step_after, with_candidate, with_curves
 from calib.effects.effect import Family
-from calib.errors import CalibError, DatasetError
-from calib.fitting.observations import Observations
-from calib.fitting.pose_residuals import require_orientations
-from calib.identifiability.structural import redundancy
-from calib.measurement.labels import FaceLabels
-from calib.measurement.measured_points import label_faces
+from calib.errors import CalibError
 from calib.options import FitOptions
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.pose_recommendation import discriminating_poses, nearest_rival
 from calib.screening.residual_tests import run_residual_tests
-from inspector.session.session import Separation, Session
+from inspector.session.measuring import with_face_labels
+from inspector.session.session import Separation, Session, untested
 
 SEPARATING_POSES = 3  # at which two causes are compared
-
-
-def open_session(folder: Path) -> Session:
-    """A session on a dataset folder. Raises DatasetError."""
-    return Session(load_dataset(folder))
-
-
-def with_search(session: Session, pose: int) -> Session:
-    """Search the scan of one pose for its corner."""
-    path = session.dataset.scan_path(pose)
-    if path is None:
-        raise DatasetError(f"dataset {session.dataset.name}: it has no scans to search")
-    search = search_file(path, session.dataset.jig, session.dataset.scanner.scan_sigma_mm)
-    searches = {**session.searches, session.dataset.poses.ids[pose]: search}
-    if session.dataset.points is not None:
-        return replace(session, searches=searches)
-    return _untested(
-        replace(session, searches=searches, face_labels=None, calibration=None, effects=(), steps=())
-    )
-
-
-def with_face_labels(session: Session) -> Session:
-    """Label the jig's faces in the corners found so far, where that is not done yet; points.csv needs no labels.
-
-    Raises CornerError for face angles that no jig can have.
-    """
-    return replace(session, face_labels=find_face_labels(session)) if session.unlabelled else session
-
-
-def find_face_labels(session: Session) -> FaceLabels:
-    """Which face of the jig is which in the corners found so far. Raises as `with_face_labels`."""
-    return label_faces(session.dataset, session.searches)
-
-
-def no_full_poses(session: Session) -> str:
-    """Why full poses cannot be fitted to what is known so far, in a sentence that says what would help; else ""."""
-    measured = session.measured_for("pose")
-    try:
-        require_orientations(measured, Observations.of(measured))
-    except CalibError as error:
-        return str(error)
-    return ""
 
 
 def seen_since(session: Session, now: Session) -> Session:
     """A session of the same dataset, with what was looked at meanwhile."""
     return replace(session, searches=now.searches, face_labels=now.face_labels, redundancy=now.redundancy)
-
-
-def with_redundancy(session: Session, residual: str = "position") -> Session:
-    """Find which parameters act alike at the dataset's poses."""
-    return replace(session, redundancy=redundancy(session.dataset, residual=residual))
 
 
 def with_calibration(session: Session, residual: str = "position") -> Session:
@@ -271,7 +217,7 @@ def _judged(session: Session, found: Diagnosis) -> Session:
 def with_steps(session: Session, steps: Sequence[FitStep]) -> Session:
     """Take over fits that were made, the last as the model; nothing more is known of that yet."""
     calibration, effects = steps[-1].calibration, steps[-1].selected
-    return _untested(replace(session, calibration=calibration, effects=effects, steps=tuple(steps)))
+    return untested(replace(session, calibration=calibration, effects=effects, steps=tuple(steps)))
 
 
 def _calibrated(session: Session) -> Calibration:
@@ -292,9 +238,3 @@ def start_of(last: FitStep, effects: Sequence[SelectedEffect]) -> Calibration | 
     The last one where effects are added; none where one is taken out, so that the fit ends where it was before.
     """
     return last.calibration if len(effects) > len(last.selected) else None
-
-
-def _untested(session: Session) -> Session:
-    """A new fit, of which nothing more is known yet."""
-    unknown = replace(session, screening=None, pose_errors=None, residual_tests=None, advice=None)
-    return replace(unknown, diagnosis=None, searched=False, separations={}, versions=())

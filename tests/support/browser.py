@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from inspector.app.tabs import STEPS
+from inspector.app.page.tabs import STEPS
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 FLAGS = (  # software rendering in a container without GPU, sandbox or much shared memory

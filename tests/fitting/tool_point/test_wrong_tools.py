@@ -27,7 +27,7 @@ from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import check
 from calib.validation.cross_validation import cross_validate
 from inspector.cli.parser import main
-from inspector.markup.fit import state_html
+from inspector.markup.model.fit import state_html
 from tests.support.arms import random_arm
 
 

@@ -14,14 +14,14 @@ import pytest
 
 from calib.errors import DatasetError
 from inspector.app.app import App
-from inspector.app.dataset_list import names_of
+from inspector.app.page.dataset_list import names_of
+from inspector.app.page.tabs import STEPS
 from inspector.app.serving import serving
-from inspector.app.tabs import STEPS
-from inspector.markup import numbers
-from inspector.markup.numbers import parameter_label
-from inspector.markup.palette import ROLE_COLOURS
-from inspector.markup.planes import group_colours
-from inspector.panels.redundancy import ALL, ANGLES, LENGTHS, group_sentence
+from inspector.markup.measure.planes import group_colours
+from inspector.markup.parts import numbers
+from inspector.markup.parts.numbers import parameter_label
+from inspector.markup.parts.palette import ROLE_COLOURS
+from inspector.panels.model.redundancy import ALL, ANGLES, LENGTHS, group_sentence
 from inspector.panels.review import NEXT, PREVIOUS
 from inspector.scene.scene_view import OVERVIEW_POINTS, ROOT
 from inspector.session.session import Session

@@ -10,8 +10,8 @@ import viser
 
 from inspector.app.app import App
 from inspector.app.serving import serving
-from inspector.markup import numbers
-from inspector.panels.compare import SHOW_ARM, SHOW_DISTANCE
+from inspector.markup.parts import numbers
+from inspector.panels.model.compare import SHOW_ARM, SHOW_DISTANCE
 from inspector.panels.review import NEXT, PREVIOUS
 from inspector.scene.scene_view import ROOT
 from inspector.server.viser_server import url_of

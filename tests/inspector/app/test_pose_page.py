@@ -29,7 +29,8 @@ from inspector.app.app import App
 from inspector.app.serving import serving
 from inspector.cli.parser import main
 from inspector.export.csv_and_png import corners_csv
-from inspector.markup import numbers
+from inspector.markup.parts import numbers
+from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.reopening import opening, reopened
 from inspector.session.session import Session
@@ -88,7 +89,7 @@ class Gate:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.calls = 0
         self.begun = threading.Event()
-        self.open, self._name = threading.Event(), sessions.find_face_labels
+        self.open, self._name = threading.Event(), measuring.find_face_labels
         monkeypatch.setattr(sessions, "find_face_labels", self)
 
     def __call__(self, session: Session) -> FaceLabels:
@@ -273,17 +274,17 @@ def test_points_with_orientations_need_no_names(folder: Path, tmp_path: Path) ->
 
 @pytest.fixture(scope="module")
 def searched(folder: Path) -> Session:
-    opened = sessions.open_session(folder / "cell")
+    opened = measuring.open_session(folder / "cell")
     for pose in range(POSES):
-        opened = sessions.with_search(opened, pose)
+        opened = measuring.with_search(opened, pose)
     return opened
 
 
 def test_a_new_corner_makes_old_names_stale(searched: Session) -> None:
-    named = sessions.with_face_labels(searched)
+    named = measuring.with_face_labels(searched)
     assert named.face_labels is not None
-    assert sessions.with_face_labels(named) is named
-    again = sessions.with_search(named, 3)
+    assert measuring.with_face_labels(named) is named
+    again = measuring.with_search(named, 3)
     assert again.face_labels is None
     assert again.unlabelled
 
@@ -296,8 +297,8 @@ def test_a_session_names_what_a_fit_of_full_poses_needs_and_nothing_else(searche
     assert points is not None
     assert isinstance(points.orientations, Orientations)
     assert points.orientations.known.all()
-    assert sessions.no_full_poses(full) == ""
-    assert "found no orientation" in sessions.no_full_poses(searched)
+    assert measuring.no_full_poses(full) == ""
+    assert "found no orientation" in measuring.no_full_poses(searched)
 
 
 def test_a_saved_fit_of_full_poses_from_scans_opens_again(searched: Session, folder: Path) -> None:

@@ -306,7 +306,7 @@ def test_it_goes_to_the_page_that_asked_alone(app: App) -> None:
 def test_a_page_that_leaves_or_sends_no_picture_does_no_harm(
     app: App, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("inspector.app.downloads.RENDER_S", 0.5)
+    monkeypatch.setattr("inspector.app.controllers.downloads.RENDER_S", 0.5)
     with WireClient(app.server.get_port()) as page:
         page.click(SCREENSHOT)  # this client draws nothing
         page.wait(lambda p: any("sent no picture" in n["props"]["body"] for n in p.notifications), 20.0)

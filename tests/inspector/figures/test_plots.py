@@ -26,8 +26,8 @@ from inspector.figures.residual_plots import (
     select,
 )
 from inspector.figures.style import shortened
-from inspector.markup.numbers import parameter_label
-from inspector.markup.palette import (
+from inspector.markup.parts.numbers import parameter_label
+from inspector.markup.parts.palette import (
     FACE_COLOURS,
     FILTER_COLOURS,
     GROUP_COLOURS,

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from inspector.markup.colour_scale import ERROR, SIGNED, bar, coloured, round_limit
-from inspector.markup.palette import UNKNOWN, rgb
+from inspector.markup.parts.colour_scale import ERROR, SIGNED, bar, coloured, round_limit
+from inspector.markup.parts.palette import UNKNOWN, rgb
 
 
 def lightness(colours: np.ndarray) -> np.ndarray:

@@ -14,10 +14,10 @@ from calib.corners.jig_distance import face_distances
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.scans.scan import load_scan
 from inspector.app.app import App
-from inspector.markup import numbers
-from inspector.markup.comparison import distance_limit_mm, error_limit_mm
-from inspector.markup.palette import MODEL_COLOURS, ROLE_COLOURS, rgb
-from inspector.panels.compare import SHOW_ARM
+from inspector.markup.model.comparison import distance_limit_mm, error_limit_mm
+from inspector.markup.parts import numbers
+from inspector.markup.parts.palette import MODEL_COLOURS, ROLE_COLOURS, rgb
+from inspector.panels.model.compare import SHOW_ARM
 from inspector.scene.arm_shape import arm_of
 from inspector.scene.scene_view import ROOT
 from inspector.session.view import BY_ERROR, BY_ROLE

@@ -15,13 +15,13 @@ import pytest
 from calib.corners.search import CornerSearch
 from calib.scans.scan import Scan, load_scan, write_scan
 from inspector.app.app import App
-from inspector.markup.corner import corner_html
 from inspector.markup.legend import EMPTY, legend_html
-from inspector.markup.palette import FILTER_COLOURS, rgb
-from inspector.markup.planes import NOT_SEARCHED, passes_note, planes_html
+from inspector.markup.measure.corner import corner_html
+from inspector.markup.measure.planes import NOT_SEARCHED, passes_note, planes_html
+from inspector.markup.parts.palette import FILTER_COLOURS, rgb
 from inspector.panels.base import ChangedValues
-from inspector.panels.corner import DISTANCES
-from inspector.panels.scans import corner_state, pose_table
+from inspector.panels.measure.corner import DISTANCES
+from inspector.panels.measure.scans import corner_state, pose_table
 from inspector.report.content import report_of
 from inspector.report.report import report_html
 from inspector.scene.scene_view import ROOT

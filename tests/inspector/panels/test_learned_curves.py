@@ -12,9 +12,10 @@ import pytest
 from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.app.app import App
 from inspector.figures.curve_plots import CURVE
-from inspector.panels.missing_effects import REDO, REMOVE, UNDO
+from inspector.panels.learn.missing_effects import REDO, REMOVE, UNDO
 from inspector.report.content import report_of
 from inspector.report.report import report_html
+from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session
 from tests.support.app import IDLE_S, idle_app, shows
@@ -90,7 +91,7 @@ def test_they_are_offered_added_with_a_click_and_taken_back(app: App, page: Wire
 
 @pytest.mark.slow
 def test_the_report_has_them_in_a_section_and_no_row_for_each_mode(folder: Path) -> None:
-    ranked = sessions.with_screening(sessions.with_calibration(sessions.open_session(folder)))
+    ranked = sessions.with_screening(sessions.with_calibration(measuring.open_session(folder)))
     added = sessions.with_screening(sessions.with_effect(ranked, LEARNED))
     without, with_curves = (report_html(report_of(s), now=datetime.now()) for s in (ranked, added))
     assert "Learned curves of the joints" not in without
@@ -102,7 +103,7 @@ def test_the_report_has_them_in_a_section_and_no_row_for_each_mode(folder: Path)
 
 @pytest.mark.browser
 def test_find_shows_the_curve(chromium: Any, folder: Path) -> None:
-    from inspector.panels.missing_effects import FIND
+    from inspector.panels.learn.missing_effects import FIND
     from inspector.server.viser_server import url_of
     from tests.support.browser import MS, open_page, says
 

@@ -19,11 +19,11 @@ from calib.screening.candidates import Untestable
 from calib.screening.pose_recommendation import discriminating_poses, nearest_rival
 from inspector.app.app import App
 from inspector.figures.residual_plots import SELECTED
-from inspector.markup import numbers
-from inspector.markup.effects import verdict_html
-from inspector.markup.residuals import input_title
-from inspector.panels.missing_effects import FIND, REDO, REMOVE, UNDO
-from inspector.panels.residuals import PLACES
+from inspector.markup.learn.effects import verdict_html
+from inspector.markup.learn.residuals import input_title
+from inspector.markup.parts import numbers
+from inspector.panels.learn.missing_effects import FIND, REDO, REMOVE, UNDO
+from inspector.panels.learn.residuals import PLACES
 from inspector.scene.scene_view import ROOT
 from inspector.session.session import Session
 from tests.support.app import ADD, IDLE_S, command, idle_app, plain, shows

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from inspector.app.app import App
-from inspector.markup import numbers
-from inspector.panels.missing_effects import FIND, REDO, REMOVE, UNDO
+from inspector.markup.parts import numbers
+from inspector.panels.learn.missing_effects import FIND, REDO, REMOVE, UNDO
 from inspector.scene.scene_view import ROOT
 from inspector.server.viser_server import url_of
 from tests.support.app import ADD, IDLE_S, command, idle_app

@@ -17,11 +17,12 @@ import pytest
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
 from inspector.cli.parser import main
-from inspector.markup.numbers import millimetres
+from inspector.markup.parts.numbers import millimetres
 from inspector.report.blocks import Table
 from inspector.report.content import report_of
 from inspector.report.page import render_page
 from inspector.report.report import report_html, versions
+from inspector.session import measuring
 from inspector.session import transitions as sessions
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.tiny_dataset import HOSTILE
@@ -105,7 +106,7 @@ def test_the_parameters_are_those_of_the_fit(
 def test_figures_are_there_twice_and_hold_the_history(folder: Path, written: Path) -> None:
     drawn = figures(written.read_text())
     assert len(drawn) >= 5
-    session = sessions.with_diagnosis(sessions.open_session(folder / "hostile"))
+    session = sessions.with_diagnosis(measuring.open_session(folder / "hostile"))
     for figure in drawn:
         assert figure["light"]["data"]
         assert figure["light"]["layout"]["font"]["color"] != figure["dark"]["layout"]["font"]["color"]
@@ -135,7 +136,7 @@ def test_a_word_that_is_too_long_for_a_column_is_broken_and_others_are_not() -> 
 
 @pytest.mark.slow
 def test_a_model_put_together_by_hand_is_told_as_such(folder: Path) -> None:
-    ranked = sessions.with_screening(sessions.with_calibration(sessions.open_session(folder / "hidden")))
+    ranked = sessions.with_screening(sessions.with_calibration(measuring.open_session(folder / "hidden")))
     assert ranked.screening is not None
     other = next(c.name for c in ranked.screening.candidates[1:] if c.members)
     unfinished, finished = (

@@ -15,6 +15,7 @@ from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import add_in_turn
 from calib.simulation.simulate import simulate_dataset
+from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session
 from tests.support.odd_noise import odd_arm
@@ -92,7 +93,7 @@ def test_the_advice_followed_to_its_end_is_the_diagnosis(name: str) -> None:
 @pytest.mark.parametrize("name", ["hidden_effect_a", "hidden_effect_b", "hidden_effect_c"])
 def test_the_same_on_the_sample_data(name: str) -> None:
     folder = Path(__file__).resolve().parents[3] / "sample_data" / name
-    dataset = sessions.open_session(folder).dataset
+    dataset = measuring.open_session(folder).dataset
     assert_same_end(followed(dataset), diagnose(dataset))
 
 

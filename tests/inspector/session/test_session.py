@@ -11,7 +11,8 @@ from calib.calibration.calibrate import calibrate
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import GEOMETRY
 from calib.errors import CalibError
-from inspector.markup.effects import last_change
+from inspector.markup.learn.effects import last_change
+from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session, StepErrors
 from tests.support.hidden_dataset import HIDDEN, write_hidden
@@ -19,7 +20,7 @@ from tests.support.hidden_dataset import HIDDEN, write_hidden
 
 @pytest.fixture(scope="module")
 def ranked(tmp_path_factory: pytest.TempPathFactory) -> Session:
-    opened = sessions.open_session(write_hidden(tmp_path_factory.mktemp("hidden")))
+    opened = measuring.open_session(write_hidden(tmp_path_factory.mktemp("hidden")))
     return sessions.with_screening(sessions.with_calibration(opened))
 
 
@@ -158,4 +159,4 @@ def test_without_test_poses_the_training_error_speaks() -> None:
 
 def test_points_have_no_scans_to_search(added: Session) -> None:
     with pytest.raises(CalibError, match="no scans"):
-        sessions.with_search(added, 0)
+        measuring.with_search(added, 0)

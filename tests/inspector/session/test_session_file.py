@@ -19,6 +19,7 @@ from calib.errors import CalibError
 from calib.noise_shape import NoiseShape, Wander
 from calib.options import FitOptions
 from inspector.cli.parser import main
+from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.reopening import dataset_of, opening, reopened
 from inspector.session.session import Session
@@ -34,7 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def worked_on(folder: Path) -> Session:
     """Added, removed, fitted to pairs: everything that a history can hold."""
-    session = sessions.with_screening(sessions.with_calibration(sessions.open_session(folder)))
+    session = sessions.with_screening(sessions.with_calibration(measuring.open_session(folder)))
     session = sessions.with_screening(sessions.with_effect(session, HIDDEN))
     assert session.screening is not None
     other = next((c.name for c in session.screening.candidates if c.members), None)
@@ -55,7 +56,7 @@ def saved(worked_on: Session, tmp_path: Path) -> Path:
 
 def opened(path: Path, root: Path) -> tuple[Session, tuple[str, ...]]:
     read = load_session(path)
-    return reopened(sessions.open_session(dataset_of(read, root)), read)
+    return reopened(measuring.open_session(dataset_of(read, root)), read)
 
 
 def selections(session: Session) -> list[tuple[object, ...]]:
@@ -79,7 +80,7 @@ def test_everything_comes_back_to_the_last_bit(worked_on: Session, saved: Path, 
 
 @pytest.mark.slow
 def test_a_diagnosis_comes_back_with_its_words(folder: Path, tmp_path: Path) -> None:
-    found = sessions.with_diagnosis(sessions.open_session(folder))
+    found = sessions.with_diagnosis(measuring.open_session(folder))
     save_session(tmp_path / "s.json", found)
     again, notes = opened(tmp_path / "s.json", folder.parent)
     assert notes == ()
@@ -138,7 +139,7 @@ def test_a_session_that_version_0_1_0_saved_opens_and_is_written_as_it_was() -> 
 
 
 def test_nothing_fitted_yet_is_a_session_too(folder: Path, tmp_path: Path) -> None:
-    save_session(tmp_path / "s.json", sessions.open_session(folder))
+    save_session(tmp_path / "s.json", measuring.open_session(folder))
     again, notes = opened(tmp_path / "s.json", folder)
     assert (again.calibration, notes) == (None, ())
 
@@ -177,14 +178,14 @@ def test_a_changed_dataset_is_told_in_one_line_and_the_fit_is_of_what_is_there(
 def test_every_file_that_a_fit_reads_counts(folder: Path, tmp_path: Path) -> None:
     there = tmp_path / "cell"
     shutil.copytree(folder, there)
-    whole = fingerprint(sessions.open_session(there).dataset)
+    whole = fingerprint(measuring.open_session(there).dataset)
     assert set(whole) == {"dataset.toml", "robot.toml", "poses.csv", "points.csv"}
     (there / "notes.txt").write_text("not read by a fit")
-    assert fingerprint(sessions.open_session(there).dataset) == whole
+    assert fingerprint(measuring.open_session(there).dataset) == whole
     for name in whole:
         with (there / name).open("a") as file:
             file.write("\n")
-        now = fingerprint(sessions.open_session(there).dataset)
+        now = fingerprint(measuring.open_session(there).dataset)
         assert [n for n in now if now[n] != whole[n]] == [name]
         whole = now
 

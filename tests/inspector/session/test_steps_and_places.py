@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from inspector.cli.parser import main
+from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.reopening import dataset_of, reopened
 from inspector.session.session_file import Shown, load_session, save_session
@@ -19,7 +20,7 @@ NOISE_MM = 0.05
 
 
 def test_a_slip_is_advised_added_and_opened_again(tmp_path: Path) -> None:
-    before = sessions.with_screening(sessions.with_calibration(sessions.open_session(SLIPPED)))
+    before = sessions.with_screening(sessions.with_calibration(measuring.open_session(SLIPPED)))
     assert before.advice is not None
     assert before.advice.effect == "joint_step"
     session = sessions.with_screening(sessions.with_effect(before, "joint_step"))
@@ -30,7 +31,7 @@ def test_a_slip_is_advised_added_and_opened_again(tmp_path: Path) -> None:
     assert session.calibration.after.test.rmse_mm < 1.3 * np.sqrt(3.0) * NOISE_MM
     save_session(tmp_path / "session.json", session, Shown())
     saved = load_session(tmp_path / "session.json")
-    again, notes = reopened(sessions.open_session(dataset_of(saved, SLIPPED)), saved)
+    again, notes = reopened(measuring.open_session(dataset_of(saved, SLIPPED)), saved)
     assert notes == ()
     assert again.calibration is not None
     np.testing.assert_allclose(again.calibration.fit.x, session.calibration.fit.x, atol=1e-9)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from calib.calibration.model_versions import LINKS
+from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session
 from inspector.session.undo import Undo
@@ -17,7 +18,7 @@ from tests.support.hidden_dataset import HIDDEN, write_hidden
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory: pytest.TempPathFactory) -> Session:
     folder = write_hidden(tmp_path_factory.mktemp("data"), "cell")
-    return sessions.with_ranking(sessions.with_calibration(sessions.open_session(folder)))
+    return sessions.with_ranking(sessions.with_calibration(measuring.open_session(folder)))
 
 
 def test_each_change_is_taken_back_and_made_again_as_far_as_there_are_any(fitted: Session) -> None:

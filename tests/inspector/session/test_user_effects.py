@@ -14,7 +14,7 @@ from calib.dataset.files.folder import load_dataset
 from calib.errors import CalibError
 from inspector.app.app import App
 from inspector.app.serving import serving
-from inspector.panels.missing_effects import REMOVE
+from inspector.panels.learn.missing_effects import REMOVE
 from inspector.session.session import Session
 from inspector.session.user_effects import UserEffects, Watch
 from tests.support.app import IDLE_S, idle_app, shows

@@ -23,6 +23,7 @@ from calib.screening.curves.effect_file import effect_file_text
 from calib.screening.curves.joint_curves import learn_joint_curves
 from calib.screening.curves.smooth_joint_error import LEARNED, FormulaModes, SmoothJointError
 from inspector.cli.parser import main
+from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.reopening import dataset_of, reopened
 from inspector.session.session_file import Shown, load_session, save_session
@@ -145,12 +146,12 @@ def test_nothing_is_written_where_nothing_was_learned(tmp_path: Path, capsys) ->
 @pytest.mark.slow
 def test_a_session_with_learned_curves_opens_again(ripple: Dataset, tmp_path: Path) -> None:
     write_dataset(ripple, tmp_path / "cell")
-    session = sessions.with_screening(sessions.with_calibration(sessions.open_session(tmp_path / "cell")))
+    session = sessions.with_screening(sessions.with_calibration(measuring.open_session(tmp_path / "cell")))
     session = sessions.with_effect(session, LEARNED)
     session = sessions.with_screening(session)
     save_session(tmp_path / "session.json", session, Shown(pose="p0001"))
     saved = load_session(tmp_path / "session.json")
-    again, notes = reopened(sessions.open_session(dataset_of(saved, tmp_path)), saved)
+    again, notes = reopened(measuring.open_session(dataset_of(saved, tmp_path)), saved)
     assert notes == ()
     assert again.calibration is not None
     assert session.calibration is not None

@@ -23,6 +23,7 @@ from calib.fitting.observations import nominal_state
 from calib.screening.curves.fitted_curves import curve_lines, fitted_curves, learned_members
 from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.cli.parser import main
+from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session
 from tests.support.hidden_dataset import write_hidden, write_unnamed
@@ -40,7 +41,7 @@ def dataset(folder: Path) -> Dataset:
 
 @pytest.fixture(scope="module")
 def ranked(folder: Path) -> Session:
-    return sessions.with_screening(sessions.with_calibration(sessions.open_session(folder)))
+    return sessions.with_screening(sessions.with_calibration(measuring.open_session(folder)))
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +80,7 @@ def test_adding_them_takes_what_was_learned_and_removing_offers_them_again(ranke
 
 
 def test_a_convincing_name_comes_before_curves(tmp_path: Path) -> None:
-    named = sessions.with_screening(sessions.with_calibration(sessions.open_session(write_hidden(tmp_path))))
+    named = sessions.with_screening(sessions.with_calibration(measuring.open_session(write_hidden(tmp_path))))
     assert named.curves is None
     assert named.advice is not None
     assert named.advice.effect == "transmission_error"

@@ -1,0 +1,1 @@
+"""What changes the page's state: datasets, models, comparisons."""

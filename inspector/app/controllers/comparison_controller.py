@@ -1,0 +1,87 @@
+"""What is shown of the model's versions. Runs on the worker's thread only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from calib.array_types import Array
+from calib.calibration.model_versions import VERSIONS
+from calib.scans.scan import Scan
+from inspector.app.page.page_state import PageState
+from inspector.panels.model.compare import ComparePanel
+from inspector.scene.draw_model import ArmDrawing, draw_distance, draw_jig, draw_residuals, jig_distances
+from inspector.scene.draw_scan import draw_corners
+from inspector.scene.scene_view import SceneView
+from inspector.session.view import COLOURINGS
+
+
+class ComparisonController:
+    """The arm, the predictions and the tab that compares them, for the view on show."""
+
+    def __init__(
+        self,
+        state: PageState,
+        scene: SceneView,
+        panel: ComparePanel,
+        *,
+        on_click: Callable[[int], None],
+        show_legend: Callable[[], None],
+    ) -> None:
+        self._state, self._scene, self._panel = state, scene, panel
+        self._on_click, self._show_legend = on_click, show_legend
+        self._arm = ArmDrawing(scene)
+        self._scan: Scan | None = None  # the selected pose's
+        self._distances_mm: Array | None = None  # of its points to the jig
+        self._drawn = False  # whether they are in the scene
+
+    def draw(self) -> None:
+        """What the versions predict, at the selected pose."""
+        view = self._state.now
+        with self._scene.atomic():
+            draw_corners(self._scene, view, self._on_click)
+            draw_residuals(self._scene, view)
+            self._arm.draw(view)
+        self._panel.update(view, self._arm.problems)
+        self._show_legend()
+
+    def draw_scan(self, scan: Scan | None, visible: set[str]) -> None:
+        """The jig's model over the selected pose's scan."""
+        view = self._state.now
+        self._scan, self._distances_mm, self._drawn = scan, jig_distances(view, scan), False
+        draw_jig(self._scene, view)
+        self.draw_distance(visible)
+        self._panel.update_distance(view, self._distances_mm)
+
+    def draw_distance(self, visible: set[str]) -> None:
+        """The scan's points by their distance to the jig, sent only once their layer is on show."""
+        if "distance" in visible and not self._drawn:
+            draw_distance(self._scene, self._scan, self._distances_mm)
+            self._drawn = True
+        elif not self._drawn:
+            draw_distance(self._scene, None, None)
+
+    @property
+    def distances_mm(self) -> Array | None:
+        """(N,) of the selected pose's scan to the jig, nan beside it; None where there is no corner."""
+        return self._distances_mm
+
+    def change(self, **what: float | str | frozenset[str]) -> None:
+        """Change how the model is shown (`View.arrows`, `chosen`, `compared`, `colouring`)."""
+        self._state.change(**what)
+        self.draw()
+
+    def choose(self, name: str) -> None:
+        """Show the arm and the errors of a version, where there is one of this name."""
+        if name in [version.name for version in self._state.now.versions]:
+            self.change(chosen=name)
+
+    def show(self, name: str, shown: bool) -> None:
+        """Show or hide what a version predicts."""
+        if name in VERSIONS:
+            compared = self._state.now.compared
+            self.change(compared=compared | {name} if shown else compared - {name})
+
+    def colour_by(self, by: str) -> None:
+        """Colour the measured points by their pose's role or by their error."""
+        if by in COLOURINGS:
+            self.change(colouring=by)

@@ -1,0 +1,167 @@
+"""Opens a dataset, searches its scans and selects among its poses. Runs on the worker's thread only.
+
+Scans are searched one by one (`open` and `process` are long work), so that what is ready can be looked at meanwhile.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from calib.errors import CalibError
+from inspector.app.controllers.model_controller import ModelController
+from inspector.app.controllers.stage import Stage
+from inspector.app.page.page_state import PageState
+from inspector.app.page.tabs import Panels
+from inspector.markup.parts.palette import role_colour
+from inspector.panels.base import put
+from inspector.scene.draw_scan import draw_corners, draw_overview, fitting_arrows
+from inspector.server.worker import LongWork
+from inspector.session import measuring
+from inspector.session.scan_cache import ScanCache
+
+WAITING = "The fit starts when all scans have been searched. Calibrate takes the corners found so far."
+POINTS_VIEW = "Arm"  # where there are no scans to look at
+
+
+class DatasetController:
+    """Works through the dataset on show, and selects among its poses."""
+
+    def __init__(
+        self,
+        folders: Mapping[str, Path],
+        state: PageState,
+        scans: ScanCache,
+        panels: Panels,
+        stage: Stage,
+        model: ModelController,
+        *,
+        on_open: Callable[[], None],
+    ) -> None:
+        self._folders, self._state, self._scans, self._panels = folders, state, scans, panels
+        self._stage, self._model, self._on_open = stage, model, on_open
+        self._search_s = 0.0
+
+    # ---- datasets ---------------------------------------------------------------------------------------------------
+
+    def open(self, name: str) -> LongWork:
+        """Show a dataset and work through it."""
+        state, review = self._state, self._panels.review
+        review.show_problem("")
+        try:
+            session = state.known(name) or measuring.open_session(self._folders[name])
+        except CalibError:
+            if state.view is None:
+                review.show_nothing()
+            elif state.name:
+                put(review.dataset, state.name)
+            raise
+        self._search_s = 0.0
+        self._scans.open(session.dataset)
+        state.open(name, session)
+        self._on_open()
+        put(review.dataset, name)
+        self._stage.scene.clear_overview()
+        review.set_poses(state.now)
+        self._stage.choose_factor()
+        if session.calibration is not None:
+            self._stage.change_arrows(fitting_arrows(state.now))
+        self._draw()
+        self._stage.show_view(
+            self._stage.view_name if session.dataset.scan_folder is not None else POINTS_VIEW
+        )
+        yield
+        yield from self.process()
+
+    def _draw(self) -> None:
+        """Everything of a dataset that was just opened."""
+        self._show_progress(running=True)
+        self._stage.draw_pose()
+        self._panels.redundancy.update(self._state.now)
+        self._panels.fit.update(self._state.now, waiting=WAITING)
+        self._model.show()
+
+    def process(self) -> LongWork:
+        """What this dataset still lacks: redundancy, all scans' overview and corners, the fit."""
+        fit = self._panels.fit
+        if self._state.session.redundancy is None:
+            self.analyse(str(self._panels.redundancy.residual.value))
+            yield
+        tried: set[int] = set()
+        while (pose := self._scans.next(self._state.now.pose, tried)) is not None:
+            tried.add(pose)
+            searched, started = pose in self._state.session.needed, time.perf_counter()
+            self._work_on(pose)
+            self._search_s += time.perf_counter() - started if searched else 0.0
+            self._show_progress(running=True)
+            yield
+        self._show_progress(running=False)
+        self._stage.show_view(self._stage.view_name)
+        if self._state.session.calibration is None:
+            fit.update(self._state.now, waiting="Calibrating …")
+            yield
+            yield from self._model.start(str(fit.residual.value))
+        else:
+            yield from self._model.rank()
+
+    def stopped(self) -> None:
+        """The user has stopped the search."""
+        self._show_progress(running=False)
+
+    def analyse(self, residual: str) -> None:
+        """Redundancy of the parameters for this kind of residual."""
+        self._state.keep(measuring.with_redundancy(self._state.session, residual))
+        self._panels.redundancy.update(self._state.now)
+
+    # ---- scans ------------------------------------------------------------------------------------------------------
+
+    def _work_on(self, pose: int) -> None:
+        """Load one scan, search it where its corner is not measured, and draw it in the overview."""
+        scan = self._stage.load(pose)
+        if pose in self._state.session.needed:
+            self._state.keep(measuring.with_search(self._state.session, pose))
+        first = not self._scans.medians
+        self._scans.worked_on(pose, scan)
+        view, stage = self._state.now, self._stage
+        if scan is not None and len(scan.points_mm):
+            colour = role_colour(str(view.session.dataset.poses.role[pose]))
+            draw_overview(stage.scene, view, pose, scan, colour, view.session.scans)
+        if first:
+            stage.choose_factor()
+            stage.show_view(stage.view_name)
+        self._panels.scans.update_list(self._state.now)
+        if pose == self._state.now.pose:
+            self._stage.draw_pose()
+        else:
+            draw_corners(stage.scene, self._state.now, stage.on_click)
+
+    def _show_progress(self, *, running: bool) -> None:
+        session = self._state.session
+        searches = session.searches
+        known = [(i, searches[i]) for i in session.dataset.poses.ids if i in searches]
+        measured = session.dataset.points is not None
+        self._panels.review.show_progress(
+            len(searches),
+            0 if measured else session.scans,
+            [i for i, search in known if search.failure],
+            [i for i, search in known if search.corner is not None and search.corner.quality.doubts()],
+            running=running,
+            seconds=self._search_s or None,
+        )
+
+    # ---- poses ------------------------------------------------------------------------------------------------------
+
+    def select(self, pose: int) -> None:
+        """Show another pose, everywhere."""
+        session = self._state.session
+        if not 0 <= pose < len(session.dataset.poses):
+            return
+        self._state.change(pose=pose)
+        if session.dataset.points is not None and pose in session.waiting:
+            self._state.keep(
+                measuring.with_search(session, pose)
+            )  # not needed for the fit, only to be looked at
+        self._stage.draw_pose()
+        self._panels.fit.update_residuals(self._state.now)
+        self._panels.residuals.update(self._state.now)

@@ -1,0 +1,173 @@
+"""Makes the files that a page asks for, in the background, and sends them to that page alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import viser
+
+from calib.calibration.result import Calibration
+from calib.errors import CalibError, DatasetError
+from calib.models.exported_table import exported_table
+from calib.models.fitted_model import FittedModel
+from calib.models.model_file import model_text
+from inspector.app.page.page_state import PageState
+from inspector.export import csv_and_png as exports
+from inspector.panels.downloads import ITEMS, SCREENSHOT, DownloadsPanel
+from inspector.panels.input_checks import clamped
+from inspector.server.background import Background
+from inspector.server.worker import LongWork, Worker
+from inspector.session import measuring
+from inspector.session import transitions as sessions
+from inspector.session.session import Session
+from inspector.session.session_file import Shown, session_text
+from inspector.session.view import View
+
+RENDER_S = 30.0  # a page that sends no picture in this time is hidden or gone
+LARGEST_PX = 3840
+DAY, NIGHT = (255, 255, 255), (24, 26, 30)  # behind the 3D view
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What there is to make a file from, as it was when the button was pressed."""
+
+    view: View
+    view_name: str
+    root: Path
+
+    @property
+    def session(self) -> Session:
+        return self.view.session
+
+    @property
+    def calibration(self) -> Calibration:
+        if self.session.calibration is None:
+            raise CalibError(f"dataset {self.session.dataset.name}: it is not calibrated yet")
+        return self.session.calibration
+
+
+class Downloads:
+    """The files of the session on show."""
+
+    def __init__(
+        self,
+        state: PageState,
+        view_name: Callable[[], str],
+        worker: Worker,
+        panel: DownloadsPanel,
+        root: Path,
+    ) -> None:
+        self._state, self._view_name, self._worker = state, view_name, worker
+        self._panel, self._root = panel, root
+        self._files = Background("files")
+        # A page that never sends its picture keeps a thread waiting, which must not be the one that makes files.
+        self._pictures = Background("pictures", threads=2)
+
+    def close(self) -> None:
+        """End the threads."""
+        self._files.close()
+        self._pictures.close()
+
+    def take(self, what: str, client: viser.ClientHandle) -> None:
+        """Make one of `panels.downloads.ITEMS` for this page; of several presses the last counts."""
+        if what in ITEMS:
+            self._worker.submit(("take", what, client.client_id), lambda: self._take(what, client))
+
+    def _take(self, what: str, client: viser.ClientHandle) -> LongWork:
+        asked = Asked(self._state.now, self._view_name(), self._root)
+        self._panel.say(f"Making: {what} …")
+        try:
+            if what == SCREENSHOT:
+                made = yield from self._pictures.run(lambda: _screenshot(asked, client))
+            else:
+                made = yield from self._files.run(lambda: MAKERS[what](asked))
+        finally:
+            self._panel.say("")
+        assert made is not None
+        name, content = made
+        client.send_file_download(
+            exports.file_name(asked.session.dataset.name, name), content, save_immediately=True
+        )
+
+
+def _report(asked: Asked) -> tuple[str, bytes]:
+    from inspector.report.content import report_of
+    from inspector.report.report import report_html
+
+    session = asked.session
+    assert asked.calibration is not None
+    if session.screening is None:
+        session = sessions.with_screening(session)
+    return "report.html", report_html(report_of(session), now=datetime.now()).encode()
+
+
+def _robot(asked: Asked) -> tuple[str, bytes]:
+    asked.calibration.require_improvement()
+    table = exported_table(asked.calibration, asked.session.links_alone)
+    table.require_improvement()
+    return "robot.toml", table.to_toml().encode()
+
+
+def _model(asked: Asked) -> tuple[str, bytes]:
+    asked.calibration.require_improvement()
+    return "model.json", model_text(FittedModel.of(asked.calibration)).encode()
+
+
+def _session(asked: Asked) -> tuple[str, bytes]:
+    view = asked.view
+    shown = Shown(view.pose_id, asked.view_name, view.dark, view.arrows, view.factor)
+    return "session.json", session_text(asked.session, beside=asked.root, shown=shown).encode()
+
+
+def _residuals(asked: Asked) -> tuple[str, bytes]:
+    return "residuals.csv", exports.residuals_csv(asked.calibration).encode()
+
+
+def _points(asked: Asked) -> tuple[str, bytes]:
+    measured = asked.session.measured
+    if measured.points is None or not len(measured.points):
+        raise DatasetError(f"dataset {measured.name}: no corner is found yet")
+    return "points.csv", exports.corners_csv(measured).encode()
+
+
+def _redundancy(asked: Asked) -> tuple[str, bytes]:
+    known = asked.session.redundancy or measuring.with_redundancy(asked.session).redundancy
+    assert known is not None
+    return "redundancy.csv", exports.redundancy_csv(known).encode()
+
+
+def _scene(asked: Asked) -> tuple[str, bytes]:
+    from inspector.export.glb_scene import scene_glb
+
+    return "scene.glb", scene_glb(asked.calibration, asked.view.pose, asked.view.arrows)
+
+
+def _screenshot(asked: Asked, client: viser.ClientHandle) -> tuple[str, bytes]:
+    camera = client.camera
+    height, width = (
+        int(clamped(px, 16, LARGEST_PX, 720)) for px in (camera.image_height, camera.image_width)
+    )
+    try:
+        image = client.get_render(height=height, width=width, transport_format="png", timeout=RENDER_S)
+    except (TimeoutError, RuntimeError, ConnectionError) as error:
+        raise CalibError(
+            f"your browser sent no picture ({type(error).__name__}); bring its tab to the front"
+        ) from None
+    return "view.png", exports.png(exports.over(image, NIGHT if asked.view.dark else DAY))
+
+
+MAKERS: dict[str, Callable[[Asked], tuple[str, bytes]]] = {
+    "Report (HTML)": _report,
+    "Calibrated robot (TOML)": _robot,
+    "Full model (JSON)": _model,
+    "Session (JSON)": _session,
+    "Residuals (CSV)": _residuals,
+    "Measured points (CSV)": _points,
+    "Redundancy (CSV)": _redundancy,
+    "3D scene (GLB)": _scene,
+}
+"""How each file is made; only the screenshot needs the page that asks."""

@@ -1,0 +1,50 @@
+"""Finds out which face of the jig is which in the corners found so far, so that full poses can be fitted."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from dataclasses import replace
+
+from calib.errors import CalibError
+from calib.measurement.labels import FaceLabels
+from inspector.app.page.page_state import PageState
+from inspector.panels.model.fit import FitPanel
+from inspector.server.background import Background, until_done
+from inspector.server.worker import LongWork
+from inspector.session import measuring
+from inspector.session.session import Session
+
+
+class FaceLabelling:
+    """Works in the background, on a thread of its own: who asks for full poses waits for no ranking or diagnosis."""
+
+    def __init__(self, state: PageState, panel: FitPanel) -> None:
+        self._state, self._panel = state, panel
+        self._background = Background("labelling")
+        self._last: tuple[Session, Future[FaceLabels]] | None = None  # asked for last, and of what corners
+
+    def close(self) -> None:
+        """End the thread."""
+        self._background.close()
+
+    def require(self) -> LongWork:
+        """Keep the labels in the session, worked out once for all who ask for the same corners. Raises CalibError."""
+        session = self._state.session
+        if not (session.unlabelled and session.searches):
+            return
+        if self._last is None or self._last[0].searches is not session.searches:
+            self._last = session, self._background.submit(lambda: measuring.find_face_labels(session))
+        future = self._last[1]
+        labels = yield from until_done(future, lambda: self._state.session.searches is session.searches)
+        if labels is not None:
+            self._state.keep(replace(self._state.session, face_labels=labels))
+            self._last = None
+
+    def try_it(self) -> LongWork:
+        """Label them where nothing has yet; the tab Fit says why full poses cannot be fitted, where that fails."""
+        try:
+            yield from self.require()
+        except CalibError as error:  # nothing that the user asked for: no notification
+            self._panel.update_faces(self._state.now, str(error))
+        else:
+            self._panel.update_faces(self._state.now)

@@ -1,0 +1,171 @@
+"""Draws the view: the 3D scene and the panels that show a pose. Runs on the worker's thread only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import viser
+
+from calib.corners.search import CornerSearch
+from calib.errors import ScanError
+from calib.scans.scan import Scan
+from inspector.app.controllers.comparison_controller import ComparisonController
+from inspector.app.page.camera import Camera
+from inspector.app.page.page_state import PageState
+from inspector.app.page.tabs import Panels
+from inspector.markup.legend import legend_html
+from inspector.markup.parts.palette import BRAND_ON_DARK, BRAND_ON_LIGHT, rgb
+from inspector.panels.base import put
+from inspector.scene.draw_scan import PLANE_LAYERS, draw_planes, draw_pose, fitting_arrows, fitting_ellipsoids
+from inspector.scene.scene_view import SceneView
+from inspector.session.scan_cache import ScanCache
+from inspector.session.session_file import Shown
+from inspector.session.view import FACTORS
+
+
+class Stage:
+    """The 3D view, the camera, and the panels of the selected pose."""
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        state: PageState,
+        scans: ScanCache,
+        panels: Panels,
+        *,
+        on_click: Callable[[int], None],
+    ) -> None:
+        self._server, self._state, self._scans, self._panels = server, state, scans, panels
+        self.on_click = on_click
+        self.scene = SceneView(server)
+        self.comparison = ComparisonController(
+            state, self.scene, panels.compare, on_click=on_click, show_legend=self.show_legend
+        )
+        self._camera = Camera(self.scene, panels.review)
+        self.theme(dark=False)
+
+    def theme(self, *, dark: bool) -> None:
+        """The page itself, light or dark."""
+        brand = rgb(BRAND_ON_DARK if dark else BRAND_ON_LIGHT)
+        self._server.gui.configure_theme(
+            dark_mode=dark, show_logo=False, show_share_button=False, brand_color=brand
+        )
+
+    # ---- what is drawn ----------------------------------------------------------------------------------------------
+
+    def load(self, pose: int) -> Scan | None:
+        """A pose's scan; None where there is none, or none that can be read (`View.failures` says why)."""
+        view = self._state.now
+        pose_id = view.session.dataset.poses.ids[pose]
+        try:
+            scan = self._scans.load(pose, keep=pose == view.pose)
+            _require_as_searched(scan, view.session.searches.get(pose_id))
+            return scan
+        except ScanError as error:
+            self._state.change(failures={**view.failures, pose_id: str(error)})
+            return None
+
+    def draw_pose(self) -> None:
+        """Everything that belongs to the selected pose."""
+        scan = self.load(self._state.now.pose)
+        view = self._state.now
+        with self._server.atomic():
+            drawn = draw_pose(self.scene, view, scan, self._camera.visible)
+            self._camera.focus(view, self._scans.medians)
+            setups = view.session.dataset.poses.setup
+            self.scene.hide_in_overview(view.pose, lambda i: bool(setups[i] != setups[view.pose]))
+            self.comparison.draw_scan(scan, self._camera.visible)
+            self.comparison.draw()
+        self._panels.review.update(view)
+        self._panels.scans.update(view, scan, drawn)
+        self._panels.planes.update(view)
+        self._panels.corner.update(view)
+
+    def draw_model(self, first: bool) -> None:
+        """What the model predicts, in 3D and side by side; `first`: until now the dataset had none."""
+        if first:  # and then no more, so that arrows shrink as the error falls
+            self._state.change(arrows=fitting_arrows(self._state.now))
+        self.comparison.draw()
+        if first and self._camera.name == "Arm":
+            self._camera.at(self._state.now, self._scans.medians)
+
+    def choose_factor(self) -> None:
+        """Enlarge the ellipsoids so that the first corner's is about a centimetre large."""
+        factor = fitting_ellipsoids(self._state.now)
+        put(self._panels.review.factor, f"{factor:g}")
+        self._state.change(factor=factor)
+
+    def show_legend(self) -> None:
+        """What the colours on show mean."""
+        view = self._state.view
+        if view is not None:
+            self._panels.review.show_legend(
+                legend_html(view, self._camera.visible, self.comparison.distances_mm)
+            )
+
+    # ---- how it is drawn --------------------------------------------------------------------------------------------
+
+    def change(self, **what: float | bool) -> None:
+        """Change how the selected pose is drawn (`View.factor`, `View.grey_rejected`)."""
+        self._state.change(**what)
+        self.draw_pose()
+
+    def draw_as(self, shown: Shown) -> None:
+        """Draw residuals and uncertainties as long as a saved session had them."""
+        if shown.arrows in FACTORS:
+            self.change_arrows(shown.arrows)
+        if shown.factor in FACTORS:
+            put(self._panels.review.factor, f"{shown.factor:g}")
+            self.change(factor=shown.factor)
+
+    def change_arrows(self, factor: float) -> None:
+        """Draw residuals so many times too long."""
+        self.comparison.change(arrows=factor)
+
+    def dark(self, dark: bool) -> None:
+        """Dark or light, with new figures: they do not follow the page by themselves."""
+        self.theme(dark=dark)
+        self.scene.dark(dark)
+        panels = self._panels
+        put(panels.review.dark, dark)
+        if self._state.view is not None:
+            self._state.change(dark=dark)
+            view = self._state.now
+            panels.redundancy.update(view)
+            panels.fit.update(view)
+            panels.missing_effects.update_figure(view)
+            panels.missing_effects.update_choice(view)
+            panels.residuals.update(view)
+
+    def layer(self, name: str, visible: bool) -> None:
+        """Show or hide one layer."""
+        self._camera.layer(name, visible)
+        if name in PLANE_LAYERS and visible and self._state.view is not None:
+            draw_planes(self.scene, self._state.view, self._camera.visible)
+        self.comparison.draw_distance(self._camera.visible)
+        self.show_legend()
+
+    def show_view(self, name: str) -> None:
+        """Show the layers of a view and put the camera where they are seen well."""
+        self._camera.choose(name)
+        view = self._state.view
+        if view is not None:
+            draw_planes(self.scene, view, self._camera.visible)
+            self.comparison.draw_distance(self._camera.visible)
+            self._camera.at(view, self._scans.medians)
+            self.show_legend()
+
+    @property
+    def view_name(self) -> str:
+        """The view on show."""
+        return self._camera.name
+
+
+def _require_as_searched(scan: Scan | None, search: CornerSearch | None) -> None:
+    """Raise ScanError where a scan's file has changed since it was searched: found faces are of other points."""
+    if scan is None or search is None or search.count is None or search.count.points == len(scan.points_mm):
+        return
+    raise ScanError(
+        f"{scan.name}: the file has changed since it was searched, from {search.count.points} to "
+        f"{len(scan.points_mm)} points; open the dataset again in a new start of the program"
+    )

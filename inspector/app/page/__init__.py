@@ -1,0 +1,1 @@
+"""The page: its tabs, its state, its camera."""

@@ -1,0 +1,107 @@
+"""The panels of the page: the left one, and the tabs of the right one, which are the steps of the work.
+
+Each step has its own tabs, so that two short rows hold them all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import viser
+
+from inspector.panels.base import Actions
+from inspector.panels.downloads import DownloadsPanel
+from inspector.panels.learn.missing_effects import MissingEffectsPanel
+from inspector.panels.learn.residuals import ResidualsPanel
+from inspector.panels.measure.corner import CornerPanel
+from inspector.panels.measure.planes import PlanesPanel
+from inspector.panels.measure.scans import ScansPanel
+from inspector.panels.model.compare import ComparePanel
+from inspector.panels.model.fit import FitPanel
+from inspector.panels.model.redundancy import RedundancyPanel
+from inspector.panels.review import ReviewPanel
+
+STEPS: dict[str, tuple[str, ...]] = {  # a step without tabs of its own is one itself
+    "Measure": ("Scans", "Planes", "Corner"),
+    "Model": ("Compare", "Fit", "Redundancy"),
+    "Learn": ("What is missing", "Where it fails"),
+    "Take away": (),
+}
+ICONS = {
+    "Measure": viser.Icon.RULER_MEASURE,
+    "Model": viser.Icon.ROBOT,
+    "Learn": viser.Icon.BULB,
+    "Take away": viser.Icon.DOWNLOAD,
+}
+MODEL_FIRST = ("Learn", "Model", "Measure")
+LEFT_WIDTH, RIGHT_WIDTH = 290, 440  # pixels
+
+
+@dataclass(frozen=True)
+class Panels:
+    """All panels of the page."""
+
+    review: ReviewPanel
+    scans: ScansPanel
+    planes: PlanesPanel
+    corner: CornerPanel
+    compare: ComparePanel
+    redundancy: RedundancyPanel
+    fit: FitPanel
+    missing_effects: MissingEffectsPanel
+    residuals: ResidualsPanel
+    downloads: DownloadsPanel
+
+
+def add_panels(
+    gui: viser.GuiApi, actions: Actions, datasets: tuple[str, ...], *, scans_first: bool
+) -> Panels:
+    """The page's panels in the order in which they are read."""
+    left = gui.add_panel()
+    with left.add_tab("Review", icon=viser.Icon.LIST_SEARCH):
+        review = ReviewPanel(gui, actions, datasets)
+    tab = add_tabs(gui, scans_first=scans_first)
+    with tab["Scans"]:
+        scans = ScansPanel(gui, actions)
+    with tab["Planes"]:
+        planes = PlanesPanel(gui, actions)
+    with tab["Corner"]:
+        corner = CornerPanel(gui, actions)
+    with tab["Compare"]:
+        compare = ComparePanel(gui, actions)
+    with tab["Redundancy"]:
+        redundancy = RedundancyPanel(gui, actions)
+    with tab["Fit"]:
+        fit = FitPanel(gui, actions)
+    with tab["What is missing"]:
+        missing_effects = MissingEffectsPanel(gui, actions)
+    with tab["Where it fails"]:
+        residuals = ResidualsPanel(gui, actions)
+    with tab["Take away"]:
+        downloads = DownloadsPanel(gui, actions)
+    left.dock_left()
+    left.set_width(LEFT_WIDTH)
+    gui.main_panel.dock_right()
+    gui.main_panel.set_width(RIGHT_WIDTH)
+    return Panels(
+        review, scans, planes, corner, compare, redundancy, fit, missing_effects, residuals, downloads
+    )
+
+
+def add_tabs(gui: viser.GuiApi, *, scans_first: bool) -> dict[str, viser.GuiTabHandle]:
+    """A tab for each name in STEPS, to be filled.
+
+    Tabs cannot be moved or hidden later: where there is no scan to look at first, the model's steps come first.
+    """
+    order = STEPS if scans_first else (*MODEL_FIRST, *(step for step in STEPS if step not in MODEL_FIRST))
+    steps = gui.add_tab_group()
+    tabs: dict[str, viser.GuiTabHandle] = {}
+    for step in order:
+        tab = steps.add_tab(step, icon=ICONS[step])
+        if not STEPS[step]:
+            tabs[step] = tab
+            continue
+        with tab:
+            inside = gui.add_tab_group()
+        tabs |= {name: inside.add_tab(name) for name in STEPS[step]}
+    return tabs

@@ -1,0 +1,76 @@
+"""The inputs and residuals of the tab Where it fails: titles with units, values to plot, noise band."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.calibration.input_variables import joint_input
+from calib.calibration.pose_errors import PoseErrors
+from calib.kinematics.robot import Robot
+from inspector.markup.parts import numbers
+
+LENGTH = "error length"
+AXES = {f"error in {axis} of the scanner": k for k, axis in enumerate("xyz")}
+UNITS = {"payload_kg": "kg", "temperature_c": "°C", "time_s": "s", "x": "mm", "y": "mm", "z": "mm"}
+NAMES = {
+    "payload_kg": "payload",
+    "temperature_c": "temperature",
+    "time_s": "time",
+    "order": "order of measuring",
+}
+
+
+def band_note(pose_errors: PoseErrors, band: tuple[float, float]) -> str:
+    """What the grey band is, and how many poses leave it where that is counted."""
+    grey = f"Grey: where noise alone ({numbers.length(pose_errors.noise_mm)} a coordinate) leaves 19 of 20 poses."
+    if not np.isfinite(band).all():
+        return "These poses do not tell how much noise alone would make of it: there is no band."
+    outside = pose_errors.error_length_mm > pose_errors.length_noise_mm
+    counts = [
+        f"{np.count_nonzero(outside & of)} of {numbers.count(int(np.count_nonzero(of)), name)}"
+        for of, name in ((~pose_errors.is_test, "training pose"), (pose_errors.is_test, "test pose"))
+        if of.any()
+    ]
+    return f"{grey} By their length, {numbers.listing(counts)} are off by more."
+
+
+def input_title(name: str, robot: Robot) -> str:
+    """ "q3" -> "joint 3 angle, °": an input with its unit."""
+    of_joint = joint_input(name)
+    if of_joint is not None:
+        quantity, joint = of_joint
+        angle = "angle, °" if robot.joints[joint].is_revolute else "position, mm"
+        what = {"q": angle, "torque": "gravity torque, Nm", "approach": "approach (−1 or 1)"}[quantity]
+        return f"joint {joint + 1} {what}"
+    if name in ("x", "y", "z"):
+        return f"place {name} in the scanner's frame, mm"
+    return NAMES.get(name, name) + (f", {UNITS[name]}" if name in UNITS else "")
+
+
+def turned(name: str, values: NDArray, robot: Robot) -> NDArray:
+    """Joint angles in degrees, everything else as it is."""
+    quantity, joint = joint_input(name) or ("", 0)
+    angle = quantity == "q" and robot.joints[joint].is_revolute
+    return np.degrees(values) if angle else values
+
+
+def joint_title(joint: int, robot: Robot) -> str:
+    """What the apparent motion of a joint is called."""
+    return (
+        f"apparent motion of joint {joint + 1}, {'millidegrees' if robot.joints[joint].is_revolute else 'mm'}"
+    )
+
+
+def shown(
+    pose_errors: PoseErrors, what: str, joint: int | None, robot: Robot
+) -> tuple[NDArray, str, tuple[float, float]]:
+    """The values to plot, their name with the unit, and the band that noise alone fills."""
+    if joint is not None:
+        scale = float(np.degrees(1.0)) * 1000.0 if robot.joints[joint].is_revolute else 1.0
+        half = 2.0 * scale * pose_errors.joint_noise(joint)
+        return scale * pose_errors.apparent_joint_error[:, joint], what, (-half, half)
+    if what in AXES:
+        half = 2.0 * pose_errors.noise_mm
+        return pose_errors.error_mm[:, AXES[what]], f"{what}, mm", (-half, half)
+    return pose_errors.error_length_mm, f"{LENGTH}, mm", (0.0, pose_errors.length_noise_mm)

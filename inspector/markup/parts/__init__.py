@@ -1,0 +1,1 @@
+"""What all markup is made of: elements, numbers, colours."""

@@ -1,0 +1,195 @@
+"""Tab Learn: which effect is missing, added and taken out again, and how the error follows."""
+
+from __future__ import annotations
+
+import viser
+
+from calib.calibration.noise_check import noise_floor_mm
+from calib.screening.curves.fitted_curves import fitted_curves
+from calib.screening.curves.smooth_joint_error import LEARNED
+from inspector.figures.curve_plots import height_px, joint_curves
+from inspector.figures.plots import error_history
+from inspector.figures.residual_plots import added_variable
+from inspector.markup.learn import effects as html
+from inspector.markup.learn.curves import learned_html, offered_html
+from inspector.markup.parts import elements
+from inspector.markup.parts.palette import BAD
+from inspector.panels.base import Actions, by_page, hidden_plot, put
+from inspector.session.session import Session
+from inspector.session.view import View
+
+NOTE = (
+    "What physical effect does the model lack? Let the program find it, or choose one from the ranking, add it and "
+    "see whether the error falls towards the noise, above all that of the test poses, which no fit sees."
+)
+FIND, STOP = "Find what is missing", "Stop looking"
+REMOVE, UNDO, REDO = "Remove", "Undo", "Redo"
+NONE = "–"
+PANEL_PX = 390  # about as wide is the figure on the page
+
+
+class MissingEffectsPanel:
+    """The ranking, the buttons, and the history of the error."""
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
+        self._actions = actions
+        gui.add_html(elements.note(NOTE))
+        self._own = gui.add_html("")
+        self.find = gui.add_button(
+            FIND,
+            icon=viser.Icon.SEARCH,
+            hint="starts from the link errors alone; Undo brings your model back",
+        )
+        self.choice = gui.add_dropdown("Effect", (NONE,), hint="the best first; the tables are about it")
+        self.add = gui.add_button("Add to the model", icon=viser.Icon.PLUS)
+        self.change = gui.add_button_group("Model", (REMOVE, UNDO, REDO))
+        self._state = gui.add_html("")
+        self._doing = gui.add_html("")
+        self._advice = gui.add_html("")
+        self.follow = gui.add_button(
+            "Follow",
+            icon=viser.Icon.ARROW_RIGHT,
+            visible=False,
+            hint="what the automatic search would do next",
+        )
+        self._history = hidden_plot(gui, 0.6)
+        self._reasons = gui.add_html("")
+        self._ranking = gui.add_html("")
+        self._chosen = gui.add_html("")
+        self._variable = hidden_plot(gui, 0.7)
+        self._next = gui.add_html("")
+        self._learned = gui.add_html("")
+        self._curves = hidden_plot(gui, 1.0)
+        self._untestable = gui.add_html("")
+        self.find.on_click(lambda _: actions.find(self.find.label == FIND))
+        self.choice.on_update(lambda e: actions.candidate() if by_page(e) else None)
+        self.follow.on_click(lambda _: actions.follow())
+        self.add.on_click(lambda _: actions.add_effect(str(self.choice.value)))
+        self.change.on_click(lambda e: self._pressed(str(e.target.value)))
+
+    def _pressed(self, button: str) -> None:
+        if button == REMOVE:
+            self._actions.remove_effect(str(self.choice.value))
+        else:
+            self._actions.move(-1 if button == UNDO else 1)
+
+    def finding(self, running: bool) -> None:
+        """While the diagnosis runs, the button stops it."""
+        self.find.label = STOP if running else FIND
+
+    def say(self, words_now: str) -> None:
+        """What is being done, or why it cannot be."""
+        self._doing.content = elements.alert(words_now, colour="#56B4E9") if words_now else ""
+
+    @property
+    def chosen(self) -> str:
+        """The name of the effect that the tables are about."""
+        return str(self.choice.value)
+
+    def update(self, view: View, *, undo: int, redo: int, own: str = "") -> None:
+        """The session's model and what could be missing from it. own: what is wrong with the user's effects file."""
+        session = view.session
+        self.say("")
+        self._own.content = elements.alert(own, colour=BAD) if own else ""
+        self._state.content = html.state_html(session, undo, redo)
+        self.judge(session)
+        self.update_figure(view)
+        self.update_choice(view)
+        screening = session.screening
+        self._untestable.content = html.untestable_html(screening.untestable) if screening else ""
+
+    def judge(self, session: Session) -> None:
+        """What to do next, with its button; or the verdict, and how it was found."""
+        self._offer(session)
+        self._reasons.content = html.reasons_html(session.diagnosis)
+        self._advice.content = html.verdict_html(session.diagnosis)
+        advice = session.advice if session.diagnosis is None and session.screening is not None else None
+        self.follow.visible = advice is not None
+        if advice is not None:
+            self._advice.content = html.advice_html(advice)
+            self.follow.label = html.follow_label(advice)
+
+    def update_figure(self, view: View) -> None:
+        """The history of the error, and the learned curves where the model has some."""
+        self._update_curves(view)
+        session = view.session
+        self._history.visible = session.calibration is not None and bool(session.history)
+        if session.calibration is None or not session.history:
+            return
+        self._history.figure = error_history(
+            [step.label for step in session.history],
+            [step.train_rmse_mm for step in session.history],
+            [step.test_rmse_mm for step in session.history],
+            noise_floor_mm(session.calibration),
+            dark=view.dark,
+        )
+
+    def _update_curves(self, view: View) -> None:
+        """The learned curves of the model on show, where it has some."""
+        calibration = view.session.calibration
+        drawn = () if calibration is None else fitted_curves(calibration)
+        self._curves.visible = bool(drawn)
+        if calibration is None or not drawn:
+            self._learned.content = ""
+            return
+        self._learned.content = learned_html(calibration)
+        self._curves.aspect = height_px(len(drawn)) / PANEL_PX
+        self._curves.figure = joint_curves(drawn, calibration.model.robot, dark=view.dark)
+
+    def update_choice(self, view: View) -> None:
+        """The ranking with the chosen effect marked, and what is known of that."""
+        session, name = view.session, self.chosen
+        inside = [added.name for added in session.effects]
+        screening = session.screening
+        candidate = None if screening is None else html.named(screening, name)
+        self._variable.visible = candidate is not None and bool(candidate.members)
+        self.add.disabled = (
+            name == NONE or name in inside or (candidate is not None and not candidate.members)
+        )
+        self.update_next(view)
+        if screening is None:
+            self._ranking.content = self._chosen.content = ""
+            return
+        own = {family.name for family in session.user_effects}
+        self._ranking.content = html.ranking_html(screening, name, own)
+        self._chosen.content = ""
+        if name != NONE and session.calibration is not None:
+            self._chosen.content = (
+                html.chosen_html(name, candidate, session.calibration, screening.cv_rmse_mm, own=name in own)
+                if name != LEARNED or session.curves is None
+                else offered_html(session.curves)
+            )
+            if name in inside and name != LEARNED:
+                self._chosen.content += html.fitted_html(session.calibration, name)
+        if candidate is not None and candidate.members:
+            self._variable.figure = added_variable(
+                candidate.explained, screening.projected.residual, name, dark=view.dark
+            )
+
+    def update_next(self, view: View) -> None:
+        """Where to measure to tell the chosen candidate from its nearest rival, where that is known."""
+        session = view.session
+        separation = session.separations.get(self.chosen)
+        if session.screening is None or separation is None:
+            self._next.content = ""
+            return
+        noise_mm = session.pose_errors.noise_mm if session.pose_errors is not None else float("nan")
+        robot = session.dataset.robot
+        self._next.content = html.next_html(self.chosen, separation.rival, separation.poses, robot, noise_mm)
+
+    def _offer(self, session: Session) -> None:
+        """All that can be added or removed; what was chosen stays chosen, so that a second press adds nothing more."""
+        inside = [added.name for added in session.effects]
+        ranked = [c.name for c in session.screening.candidates] if session.screening else []
+        waits = (
+            session.residual_tests is None and LEARNED in self.choice.options
+        )  # whether it is still offered
+        if session.curves is not None or waits:
+            ranked = [LEARNED, *ranked]
+        if session.screening is None and session.calibration is not None:
+            ranked = [o for o in self.choice.options if o != NONE]  # while the ranking is made
+        options = tuple(dict.fromkeys([*ranked, *inside])) or (NONE,)
+        before = str(self.choice.value)
+        if options != tuple(self.choice.options):
+            self.choice.options = options
+        put(self.choice, before if before in options and before != NONE else options[0])

@@ -1,0 +1,156 @@
+"""Tab Where it fails: the residual against anything it may depend on, over the work space, and the worst poses."""
+
+from __future__ import annotations
+
+import viser
+
+from calib.calibration.pose_errors import PoseErrors, running_median
+from calib.screening.scan_statistic import Channel
+from inspector.figures.residual_plots import place_views, residual_against, select
+from inspector.markup.learn.residuals import AXES, LENGTH, band_note, input_title, joint_title, shown, turned
+from inspector.markup.parts import elements
+from inspector.panels.base import Actions, by_page, hidden_plot, put
+from inspector.session.view import View
+
+NOTE = (
+    "What is left over at each pose, against anything it may depend on. Noise has no order: points that follow a line "
+    "or a wave, or that leave the grey band together, show what is missing. No fit saw the test poses. "
+    "It opens where the pattern is clearest."
+)
+PLACES = "work space, from above and the side"
+RINGED = "Ringed: the selected pose."
+PLACES_NOTE = (
+    "Where the points were measured, in the frame of the robot's base. A corner of the work space coloured like "
+    f"no other is where the model does not hold. {RINGED}"
+)
+NONE = "–"
+NOT_YET = (
+    "Nothing to show yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
+)
+WORST = 8
+
+
+class ResidualsPanel:
+    """One plot of the residual, and the poses with the largest errors."""
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
+        self._actions = actions
+        gui.add_html(elements.note(NOTE))
+        self.against = gui.add_dropdown(
+            "Against",
+            (NONE,),
+            hint="joint angles, torques, conditions, place, order; or the work space itself",
+        )
+        self.what = gui.add_dropdown(
+            "Show", (NONE,), hint="apparent motion: what joint k alone would have to do"
+        )
+        self._plot = hidden_plot(gui, 0.75)
+        self._places = hidden_plot(gui, 1.35)
+        self._state = gui.add_html(elements.note(NOT_YET))
+        self.worst = gui.add_dropdown("Worst poses", (NONE,), hint="selects the pose, everywhere on the page")
+        self._table = gui.add_html("")
+        self._ids: dict[str, str] = {}  # pose id by label
+        self._drawn: tuple[object, ...] = ()  # what the figure on show is of
+        self._dataset = ""
+        self._chose = False  # whether a user has chosen what to see of this dataset
+        self.against.on_update(lambda e: self._choose() if by_page(e) else None)
+        self.what.on_update(lambda e: self._choose() if by_page(e) else None)
+        self.worst.on_update(lambda e: self._chosen(str(e.target.value)) if by_page(e) else None)
+
+    def _choose(self) -> None:
+        self._chose = True
+        self._actions.failure()
+
+    def _chosen(self, label: str) -> None:
+        if label in self._ids:
+            self._actions.select_id(self._ids[label])
+
+    def update(self, view: View) -> None:
+        """The session's residual."""
+        pose_errors = view.session.pose_errors
+        if pose_errors is None:
+            self._plot.visible = self._places.visible = False
+            self._table.content = ""
+            if view.session.calibration is None:  # what could be chosen was another dataset's
+                self._state.content = elements.note(NOT_YET)
+                for handle in (self.against, self.what, self.worst):
+                    _offer(handle, (NONE,))
+            else:
+                self._state.content = elements.note("Being worked out, or too few poses to judge by.")
+            return
+        robot = view.session.dataset.robot
+        inputs = {input_title(name, robot): name for name in pose_errors.inputs}
+        joints = {joint_title(j, robot): j for j in range(robot.n_joints)}
+        _offer(self.against, (*inputs, PLACES))
+        _offer(self.what, (LENGTH, *AXES, *joints))
+        self._suggest(view, inputs, joints)
+        title, what = str(self.against.value), str(self.what.value)
+        places = title == PLACES
+        plot = self._places if places else self._plot
+        drawing = (pose_errors, title, what, view.dark)
+        if self._drawn and pose_errors is self._drawn[0] and drawing[1:] == self._drawn[1:]:
+            plot.figure = select(plot.figure, view.pose_id)  # only another pose
+        else:
+            values, y_title, band = shown(pose_errors, what, joints.get(what), robot)
+            if places:
+                plot.figure = place_views(
+                    pose_errors.place_mm, values, pose_errors.pose_ids, pose_errors.is_test,
+                    title=y_title, signed=what != LENGTH, selected=view.pose_id, dark=view.dark,
+                )  # fmt: skip
+            else:
+                x = turned(inputs[title], pose_errors.inputs[inputs[title]], robot)
+                train = ~pose_errors.is_test
+                plot.figure = residual_against(
+                    x, values, pose_errors.pose_ids, pose_errors.is_test, x_title=title, y_title=y_title, band=band,
+                    smooth=running_median(x[train], values[train]), selected=view.pose_id, dark=view.dark,
+                )  # fmt: skip
+            self._state.content = elements.note(
+                PLACES_NOTE if places else f"{band_note(pose_errors, band)} {RINGED}"
+            )
+            self._drawn = drawing
+        self._plot.visible, self._places.visible = not places, places
+        self._show_worst(pose_errors, view)
+
+    def _suggest(self, view: View, inputs: dict[str, str], joints: dict[str, int]) -> None:
+        """Show where the pattern is clearest, as long as nobody has chosen anything else."""
+        if view.session.dataset.name != self._dataset:
+            self._dataset, self._chose = view.session.dataset.name, False
+        residual_tests = view.session.residual_tests
+        if self._chose or residual_tests is None or not residual_tests.structured:
+            return
+        first = residual_tests.inputs[0]
+        put(self.against, next((t for t, name in inputs.items() if name == first.input), self.against.value))
+        shown_by = {Channel(joint=j): title for title, j in joints.items()}
+        shown_by |= {Channel(axis="xyz"[k]): title for title, k in AXES.items()}
+        put(self.what, shown_by.get(first.channel, self.what.value))
+
+    def _show_worst(self, pose_errors: PoseErrors, view: View) -> None:
+        length = dict(zip(pose_errors.pose_ids, pose_errors.error_length_mm, strict=True))
+        role = {
+            i: "test" if t else "training"
+            for i, t in zip(pose_errors.pose_ids, pose_errors.is_test, strict=True)
+        }
+        worst = pose_errors.worst(WORST)
+        labels = {pose_id: f"{pose_id} ({role[pose_id]}) · {length[pose_id]:.3f} mm" for pose_id in worst}
+        self._ids = {label: pose_id for pose_id, label in labels.items()}
+        options = (NONE, *labels.values())
+        if options != tuple(self.worst.options):
+            self.worst.options = options
+        put(self.worst, labels.get(view.pose_id, NONE))
+        error = dict(zip(pose_errors.pose_ids, pose_errors.error_mm, strict=True))
+        rows = [(i, role[i], f"{length[i]:.4f}", *(f"{e:+.4f}" for e in error[i])) for i in worst]
+        self._table.content = elements.heading("Worst poses, mm in the scanner's frame") + elements.table(
+            ("pose", "role", "length", "x", "y", "z"),
+            rows,
+            left=2,
+            mark=worst.index(view.pose_id) if view.pose_id in worst else None,
+        )
+
+
+def _offer(handle: viser.GuiDropdownHandle[str], options: tuple[str, ...]) -> None:
+    """These options; what was chosen stays chosen where it is still there."""
+    if options == tuple(handle.options):
+        return
+    before = str(handle.value)
+    handle.options = options
+    put(handle, before if before in options else options[0])

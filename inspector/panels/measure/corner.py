@@ -1,0 +1,41 @@
+"""Tab Corner: where the three faces meet, and how well that is known."""
+
+from __future__ import annotations
+
+import viser
+
+from inspector.markup.measure.corner import corner_html
+from inspector.markup.parts import elements
+from inspector.panels.base import Actions
+from inspector.session.view import View
+
+NOTE = (
+    "The corner is where the three faces meet. Its uncertainty is drawn as an ellipsoid, enlarged so that it can be "
+    "seen. Look for a long ellipsoid (a face seen edge-on) and for a face with few points or a large rms; "
+    "Distances colours each point by how far it lies off its face."
+)
+POINTS_NOTE = (
+    "The point was measured by another instrument (points.csv). Its uncertainty is drawn as an ellipsoid, enlarged so "
+    "that it can be seen."
+)
+THIS, ALL, DISTANCES = "Show the corner", "Show all", "Distances"
+VIEW_OF = {THIS: "Corner", ALL: "All corners", DISTANCES: "Distance"}
+
+
+class CornerPanel:
+    """The selected corner in numbers."""
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
+        self._note = gui.add_html(elements.note(NOTE))
+        self._show = gui.add_button_group("In 3D", tuple(VIEW_OF))
+        self._show.on_click(lambda e: actions.show_view(VIEW_OF.get(e.target.value, "Corner")))
+        self._content = gui.add_html("")
+
+    def update(self, view: View) -> None:
+        """The selected pose's corner."""
+        has_scans = view.session.dataset.scan_folder is not None
+        shown = tuple(VIEW_OF) if has_scans else (THIS, ALL)
+        if shown != tuple(self._show.options):
+            self._show.options = shown
+        self._note.content = elements.note(NOTE if has_scans else POINTS_NOTE)
+        self._content.content = corner_html(view)

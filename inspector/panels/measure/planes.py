@@ -1,0 +1,29 @@
+"""Tab Planes: sample sets, what the filters made of them, plane groups, and which three became the faces."""
+
+from __future__ import annotations
+
+import viser
+
+from inspector.markup.measure.planes import planes_html
+from inspector.markup.parts import elements
+from inspector.panels.base import Actions
+from inspector.session.view import View
+
+NOTE = (
+    "Each sample set is four points that may lie on one plane. Sets that pass all three filters join into plane "
+    "groups; three groups, mutually perpendicular, become the jig's faces. Look for a face that is cut short, two "
+    "groups on one face, or a face that sits on the flange."
+)
+
+
+class PlanesPanel:
+    """Counts and groups of the selected pose."""
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
+        gui.add_html(elements.note(NOTE))
+        gui.add_button_group("In 3D", ("Show the planes",)).on_click(lambda _: actions.show_view("Planes"))
+        self._content = gui.add_html("")
+
+    def update(self, view: View) -> None:
+        """The selected pose's search."""
+        self._content.content = planes_html(view)

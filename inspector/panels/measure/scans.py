@@ -1,0 +1,123 @@
+"""Tab Scans: the scan of the selected pose, and the state of all of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+
+from calib.scans.scan import Scan
+from inspector.markup.model.comparison import roles_legend
+from inspector.markup.parts import elements, numbers
+from inspector.markup.parts.palette import DOUBT, FAILED, role_colour
+from inspector.panels.base import Actions
+from inspector.session.view import View, corner_of
+
+NOTE = (
+    "The selected scan in full, all others in few points, in the colour of their role. Look for scans that miss the "
+    "jig, are noisy, or stand apart from the rest. A pose without a corner is left out of the fit."
+)
+NO_SCANS = (
+    "This dataset has no scans: its points were measured (points.csv). The list says how well each is known."
+)
+
+
+class ScansPanel:
+    """What the selected scan is made of, and a table of all poses."""
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
+        self._note = gui.add_html(elements.note(NOTE))
+        self._show = gui.add_button_group("In 3D", ("Show all scans",))
+        self._show.on_click(lambda _: actions.show_view("All scans"))
+        self._scan = gui.add_html("")
+        self._all = gui.add_html("")
+
+    def update(self, view: View, scan: Scan | None, drawn: int) -> None:
+        """The selected scan's facts; `drawn` of its points are in the scene."""
+        self._show.visible = view.session.dataset.scan_folder is not None
+        self._note.content = elements.note(NOTE if self._show.visible else NO_SCANS)
+        self._scan.content = elements.heading(f"Pose {view.pose_id}") + scan_facts(view, scan, drawn)
+        self.update_list(view)
+
+    def update_list(self, view: View) -> None:
+        """The table of all poses."""
+        self._all.content = elements.heading("All poses") + roles_legend() + pose_table(view)
+
+
+def scan_facts(view: View, scan: Scan | None, drawn: int) -> str:
+    """File, size, extent and conditions of the selected pose."""
+    dataset, i = view.session.dataset, view.pose
+    poses = dataset.poses
+    rows: list[tuple[str, object]] = []
+    alert = ""
+    if view.pose_id in view.failures:
+        alert = elements.alert(view.failures[view.pose_id])
+    elif scan is not None:
+        extent = np.ptp(scan.points_mm, axis=0) if len(scan.points_mm) else np.zeros(3)
+        rows += [
+            ("file", poses.scan_names[i]),
+            ("points", f"{len(scan.points_mm):,} ({drawn:,} drawn)"),
+            ("extent x · y · z", " · ".join(f"{e:.0f}" for e in extent) + " mm"),
+        ]
+        if scan.dropped:
+            rows.append(("points without a value, left out", f"{scan.dropped:,}"))
+    else:
+        rows.append(("scan", "none: the point was measured (points.csv)"))
+    joints = zip(dataset.robot.joints, poses.q[i], strict=True)
+    rows.append(
+        (
+            "joints",
+            " · ".join(f"{np.degrees(q):.1f}°" if j.type == "revolute" else f"{q:.1f} mm" for j, q in joints),
+        )
+    )
+    for name, values, unit in (
+        ("payload", poses.payload_kg, "kg"),
+        ("temperature", poses.temperature_c, "°C"),
+        ("time", poses.time_s, "s"),
+    ):
+        if values is not None:
+            rows.append((name, f"{values[i]:g} {unit}"))
+    rows += [(str(column), poses.extra[column].iloc[i]) for column in poses.extra.columns]
+    return alert + elements.facts(rows)
+
+
+def pose_table(view: View) -> str:
+    """Each pose with its state; the selected one is marked."""
+    poses = view.session.dataset.poses
+    searched = view.session.dataset.scan_folder is not None  # else nothing is known of faces and searches
+    rows = []
+    for i, (pose_id, role) in enumerate(zip(poses.ids, poses.role, strict=True)):
+        search, found = view.session.searches.get(pose_id), corner_of(view, i)
+        known = found is not None and found[1] is not None
+        sigma = numbers.length(float(np.sqrt(np.trace(found[1])))) if known else "–"  # type: ignore[index,arg-type]
+        row: list[object] = [
+            elements.named_swatch(role_colour(str(role)), pose_id),
+            corner_state(view, i),
+            sigma,
+        ]
+        if searched:
+            corner = None if search is None else search.corner
+            row.append("–" if corner is None else numbers.length(max(face.rms_mm for face in corner.faces)))
+            row.append("–" if search is None else f"{search.seconds:.2f}")
+        rows.append(row)
+    return elements.table(
+        ("pose", "corner" if searched else "point", "sigma, 3D", "worst face rms", "search, s")[
+            : 5 if searched else 3
+        ],
+        rows,
+        left=2,
+        mark=view.pose,
+        height="max(240px, calc(100vh - 400px))",
+    )
+
+
+def corner_state(view: View, pose: int) -> elements.Html | str:
+    """What became of the corner of a pose, in a word or two."""
+    search = view.session.searches.get(view.session.dataset.poses.ids[pose])
+    if search is not None and search.failure:
+        return elements.named_swatch(FAILED, "failed")
+    if search is not None and search.corner is not None:
+        doubts = len(search.corner.quality.doubts())
+        return elements.named_swatch(DOUBT, numbers.count(doubts, "doubt")) if doubts else "found"
+    if corner_of(view, pose) is not None:
+        return "measured"
+    return "waiting" if view.session.dataset.scan_path(pose) is not None else "none"

@@ -1,0 +1,112 @@
+"""Tab Fit: how the error fell, before and after, and what the parameters became."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import viser
+
+from calib.calibration.result import Calibration
+from calib.corners.search import CornerSearch
+from inspector.figures.plots import convergence, outline, pose_residuals
+from inspector.markup.model.fit import (
+    NO_POSES,
+    faces_words,
+    figures_html,
+    parameters_html,
+    state_html,
+    table_alone_html,
+    what_is_fitted,
+)
+from inspector.markup.parts import elements
+from inspector.panels.base import Actions, hidden_plot, put
+from inspector.panels.input_checks import one_of
+from inspector.session.view import RESIDUALS, View
+
+NOTE = (
+    "Training poses are fitted, test poses only predicted. A test error that stays far above the training error means "
+    "too many parameters or physics that is not in the model. Look for single poses that stand out."
+)
+
+
+class FitPanel:
+    """The calibration in figures and tables."""
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
+        gui.add_html(elements.note(NOTE))
+        self.residual = gui.add_dropdown(
+            "Fit",
+            RESIDUALS,
+            hint="position: points, the scanner's frame free; distance: from the reference pose (Jang); pairs: all "
+            "distances; pose: points and how the jig stands there",
+        )
+        self.calibrate = gui.add_button("Calibrate", icon=viser.Icon.TARGET_ARROW)
+        self._faces = gui.add_html("")
+        self._state = gui.add_html("")
+        self._convergence = hidden_plot(gui, 0.62)
+        self._figures = gui.add_html("")
+        self._residuals = hidden_plot(gui, 0.62)
+        self._parameters = gui.add_html("")
+        self._unlabelled: tuple[Mapping[str, CornerSearch], str] | None = (
+            None  # faces not labelled: of what, why
+        )
+        self._drawn: tuple[Calibration, bool] | None = None  # what the bars on show are of
+        self._fitted: Calibration | None = None  # what the figures are of
+        self.calibrate.on_click(
+            lambda _: actions.calibrate(one_of(self.residual.value, RESIDUALS, RESIDUALS[0]))
+        )
+
+    def busy(self, busy: bool) -> None:
+        """While the fit runs the button is disabled."""
+        self.calibrate.disabled = busy
+        self.calibrate.label = "Calibrating …" if busy else "Calibrate"
+
+    def update(self, view: View, *, waiting: str = "") -> None:
+        """The session's calibration; `waiting` says why there is none yet."""
+        result = view.session.calibration
+        self.update_faces(view)
+        self._convergence.visible = self._residuals.visible = result is not None
+        if result is None:
+            self._state.content = elements.note(waiting or "Not calibrated yet.")
+            self._figures.content = self._parameters.content = ""
+            return
+        if result is not self._fitted and result.residual in RESIDUALS:  # a choice not yet pressed for stays
+            put(self.residual, result.residual)
+        self._fitted = result
+        self._state.content = state_html(result)
+        distances = result.residual == "distance"
+        train = [s.train_distance_rmse_mm if distances else s.train_rmse_mm for s in result.iteration_errors]
+        test = [s.test_distance_rmse_mm if distances else s.test_rmse_mm for s in result.iteration_errors]
+        self._convergence.figure = convergence(train, test, what=what_is_fitted(result), dark=view.dark)
+        self._figures.content = figures_html(result) + table_alone_html(view.session)
+        self._parameters.content = parameters_html(result)
+        self.update_residuals(view)
+
+    def update_faces(self, view: View, problem: str = "") -> None:
+        """Whether full poses can be fitted, how the faces were labelled, or why not; `problem`: why that failed."""
+        searches = view.session.searches
+        if problem or self._unlabelled is None or self._unlabelled[0] is not searches:
+            self._unlabelled = (searches, problem) if problem else None
+        words = NO_POSES + self._unlabelled[1] if self._unlabelled else faces_words(view.session)
+        self._faces.content = elements.note(words)
+
+    def update_residuals(self, view: View) -> None:
+        """The error of each pose after the fit, the selected one outlined."""
+        result = view.session.calibration
+        if result is None:
+            return
+        if self._drawn and result is self._drawn[0] and view.dark == self._drawn[1]:
+            self._residuals.figure = outline(self._residuals.figure, view.pose_id)  # only another pose
+            return
+        self._drawn = (result, view.dark)
+        errors = result.after.to_frame(result.dataset)
+        column = "distance_error_mm" if result.residual == "distance" else "error_mm"
+        errors = errors.dropna(subset=[column])
+        self._residuals.figure = pose_residuals(
+            errors["pose"].tolist(),
+            errors["role"].tolist(),
+            errors[column].abs().to_numpy(),
+            selected=view.pose_id,
+            what=f"{what_is_fitted(result)} error after",
+            dark=view.dark,
+        )

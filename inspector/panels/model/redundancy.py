@@ -1,0 +1,125 @@
+"""Tab Redundancy: which parameters act alike (Park), and how many the data can tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import viser
+
+from calib.identifiability.redundancy import Redundancy
+from inspector.figures.plots import correlation_heatmap
+from inspector.markup.parts import elements, numbers
+from inspector.markup.parts.numbers import parameter_label
+from inspector.panels.base import Actions, by_page, hidden_plot
+from inspector.panels.input_checks import one_of
+from inspector.session.view import RESIDUALS, View
+
+NOTE = (
+    "Pearson's r of each pair of parameters: dark red or dark blue (r\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}±1) off the "
+    "diagonal means that the two "
+    "always act together, so only one can be fitted. Grey means no influence at all. Hover for values; the sign at the "
+    "figure's lower right enlarges it."
+)
+LENGTHS, ANGLES, ALL = "lengths (a, d)", "angles (α, θ, β)", "all, unsplit"
+CHOICES = (LENGTHS, ANGLES, ALL)
+
+
+class RedundancyPanel:
+    """Heatmap and the same in words."""
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
+        gui.add_html(elements.note(NOTE))
+        self.residual = gui.add_dropdown(
+            "Measured",
+            RESIDUALS,
+            hint="position: points, as Park does; distance: from the reference pose, as Jang",
+        )
+        self.choice = gui.add_dropdown(
+            "Parameters",
+            CHOICES,
+            hint="Park correlates lengths and angles apart; unsplit also pairs mm with rad",
+        )
+        self._plot = hidden_plot(gui, 0.95)
+        self._content = gui.add_html(elements.note("Not computed yet."))
+        self.residual.on_update(
+            lambda e: (
+                actions.redundancy(one_of(e.target.value, RESIDUALS, RESIDUALS[0])) if by_page(e) else None
+            )
+        )
+        self.choice.on_update(lambda e: actions.correlation() if by_page(e) else None)
+
+    def update(self, view: View) -> None:
+        """The session's redundancy analysis."""
+        analysis = view.session.redundancy
+        self._plot.visible = analysis is not None
+        if analysis is None:
+            self._content.content = elements.note("Not computed yet.")
+            return
+        at = shown(analysis, str(self.choice.value))
+        self._plot.figure = correlation_heatmap(
+            [analysis.parameters[i] for i in at],
+            np.asarray(analysis.pearson)[np.ix_(at, at)],
+            dark=view.dark,
+            no_influence=analysis.no_influence,
+        )
+        self._content.content = redundancy_html(analysis)
+
+
+def shown(analysis: Redundancy, choice: str) -> list[int]:
+    """Indices of the parameters of a choice: Park's split by unit, or all."""
+    unit = {LENGTHS: "mm", ANGLES: "rad"}.get(choice)
+    return [i for i, u in enumerate(analysis.units) if unit is None or u == unit]
+
+
+def group_sentence(group: Sequence[str], kept: Sequence[str], r: float) -> str:
+    """ "a6 and aTCP always act together (r = 1): keep a6"."""
+    keep = [name for name in group if name in set(kept)]
+    sign = f"r = {r:+.0f}".replace("+", "") if len(group) == 2 else "|r| = 1"
+    what = f"keep {numbers.listing([parameter_label(k) for k in keep])}" if keep else "drop all"
+    return f"{numbers.listing([parameter_label(n) for n in group])} always act together ({sign}): {what}"
+
+
+def redundancy_html(analysis: Redundancy) -> str:
+    """The analysis in words."""
+    row = {name: i for i, name in enumerate(analysis.parameters)}
+
+    def sentence(group: Sequence[str]) -> str:
+        return group_sentence(group, analysis.kept, float(analysis.pearson[row[group[0]], row[group[-1]]]))
+
+    together = [sentence(group) for group in analysis.groups]
+    across = [
+        f"{numbers.listing([parameter_label(n) for n in group])}: one of them would do"
+        for group in analysis.mixed_groups
+    ]
+    sums = [
+        " ".join(f"{v:+.3g} {parameter_label(n)}" for n, v in relation.items())
+        for relation in analysis.combinations
+    ]
+    silent = ", ".join(parameter_label(name) for name in analysis.no_influence) or "none"
+    useful = len(set(analysis.kept) - set(analysis.no_influence))
+    parts = [
+        elements.note(f"Seen by {analysis.measured_by}."),
+        elements.facts(
+            [
+                ("parameters", len(analysis.parameters)),
+                ("without influence", len(analysis.no_influence)),
+                ("kept by pairs (Park), with influence", useful),
+                ("true rank (SVD)", analysis.rank),
+            ]
+        ),
+        elements.heading("Always act together"),
+        elements.bullets(together or ["No two parameters of one unit."]),
+    ]
+    if across:
+        parts += [
+            elements.heading("Act together across mm and rad (missed by Park's split)"),
+            elements.bullets(across),
+        ]
+    if sums:
+        parts += [
+            elements.heading("Cancel as a sum (in mm and rad), though no two are alike"),
+            elements.bullets(sums),
+        ]
+    parts += [elements.heading("No influence on the measurement"), elements.note(silent)]
+    return "".join(parts)

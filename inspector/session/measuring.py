@@ -1,0 +1,63 @@
+"""Functions from a session to the next while it is measured: a scan searched, faces labelled, parameters compared."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from calib.corners.batch import search_file
+from calib.dataset.files.folder import load_dataset
+from calib.errors import CalibError, DatasetError
+from calib.fitting.observations import Observations
+from calib.fitting.pose_residuals import require_orientations
+from calib.identifiability.structural import redundancy
+from calib.measurement.labels import FaceLabels
+from calib.measurement.measured_points import label_faces
+from inspector.session.session import Session, untested
+
+
+def open_session(folder: Path) -> Session:
+    """A session on a dataset folder. Raises DatasetError."""
+    return Session(load_dataset(folder))
+
+
+def with_search(session: Session, pose: int) -> Session:
+    """Search the scan of one pose for its corner."""
+    path = session.dataset.scan_path(pose)
+    if path is None:
+        raise DatasetError(f"dataset {session.dataset.name}: it has no scans to search")
+    search = search_file(path, session.dataset.jig, session.dataset.scanner.scan_sigma_mm)
+    searches = {**session.searches, session.dataset.poses.ids[pose]: search}
+    if session.dataset.points is not None:
+        return replace(session, searches=searches)
+    return untested(
+        replace(session, searches=searches, face_labels=None, calibration=None, effects=(), steps=())
+    )
+
+
+def with_face_labels(session: Session) -> Session:
+    """Label the jig's faces in the corners found so far, where that is not done yet; points.csv needs no labels.
+
+    Raises CornerError for face angles that no jig can have.
+    """
+    return replace(session, face_labels=find_face_labels(session)) if session.unlabelled else session
+
+
+def find_face_labels(session: Session) -> FaceLabels:
+    """Which face of the jig is which in the corners found so far. Raises as `with_face_labels`."""
+    return label_faces(session.dataset, session.searches)
+
+
+def no_full_poses(session: Session) -> str:
+    """Why full poses cannot be fitted to what is known so far, in a sentence that says what would help; else ""."""
+    measured = session.measured_for("pose")
+    try:
+        require_orientations(measured, Observations.of(measured))
+    except CalibError as error:
+        return str(error)
+    return ""
+
+
+def with_redundancy(session: Session, residual: str = "position") -> Session:
+    """Find which parameters act alike at the dataset's poses."""
+    return replace(session, redundancy=redundancy(session.dataset, residual=residual))
