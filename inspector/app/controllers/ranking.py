@@ -1,0 +1,85 @@
+"""What could be missing from the model on show: ranked and judged in the background. On the worker's thread only."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from calib.errors import CalibError
+from inspector.app.controllers.shown_model import ShownModel
+from inspector.server.worker import LongWork
+from inspector.session import transitions as sessions
+from inspector.session.session import Session
+
+
+class Ranking:
+    """The effects ranked by what they explain of the residual, the residual tested, candidates compared."""
+
+    def __init__(self, shown: ShownModel) -> None:
+        self._shown = shown
+        self._state, self._panel = shown.state, shown.panels.missing_effects
+
+    def rank(self) -> LongWork:
+        """Rank the effects by what they explain of the residual and test that, where it is not done yet."""
+        session = self._shown.session
+        stale = self._shown.user_effects.stale(self._state.name, session.user_effects)
+        if session.calibration is None or (session.screening is not None and not stale):
+            self._shown.show()
+            yield from self._test_residual()
+            return
+        self._panel.say("Ranking what could be missing …")
+        yield
+        try:
+            ranked = yield from self._shown.beside(lambda: self._ranked(session), session)
+        except CalibError as error:  # nothing that the user asked for: the tab says it
+            self._panel.say(str(error))
+            return
+        if ranked is None:
+            return
+        now = self._shown.session
+        ranked = sessions.seen_since(ranked, now)
+        if ranked.calibration is session.calibration:
+            self._state.keep(ranked)
+            self._shown.show()
+        else:  # own effects that are in the model have changed
+            self._shown.change(ranked)
+        yield from self._test_residual()
+        yield from self.compare()
+
+    def _test_residual(self) -> LongWork:
+        """Test the residual, where that is not done yet; the ranking is on show meanwhile."""
+        session = self._shown.session
+        if session.screening is None or session.residual_tests is not None:
+            return
+        yield
+        tested = yield from self._shown.beside(lambda: sessions.with_residual_tests(session), session)
+        if tested is not None and self._shown.session.screening is session.screening:
+            known = replace(self._shown.session, residual_tests=tested.residual_tests)
+            self._state.keep(replace(known, advice=tested.advice, diagnosis=tested.diagnosis))
+            self._panel.judge(self._shown.session)
+            self._shown.panels.residuals.update(self._state.now)
+
+    def _ranked(self, session: Session) -> Session:
+        session = self.with_user_effects(session)
+        return session if session.screening is not None else sessions.with_ranking(session)
+
+    def with_user_effects(self, session: Session) -> Session:
+        """The session with the user's own effects as their file has them now."""
+        effects = self._shown.user_effects.families(self._state.name, session.measured)
+        return session if effects is session.user_effects else sessions.with_user_effects(session, effects)
+
+    def compare(self) -> LongWork:
+        """Where the chosen candidate and its nearest rival differ most, worked out in the background."""
+        session, name = self._shown.session, self._panel.chosen
+        self._panel.update_choice(self._state.now)
+        if session.screening is None or name in session.separations:
+            return
+        yield
+        try:
+            found = yield from self._shown.beside(lambda: sessions.separation(session, name), session)
+        except CalibError:  # too few poses to fit either one whole: the ranking stands, nothing to compare
+            return
+        now = self._shown.session
+        if found is not None and now.screening is session.screening:
+            self._state.keep(replace(now, separations={**now.separations, name: found}))
+            if self._panel.chosen == name:
+                self._panel.update_next(self._state.now)

@@ -1,0 +1,82 @@
+"""The model on show: the session of the dataset on show, the way back, and the tabs and the scene that show it.
+
+Runs on the worker's thread only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from typing import TypeVar
+
+from inspector.app.page.page_state import PageState
+from inspector.app.page.tabs import Panels
+from inspector.server.background import Background
+from inspector.session import transitions as sessions
+from inspector.session.session import Session
+from inspector.session.undo import Undo
+from inspector.session.user_effects import UserEffects
+
+T = TypeVar("T")
+
+
+class ShownModel:
+    """What all changes of the model have in common.
+
+    redraw: draws the model in the 3D view and in the tab Compare; told whether it is the dataset's first.
+    """
+
+    def __init__(
+        self,
+        state: PageState,
+        panels: Panels,
+        user_effects: UserEffects,
+        *,
+        redraw: Callable[[bool], None],
+    ) -> None:
+        self.state, self.panels, self.user_effects = state, panels, user_effects
+        self._redraw = redraw
+        self._undo: dict[str, Undo] = {}  # by dataset
+        self._background = Background("model")
+
+    def close(self) -> None:
+        """End the threads."""
+        self._background.close()
+
+    @property
+    def session(self) -> Session:
+        """The session on show."""
+        return self.state.session
+
+    @property
+    def steps(self) -> Undo:
+        """The changes of the model on show that can be taken back or made again."""
+        return self._undo.setdefault(self.state.name, Undo())
+
+    def forget_steps(self) -> None:
+        """Nothing can be taken back any more."""
+        self._undo.pop(self.state.name, None)
+
+    def show(self) -> None:
+        """The tabs about what is missing and where the model fails, as the session stands."""
+        steps = self.steps
+        self.panels.missing_effects.update(
+            self.state.now, undo=len(steps.past), redo=len(steps.future), own=self.user_effects.problem
+        )
+        self.panels.residuals.update(self.state.now)
+
+    def change(self, session: Session) -> None:
+        """A new model, with the way back to the one before."""
+        self.steps.changed(self.session)
+        self.replace(session)
+
+    def replace(self, session: Session) -> None:
+        """Another model of the same dataset, everywhere."""
+        first = self.session.calibration is None
+        self.state.keep(sessions.with_versions(session, self.session))
+        self._redraw(first)
+        self.panels.fit.update(self.state.now)
+        self.show()
+
+    def beside(self, compute: Callable[[], T], started: Session) -> Generator[None, None, T | None]:
+        """The result, once it is there; None where the model on show is not the one it began with any more."""
+        return self._background.run(compute, lambda: self.session.calibration is started.calibration)
