@@ -14,6 +14,7 @@ from calib.diagnosis.advice import Advice
 from calib.diagnosis.diagnose import AddCurves
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.words.headline import Headline, headline_of
 from calib.effects.effect import Family
 from calib.identifiability.redundancy import Redundancy
 from calib.measurement.labels import FaceLabels
@@ -70,6 +71,11 @@ class Session:
     def history(self) -> tuple[StepErrors, ...]:
         """The errors of the nominal robot, then those after each step; () before the first fit."""
         return (_nominal(self.steps[0].calibration), *map(_errors_after, self.steps)) if self.steps else ()
+
+    @property
+    def headline(self) -> Headline | None:
+        """The errors on the way to the model on show, and what noise alone leaves; None before the first fit."""
+        return headline_of([step.calibration for step in self.steps]) if self.steps else None
 
     @property
     def curves(self) -> LearnedCurves | None:

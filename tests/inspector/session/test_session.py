@@ -57,6 +57,19 @@ def test_an_effect_is_added_as_the_screening_proposes_it(ranked: Session, added:
     assert added.screening is None  # it was of the model before
 
 
+def test_the_headline_tells_of_the_model_on_show(ranked: Session, added: Session) -> None:
+    assert ranked.headline is not None
+    assert added.headline is not None
+    errors_mm = [stage.error_mm for stage in added.headline.stages]
+    assert errors_mm == [step.test_rmse_mm for step in added.history]
+    assert added.headline.stages[-1].effects == (HIDDEN,)
+    assert ranked.headline.stages[-1].effects == ()
+    out = sessions.without_effect(added, HIDDEN).headline
+    assert out is not None
+    assert out.stages[-1].name == "with calibrated links"
+    assert replace(added, steps=()).headline is None
+
+
 def test_sessions_are_frozen_and_the_old_one_stays(ranked: Session, added: Session) -> None:
     with pytest.raises(FrozenInstanceError):
         ranked.effects = added.effects  # type: ignore[misc]

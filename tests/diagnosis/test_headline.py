@@ -1,0 +1,121 @@
+"""The headline: which models it tells of, in which unit, and when it says that noise alone is left."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from calib.calibration.calibrate import calibrate
+from calib.calibration.noise_check import noise_floor_mm
+from calib.calibration.result import Calibration
+from calib.dataset.dataset import Scanner
+from calib.diagnosis.words.headline import (
+    NOISE_AGREES,
+    ErrorStage,
+    Headline,
+    headline_note,
+    headline_of,
+    headline_text,
+    length_digits,
+)
+from calib.effects.catalogue import effects_named
+from tests.support.hidden_dataset import arm
+
+NAMES = ("as delivered", "with calibrated links", "with joint_compliance")
+
+
+def told(*errors_mm: float, noise_mm: float | None = 0.0062, of_test_poses: bool = True) -> Headline:
+    stages = [
+        ErrorStage(name, mm, k - 1 if k else None)
+        for k, (name, mm) in enumerate(zip(NAMES, errors_mm, strict=False))
+    ]
+    return Headline(tuple(stages), noise_mm, of_test_poses)
+
+
+@pytest.fixture(scope="module")
+def fits() -> dict[str, Calibration]:
+    """The same points with four models."""
+    dataset = arm(5, ("joint_compliance", 3.0), ("tool_sag", 3.0))
+    models: dict[str, list[str]] = {
+        "links": [],
+        "compliance": ["joint_compliance"],
+        "sag": ["tool_sag"],
+        "both": ["joint_compliance", "tool_sag"],
+    }
+    return {name: calibrate(dataset, effects=effects_named(dataset, of)) for name, of in models.items()}
+
+
+def test_a_stage_for_the_nominal_robot_the_links_and_each_effect(fits: dict[str, Calibration]) -> None:
+    found = headline_of([fits["links"], fits["compliance"], fits["both"]])
+    assert [s.name for s in found.stages] == [*NAMES, "with tool_sag"]
+    assert [s.step for s in found.stages] == [None, 0, 1, 2]
+    assert [s.effects for s in found.stages] == [(), (), ("joint_compliance",), ("tool_sag",)]
+    assert found.of_test_poses
+    for stage in found.stages[1:]:
+        assert stage.step is not None
+        of_it = (fits["links"], fits["compliance"], fits["both"])[stage.step].after.test
+        assert of_it is not None
+        assert stage.error_mm == of_it.rmse_mm
+    before = fits["both"].before.test
+    assert before is not None
+    assert found.stages[0].error_mm == before.rmse_mm
+    assert found.noise_mm == noise_floor_mm(fits["both"])
+
+
+def test_what_was_taken_out_again_is_not_told(fits: dict[str, Calibration]) -> None:
+    found = headline_of([fits["links"], fits["sag"], fits["both"], fits["compliance"]])
+    assert [(s.name, s.step) for s in found.stages[1:]] == [(NAMES[1], 0), (NAMES[2], 3)]
+    again = headline_of([fits["links"], fits["compliance"], fits["links"], fits["links"]])
+    assert [(s.name, s.step) for s in again.stages] == [(NAMES[0], None), (NAMES[1], 3)]
+
+
+def test_effects_taken_as_present_are_told_with_the_links(fits: dict[str, Calibration]) -> None:
+    found = headline_of([fits["compliance"]])
+    assert found.stages[1].name == "with calibrated links and joint_compliance"
+
+
+def test_without_test_poses_the_fitted_ones_are_told_and_it_says_so() -> None:
+    dataset = arm(5)
+    role = np.where(dataset.poses.role == "test", "train", dataset.poses.role)
+    bare = replace(dataset, scanner=Scanner(), poses=replace(dataset.poses, role=role))
+    assert bare.points is not None
+    bare = replace(bare, points=replace(bare.points, covariance_mm2=None))
+    fit = calibrate(bare)
+    found = headline_of([fit])
+    assert not found.of_test_poses
+    assert fit.after.train is not None
+    assert found.stages[-1].error_mm == fit.after.train.rmse_mm
+    assert "no test poses, so nothing confirms it" in headline_note(found)
+    assert headline_text(found).endswith("(noise not declared)")
+    assert not found.reached_noise
+    assert "declares no noise" in headline_note(found)
+
+
+def test_the_line_and_its_unit() -> None:
+    assert headline_text(told(1.9234, 0.7155, 0.03954)) == (
+        "1.92 mm as delivered → 0.72 mm with calibrated links → 0.040 mm with joint_compliance (noise 0.0062 mm)"
+    )
+    small = headline_text(told(0.0712, 0.0054))
+    assert small == "71.2 µm as delivered → 5.40 µm with calibrated links (noise 6.20 µm)"
+
+
+def test_noise_is_said_only_where_the_test_error_agrees() -> None:
+    assert headline_note(told(1.9, 0.72, 0.0065)).endswith("What is left is no more than noise.")
+    assert headline_note(told(1.9, 0.72, 0.03954)).endswith(
+        "What is left is 6.4 times what noise alone would leave."
+    )
+    assert told(1.0, NOISE_AGREES * 0.0062).reached_noise
+    assert not told(1.0, 1.01 * NOISE_AGREES * 0.0062).reached_noise
+
+
+@given(st.floats(1e-7, 1e5))
+def test_digits_are_few_and_near(length: float) -> None:
+    shown = length_digits(length)
+    assert "e" not in shown
+    assert float(shown) == pytest.approx(length, rel=0.051)
+    assert len(shown.replace(".", "").lstrip("0")) <= max(3, len(f"{length:.0f}"))
+    assert length_digits(-length) == f"-{shown}"
