@@ -70,6 +70,7 @@ class App:
         self.downloads = Downloads(
             self.state, lambda: self.stage.view_name, self.worker, panels.downloads, root
         )
+        server.requests.on("pose", self.select_id)
         self.open(start)
 
     def close(self) -> None:

@@ -14,7 +14,7 @@ import plotly.graph_objects as go
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array
-from inspector.figures.style import SIGNED_SCALE, distinct_labels, figure, shortened, strong_ink
+from inspector.figures.style import SELECTS_POSE, SIGNED_SCALE, distinct_labels, figure, shortened, strong_ink
 from inspector.markup.parts.numbers import parameter_label
 from inspector.markup.parts.palette import ROLE_COLOURS, ROLE_WORDS, UNKNOWN, role_colour
 
@@ -150,6 +150,7 @@ def pose_residuals(
         traces.append(
             {
                 "type": "bar", "x": [names[i] for i in at], "y": values[at].tolist(), "name": word,
+                "ids": [ids[i] for i in at], "meta": SELECTS_POSE,
                 "marker": {"color": role_colour(role), "line": {"color": strong_ink(dark)}},
                 "hovertemplate": f"pose %{{x}} ({word})<br>{what} %{{y:.4f}} mm<extra></extra>",
             }

@@ -15,7 +15,7 @@ import plotly.graph_objects as go
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, IndexArray
-from inspector.figures.style import SIGNED_SCALE, figure, ink, shortened, strong_ink
+from inspector.figures.style import SELECTS_POSE, SIGNED_SCALE, figure, ink, shortened, strong_ink
 from inspector.markup.parts.palette import ROLE_COLOURS, ROLE_WORDS
 
 SELECTED = "selected pose"
@@ -63,6 +63,7 @@ def residual_against(
             {
                 "type": "scatter", "mode": "markers", "name": ROLE_WORDS[role], "x": at[rows].tolist(),
                 "y": values[rows].tolist(), "customdata": [escape(ids[i]) for i in rows],
+                "ids": [ids[i] for i in rows], "meta": SELECTS_POSE,
                 "marker": {"size": 8, "color": ROLE_COLOURS[role], "symbol": _SYMBOLS[role]},
                 "hovertemplate": f"pose %{{customdata}} ({ROLE_WORDS[role]})<br>{escape(x_title)} %{{x:.5g}}<br>"
                 f"{escape(y_title)} %{{y:.4g}}<extra></extra>",
@@ -134,7 +135,8 @@ def place_views(
                 {
                     "type": "scatter", "mode": "markers", "name": ROLE_WORDS[role], "legendgroup": role,
                     "showlegend": first, "yaxis": letter, "x": place[rows, 0].tolist(), "y": place[rows, axis].tolist(),
-                    "customdata": [escape(ids[i]) for i in rows], "text": [f"{v:.4g}" for v in shown[rows]],
+                    "customdata": [escape(ids[i]) for i in rows],
+                    "ids": [ids[i] for i in rows], "meta": SELECTS_POSE, "text": [f"{v:.4g}" for v in shown[rows]],
                     "marker": {
                         **colour, **scale, "size": 9, "symbol": _SYMBOLS[role], "color": _listed(shown[rows]),
                         "line": {"color": ink(dark), "width": 0.7},

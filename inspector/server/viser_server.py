@@ -31,6 +31,7 @@ from viser import _assignable_props_api, _icons, _messages
 from viser.infra import _infra
 
 from calib.errors import CalibError
+from inspector.server.page_requests import PageRequests, with_script
 
 log = logging.getLogger(__name__)
 
@@ -185,9 +186,13 @@ def _cache_lookups() -> None:
 _starting = threading.Lock()
 
 
+def _is_page(target: str) -> bool:
+    return urlsplit(target).path in ("", "/", "/index.html")
+
+
 @contextlib.contextmanager
-def _serving_on(listener: socket.socket, bound_host: str) -> Iterator[None]:
-    """While inside, a viser server that starts listens on `listener` and refuses foreign origins.
+def _serving_on(listener: socket.socket, bound_host: str, requests: PageRequests) -> Iterator[None]:
+    """While inside, a viser server that starts listens on `listener`, refuses foreign origins and answers `requests`.
 
     Viser opens its own port inside a function that cannot be reached from outside, so the module that it takes
     `serve` from is swapped in viser's own namespace (nobody else's) until the server is up.
@@ -204,7 +209,12 @@ def _serving_on(listener: socket.socket, bound_host: str) -> Iterator[None]:
                 return connection.respond(
                     http.HTTPStatus.FORBIDDEN, "This page may not talk to the inspector (foreign origin).\n"
                 )
-            return inner(connection, request)
+            own_host = host is not None and origin_allowed(f"http://{host}", host, bound_host=bound_host)
+            answer = requests.respond(request.path, headers, own_host=own_host)
+            if answer is not None:
+                return answer
+            page = inner(connection, request)
+            return with_script(page) if _is_page(request.path) and page is not None else page
 
         return process_request
 
@@ -232,6 +242,8 @@ def _serving_on(listener: socket.socket, bound_host: str) -> Iterator[None]:
 class InspectorServer(viser.ViserServer):
     """A viser server that only its own page can drive; `start_server` makes one."""
 
+    requests: PageRequests  # what the page's own script may ask
+
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refused: scans and robots stay on this machine."""
         del verbose
@@ -252,12 +264,14 @@ def start_server(host: str = LOOPBACK, port: int = 8080, *, label: str | None = 
     """
     _cache_lookups()
     listener = bind(host, port)
+    requests = PageRequests()
     try:
-        with _serving_on(listener, host), contextlib.redirect_stdout(io.StringIO()):
+        with _serving_on(listener, host, requests), contextlib.redirect_stdout(io.StringIO()):
             server = InspectorServer(host=host, port=listener.getsockname()[1], label=label, verbose=False)
     except BaseException:
         listener.close()
         raise
+    server.requests = requests
     _guard_gui(server.gui)
     return server
 

@@ -60,6 +60,7 @@ def browser() -> Iterator[Any]:
 def open_page(running: Any, url: str, width: int = 1280, height: int = 720) -> Iterator[Any]:
     """A page on the app, once its panel is there; its own scripts must not fail while it is open."""
     page = running.new_page(viewport={"width": width, "height": height})
+    page.set_default_timeout(4 * MS)  # a busy machine draws a frame in seconds
     problems: list[str] = []
 
     def fails(error: Any) -> None:

@@ -18,7 +18,10 @@ _LINE = "border-bottom:1px solid rgba(128,128,128,0.28);"
 STYLE = (
     '<style>:root[data-mantine-color-scheme="light"]{--mantine-color-dimmed:#5C636A}'
     ':root[data-mantine-color-scheme="dark"]{--mantine-color-dimmed:#B4B8BC}'
-    ".js-plotly-plot~button{color:#24292F}</style>"  # the sign that enlarges a figure is always on white
+    ".js-plotly-plot~button{color:#24292F}"  # the sign that enlarges a figure is always on white
+    "[data-ask]{cursor:pointer}tr[data-ask]:hover{background:rgba(128,128,128,0.16)}"
+    "a.asks{text-decoration:underline dotted;text-underline-offset:2px}a.asks:hover{text-decoration:underline}"
+    "[data-ask]:focus-visible{outline:2px solid #56B4E9;outline-offset:-1px}</style>"
 )
 
 
@@ -42,8 +45,11 @@ def table(
     left: int = 1,
     mark: int | None = None,
     height: str = "",
+    asks: Sequence[Html] | None = None,
 ) -> str:
     """A compact table: the first `left` columns to the left, numbers to the right; row `mark` is emphasised.
+
+    asks: what a click on each row asks for (`asking`), "" where nothing.
 
     Cells are escaped unless they are `Html`. `height` (CSS) makes a longer table scroll by itself.
     """
@@ -59,13 +65,29 @@ def table(
     body = []
     for number, row in enumerate(rows):
         style = ' style="background:rgba(86,180,233,0.22)"' if number == mark else ""
-        body.append(f"<tr{style}>" + "".join(cell("td", i, v) for i, v in enumerate(row)) + "</tr>")
+        ask = asks[number] if asks is not None else ""
+        body.append(f"<tr{style}{ask}>" + "".join(cell("td", i, v) for i, v in enumerate(row)) + "</tr>")
     scroll = f"max-height:{height};overflow-y:auto;" if height else ""
     return (
         f'<div style="overflow-x:auto;{scroll}margin:2px 10px 6px 10px">'
         '<table style="border-collapse:collapse;width:100%;font-size:12px;line-height:1.35;'
         f'font-variant-numeric:tabular-nums"><thead><tr>{head}</tr></thead><tbody>{"".join(body)}</tbody></table></div>'
     )
+
+
+def asking(name: str, value: object, *, tab: str = "") -> Html:
+    """Attributes of an element that asks for something when it is clicked, or chosen by key.
+
+    `name` is one of the requests that the app answers (`server/page_requests.py`); `tab` ("Learn/Where it fails") is
+    opened, too.
+    """
+    opens = f' data-tab="{text(tab)}"' if tab else ""
+    return Html(f' data-ask="{text(name)}" data-value="{text(value)}"{opens} role="button" tabindex="0"')
+
+
+def pose_link(pose_id: object) -> Html:
+    """The name of a pose within a sentence or a cell: a click selects it."""
+    return Html(f'<a class="asks"{asking("pose", pose_id)}>{text(pose_id)}</a>')
 
 
 def wrapping(value: object) -> Html:

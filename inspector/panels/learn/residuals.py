@@ -144,6 +144,7 @@ class ResidualsPanel:
             rows,
             left=2,
             mark=worst.index(view.pose_id) if view.pose_id in worst else None,
+            asks=[elements.asking("pose", i) for i in worst],
         )
 
 

@@ -107,6 +107,7 @@ def pose_table(view: View) -> str:
         left=2,
         mark=view.pose,
         height="max(240px, calc(100vh - 400px))",
+        asks=[elements.asking("pose", pose_id) for pose_id in poses.ids],
     )
 
 
