@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -115,9 +116,10 @@ class Poses:
         try:
             return self.ids.index(pose_id)
         except ValueError:
-            raise DatasetError(
-                f"no pose named {pose_id!r}; the first of {len(self)} is {self.ids[0]!r}"
-            ) from None
+            near = get_close_matches(pose_id, self.ids, n=3)
+            told = f"the nearest of {len(self)}: {', '.join(map(repr, near))}" if near else ""
+            told = told or f"the first of {len(self)} is {self.ids[0]!r}"
+            raise DatasetError(f"no pose named {pose_id!r}; {told}") from None
 
 
 @dataclass(frozen=True)
@@ -223,7 +225,10 @@ class Dataset:
         """
         ids = tuple(dict.fromkeys(pose_ids))
         for pose_id in ids:
-            self.poses.index(pose_id)
+            try:
+                self.poses.index(pose_id)
+            except DatasetError as error:
+                raise DatasetError(f"dataset {self.name}: {error}; so it cannot be left out") from None
         if not ids:
             return self
         note = f"left out as asked: {', '.join(ids)}"

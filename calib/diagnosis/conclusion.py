@@ -124,7 +124,7 @@ def _with_curves_inside(space: SearchSpace, steps: Sequence[FitStep]) -> Diagnos
     last = steps[-1]
     names = tuple(effect for effect in last.selected if effect.name != LEARNED)
     curves = next(effect for effect in last.selected if effect.name == LEARNED)
-    alone = next((step for step in reversed(steps) if _same(step, names, last.left_out)), None)
+    alone = next((step for step in reversed(steps) if _same(step, names, last)), None)
     if alone is None:
         alone = FitStep("", names, space.fit(names, None), left_out=last.left_out)
     others = [step for step in steps if step is not last and step is not alone]
@@ -140,8 +140,10 @@ def _with_curves_inside(space: SearchSpace, steps: Sequence[FitStep]) -> Diagnos
     return with_learned(found, step, [m for m in curves.members if isinstance(m, SmoothJointError)])
 
 
-def _same(step: FitStep, selected: Sequence[object], left_out: Sequence[str]) -> bool:
-    return step.selected == tuple(selected) and step.left_out == tuple(left_out)
+def _same(step: FitStep, selected: Sequence[object], last: FitStep) -> bool:
+    """Whether a step has these effects, fitted to the poses of the last one."""
+    without = step.calibration.dataset.left_out == last.calibration.dataset.left_out
+    return step.selected == tuple(selected) and step.left_out == last.left_out and without
 
 
 def with_discriminating_poses(found: Diagnosis) -> Diagnosis:

@@ -158,11 +158,12 @@ def _as_session(options: CalibrateOptions, dataset: Dataset, steps: Sequence[Fit
         "--tolerance": options.tolerance,
         "--no-prior": options.no_prior,
         "--robust": options.robust,
-        "--leave-out": options.leave_out,
     }
     used = [name for name, value in given.items() if value]
     if used:
-        raise CalibError(f"--session: a session holds fits by --residual and --add only; leave out {used[0]}")
+        raise CalibError(
+            f"--session: a session holds fits by --residual, --add and --leave-out only; leave out {used[0]}"
+        )
     return with_steps(Session(dataset, user_effects=loaded_effects(options.effects_file, dataset)), steps)
 
 

@@ -88,8 +88,8 @@ def run_redundancy(options: RedundancyOptions) -> int:
     if options.out is not None:
         write_text_atomically(options.out, redundancy_csv(result))
     unknown = free_frame_rank(dataset, residual=options.residual)
-    document = documents.redundancy_document(result, unknown)
-    show(options, document, f"{result.summary()}\n{unknown.summary()}")
+    document = documents.redundancy_document(result, unknown) | {"left_out": dataset.left_out}
+    show(options, document, "\n".join([result.summary(), unknown.summary(), *without(dataset)]))
     return 0
 
 
@@ -170,6 +170,11 @@ def load(path: Path, leave_out: Sequence[str] = ()) -> Dataset:
     for note in dataset.notes:
         print(f"inspector: note: {note}", file=sys.stderr)
     return dataset
+
+
+def without(dataset: Dataset) -> list[str]:
+    """A line on which poses counted for nothing; none where all counted."""
+    return [f"without what was measured at: {', '.join(dataset.left_out)}"] if dataset.left_out else []
 
 
 def measured(dataset: Dataset, *, orientation: bool = False) -> Dataset:

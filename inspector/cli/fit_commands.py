@@ -21,7 +21,7 @@ from calib.validation.acceptance import check
 from calib.validation.cross_validation import cross_validate
 from calib.validation.learning_curve import learning_curve
 from inspector.cli.calibrate_command import fitted, loaded_effects, require_plausible
-from inspector.cli.dataset_commands import found_corners, load, measured, searched, show
+from inspector.cli.dataset_commands import found_corners, load, measured, searched, show, without
 from inspector.cli.model_commands import correct_by_model, validate_model
 from inspector.cli.options import (
     CheckOptions,
@@ -48,7 +48,8 @@ def run_validate(options: ValidateOptions) -> int:
     with progress("fits", "fit") as on_progress:
         folds = cross_validate(dataset, asked, folds=options.folds, effects=effects, on_progress=on_progress)
         curve = learning_curve(dataset, asked, effects=effects, on_progress=on_progress)
-    show(options, documents.validation_document(folds, curve), f"{folds.summary()}\n\n{curve.summary()}")
+    text = "\n".join([folds.summary(), "", curve.summary(), *without(dataset)])
+    show(options, documents.validation_document(folds, curve), text)
     return 0
 
 
@@ -137,6 +138,7 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     steps = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.4g}", na_rep="-")
     silent = "\n".join(map(untestable_line, result.untestable))
     text = f"{ranking}\n\n{steps}\n\n{silent}\n\n{result.summary()}"
+    text = "\n".join([text, *without(result.calibration.fitted_dataset)])
     if options.learned_out is not None and result.learned is not None:
         write_text_atomically(
             options.learned_out, effect_file_text(result.calibration, options.learned_out.name)

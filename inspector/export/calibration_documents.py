@@ -58,6 +58,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "correlated": [asdict(pair) for pair in correlated_pairs(calibration)],
         "stands": stands_document(calibration),
         "outliers": calibration.outliers,
+        "left_out": calibration.fitted_dataset.left_out,
         "warnings": calibration.warnings,
     }
 
@@ -97,6 +98,7 @@ def validation_document(folds: CrossValidation, curve: LearningCurve) -> dict[st
     return {
         "dataset": folds.dataset.name,
         "residual": folds.residual,
+        "left_out": folds.dataset.left_out,
         "held_out": asdict(folds.held_out),
         "before": None if folds.before.test is None else asdict(folds.before.test),
         "train": None if folds.whole.after.train is None else asdict(folds.whole.after.train),

@@ -25,6 +25,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "dataset": diagnosis.calibration.dataset.name,
         "stands": stands_document(diagnosis.calibration),
+        "left_out": diagnosis.calibration.fitted_dataset.left_out,
         "verdict": diagnosis.verdict,
         "missing": diagnosis.missing,
         "suspected": diagnosis.suspected,

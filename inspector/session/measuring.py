@@ -60,4 +60,4 @@ def no_full_poses(session: Session) -> str:
 
 def with_redundancy(session: Session, residual: str = "position") -> Session:
     """Find which parameters act alike at the dataset's poses."""
-    return replace(session, redundancy=redundancy(session.dataset, residual=residual))
+    return replace(session, redundancy=redundancy(session.counted, residual=residual))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import msgspec
 
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.fingerprint import changed, content_hash, fingerprint
@@ -20,7 +22,7 @@ from calib.options import FitOptions
 from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.session import Session, StepErrors
-from inspector.session.session_file import Saved, SessionFileError
+from inspector.session.session_file import FIGURES, Saved, SavedStep, SessionFileError, saved_history
 
 SAME = 1e-6  # share by which a figure may differ and still be the same
 
@@ -67,7 +69,7 @@ def opening(saved: Saved, root: Path, effects_file: Path | None = None) -> tuple
     if dataset.points is not None or effects_file is None:
         own = () if effects_file is None else load_effects(effects_file, nominal_state(dataset))
         try:
-            _selections(saved, dataset, own)
+            _selections(saved.history, dataset, own)
         except CalibError as error:
             if files:
                 return Opening(saved, folder), files
@@ -86,39 +88,63 @@ def reopened(session: Session, saved: Saved) -> tuple[Session, tuple[str, ...]]:
     Raises SessionFileError where an effect or a pose of it is unknown here.
     """
     notes = _changed_files(saved, session.dataset)
+    for pose_id in saved.left_out:
+        if pose_id not in session.dataset.poses.ids:
+            raise SessionFileError(f"{saved.path}: left_out: found {pose_id!r}; no pose has this name")
+    out = tuple(pose_id for pose_id in saved.left_out if pose_id not in session.dataset.left_out)
+    session = replace(session, left_out=out)
     if not saved.history:
         return session, notes
     try:
-        session = sessions.with_diagnosis(session) if saved.diagnosed else replayed(session, saved)
+        session = sessions.with_diagnosis(session) if saved.diagnosed else replayed(session, saved.history)
     except CalibError as error:
         raise SessionFileError(f"{saved.path}: {error}") from None
     return session, (*notes, *_differences(saved, session.history))
 
 
-def replayed(session: Session, saved: Saved) -> Session:
-    """The fits of a saved session once more, on what is measured now; its figures are not read."""
-    selections = _selections(saved, session.measured, session.user_effects)
-    if any(step.residual == "pose" for step in saved.history[1:]):
+def replayed(session: Session, history: Sequence[SavedStep]) -> Session:
+    """The fits of a saved model once more, on what is measured now; its figures are not read.
+
+    Steps that the session has already, from the first on, are taken over as they are.
+
+    Raises CalibError for an effect or a pose that the dataset does not have.
+    """
+    selections = _selections(history, session.measured, session.user_effects)
+    if any(step.residual == "pose" for step in history[1:]):
         session = measuring.with_face_labels(session)
-    steps: list[FitStep] = []
-    for step, selected in list(zip(saved.history, selections, strict=True))[
-        1:
-    ]:  # the first is the nominal robot
-        measured = session.measured_for(step.residual)
+    steps = list(_in_common(session, history))
+    for step, selected in list(zip(history, selections, strict=True))[1 + len(steps) :]:
+        measured = replace(session, left_out=_to_leave_out(session, step)).measured_for(step.residual)
         dataset = without_poses(measured, step.left_out) if step.left_out else measured
         selected = relearned(selected, steps) if steps else selected
         start = sessions.start_of(steps[-1], selected) if steps else None
         fit = calibrate_with(dataset, selected, FitOptions(step.residual, noise=step.noise), start=start)
         steps.append(FitStep(step.label, selected, fit, left_out=step.left_out))
+    session = replace(session, left_out=_to_leave_out(session, history[-1]))
     return sessions.with_steps(session, steps) if steps else session
 
 
-def _selections(saved: Saved, dataset: Dataset, own: Sequence[Family]) -> list[tuple[SelectedEffect, ...]]:
+def _in_common(session: Session, history: Sequence[SavedStep]) -> Iterator[FitStep]:
+    """The session's own steps as far as a saved model has the same."""
+    for step, ours, saved in zip(session.steps, saved_history(session)[1:], history[1:], strict=False):
+        if ours != msgspec.structs.replace(saved, **dict(zip(FIGURES, ours.figures, strict=True))):
+            return
+        yield step
+
+
+def _to_leave_out(session: Session, step: SavedStep) -> tuple[str, ...]:
+    """Ids of poses that a step did without as asked; a dataset may have been loaded without some."""
+    return tuple(pose_id for pose_id in step.asked_out if pose_id not in session.dataset.left_out)
+
+
+def _selections(
+    history: Sequence[SavedStep], dataset: Dataset, own: Sequence[Family]
+) -> list[tuple[SelectedEffect, ...]]:
     """The effects of each step. Raises CalibError for an effect or a pose that the dataset does not have."""
     out = []
-    for step in saved.history:
+    for step in history:
         out.append(tuple(recalled(dataset, effect.name, effect.sizes, own) for effect in step.effects))
-        for pose_id in step.left_out:
+        for pose_id in (*step.left_out, *step.asked_out):
             dataset.poses.index(pose_id)
     return out
 

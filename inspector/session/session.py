@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from calib.calibration.model_versions import LINKS, Version
 from calib.calibration.pose_errors import PoseErrors
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
+from calib.dataset.stands import of_stands
 from calib.diagnosis.advice import Advice
 from calib.diagnosis.diagnose import AddCurves
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
@@ -66,6 +69,23 @@ class Session:
     steps: tuple[FitStep, ...] = ()  # the link errors, then each change of the model
     user_effects: tuple[Family, ...] = ()  # the user's effects beyond the catalogue
     versions: tuple[Version, ...] = ()  # of this calibration's model, side by side, once that was asked for
+    left_out: tuple[str, ...] = ()  # ids of poses that count for nothing, as asked
+
+    @property
+    def counted(self) -> Dataset:
+        """The dataset without what was measured at poses that are left out as asked."""
+        return self.dataset.leave_out(self.left_out) if self.left_out else self.dataset
+
+    @property
+    def asked_out(self) -> tuple[str, ...]:
+        """Ids of all poses that are left out as asked, here or when the dataset was loaded."""
+        return tuple(dict.fromkeys((*self.dataset.left_out, *self.left_out)))
+
+    @property
+    def uncounted(self) -> frozenset[str]:
+        """Ids of poses that count for nothing: as asked, or because the search found that they stand out."""
+        found = self.calibration.fitted_dataset.left_out if self.calibration is not None else ()
+        return frozenset((*self.asked_out, *found))
 
     @property
     def history(self) -> tuple[StepErrors, ...]:
@@ -97,10 +117,11 @@ class Session:
 
     def measured_for(self, residual: str) -> Dataset:
         """The same as a fit of this residual needs them: full poses only where those are to be fitted."""
-        if self.dataset.points is not None:
-            return self.dataset
+        counted = self.counted
+        if counted.points is not None:
+            return counted
         names = self.face_labels if residual == "pose" else None
-        return with_corners(self.dataset, self.searches, orientation=names or False)
+        return with_corners(counted, self.searches, orientation=names or False)
 
     @property
     def unlabelled(self) -> bool:
@@ -123,6 +144,14 @@ class Session:
     def scans(self) -> int:
         """How many poses have a scan."""
         return 0 if self.dataset.scan_folder is None else len(self.dataset.poses)
+
+
+def asked_out(step: FitStep) -> tuple[str, ...]:
+    """Ids of poses that a step's fit did without as asked; not those that the search found to stand out."""
+    dataset = step.calibration.dataset
+    found = np.flatnonzero(of_stands(dataset, step.left_out)) if step.left_out else ()
+    stand_out = {dataset.poses.ids[i] for i in found}
+    return tuple(pose_id for pose_id in dataset.left_out if pose_id not in stand_out)
 
 
 def _nominal(first: Calibration) -> StepErrors:

@@ -8,8 +8,8 @@ is ever opened, so a file from someone else cannot lead anywhere. It runs no cod
 
 from __future__ import annotations
 
-import dataclasses
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from msgspec import Meta
 
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.fingerprint import fingerprint
-from calib.diagnosis.effect_selection import FitStep, SelectedEffect
+from calib.diagnosis.effect_selection import FitStep
 from calib.errors import CalibError
 from calib.noise_shape import NoiseShape
 from calib.options import RESIDUAL_KINDS
@@ -35,10 +35,12 @@ from calib.strict_json import (
     Texts,
     to_json,
 )
-from inspector.session.session import Session, StepErrors
+from inspector.session.session import Session, StepErrors, asked_out
 
 KIND, VERSION = "robot-calibration-inspector session", 1
 POSITION = "position"
+FIGURES = ("train_rmse_mm", "test_rmse_mm", "sigma_mm")  # of a step, mm
+Places = Annotated[tuple[int, ...], Meta(max_length=LIST_LIMIT)]  # of steps in a list
 
 
 class SessionFileError(CalibError):
@@ -71,16 +73,31 @@ class SavedStep(msgspec.Struct, frozen=True):
     label: Text
     residual: Text  # of RESIDUAL_KINDS
     effects: Annotated[tuple[SavedEffect, ...], Meta(max_length=LIST_LIMIT)]
-    left_out: Texts  # ids of poses
+    left_out: Texts  # ids of poses that stand out
     train_rmse_mm: Finite | None = None
     test_rmse_mm: Finite | None = None
     sigma_mm: Finite | None = None
     noise: NoiseShape | None = None  # that the points were weighed by
+    asked_out: Texts = ()  # ids of poses that were left out as asked; `left_out` has those that stand out
 
     @property
     def figures(self) -> tuple[float | None, float | None, float | None]:
         """Training and test RMSE, residual sigma; mm."""
         return self.train_rmse_mm, self.test_rmse_mm, self.sigma_mm
+
+
+class SavedModel(msgspec.Struct, frozen=True):
+    """A model that can be gone back to: the steps that led to it, the nominal robot first."""
+
+    history: tuple[SavedStep, ...]
+
+
+class SavedUndo(msgspec.Struct, frozen=True):
+    """The models that undo and redo lead to, each by the places of its steps in one list; the last is the next."""
+
+    steps: Annotated[tuple[SavedStep, ...], Meta(max_length=LIST_LIMIT)] = ()
+    past: Annotated[tuple[Places, ...], Meta(max_length=LIST_LIMIT)] = ()
+    future: Annotated[tuple[Places, ...], Meta(max_length=LIST_LIMIT)] = ()
 
 
 class SavedDataset(msgspec.Struct, frozen=True):
@@ -98,6 +115,8 @@ class _Document(msgspec.Struct, frozen=True):
     history: Annotated[tuple[SavedStep, ...], Meta(max_length=LIST_LIMIT)]
     shown: Shown
     diagnosed: bool | None = None
+    left_out: Texts = ()  # ids of poses, as asked
+    undo: SavedUndo = SavedUndo()
 
 
 @dataclass(frozen=True)
@@ -111,13 +130,27 @@ class Saved:
     diagnosed: bool
     history: tuple[SavedStep, ...]  # the nominal robot first; empty where nothing was fitted
     shown: Shown
+    left_out: tuple[str, ...] = ()  # ids of poses that count for nothing, as asked
+    past: tuple[SavedModel, ...] = ()  # that undo leads to, the last first
+    future: tuple[SavedModel, ...] = ()
 
 
 # ---- writing --------------------------------------------------------------------------------------------------------
 
 
-def session_text(session: Session, *, beside: Path, shown: Shown = NOTHING_SHOWN) -> str:
-    """The file's content. `beside`: the folder that the dataset's path is told relative to."""
+def session_text(
+    session: Session,
+    *,
+    beside: Path,
+    shown: Shown = NOTHING_SHOWN,
+    past: Sequence[Session | SavedModel] = (),
+    future: Sequence[Session | SavedModel] = (),
+) -> str:
+    """The file's content.
+
+    beside: the folder that the dataset's path is told relative to.
+    past, future: what undo and redo lead to, the next last.
+    """
     dataset = session.dataset
     files = fingerprint(dataset)
     assert dataset.folder is not None
@@ -126,9 +159,18 @@ def session_text(session: Session, *, beside: Path, shown: Shown = NOTHING_SHOWN
         "version": VERSION,
         "dataset": {"name": dataset.name, "folder": _relative(dataset.folder, beside), "files": files},
         "diagnosed": session.searched,
-        "history": _history(session),
+        "history": list(map(_plain, saved_history(session))),
         "shown": msgspec.to_builtins(shown),
     }
+    if session.asked_out:
+        document["left_out"] = session.asked_out
+    if past or future:
+        undo = _saved_undo(past, future)
+        document["undo"] = {
+            "steps": list(map(_plain, undo.steps)),
+            "past": undo.past,
+            "future": undo.future,
+        }
     return json.dumps(json.loads(to_json(document)), indent=1, ensure_ascii=False) + "\n"
 
 
@@ -144,38 +186,53 @@ def _relative(folder: Path, beside: Path) -> str:
         return folder.resolve().as_posix()
 
 
-def _history(session: Session) -> list[dict[str, Any]]:
+def saved_history(session: Session) -> tuple[SavedStep, ...]:
     """The nominal robot, which was fitted to nothing, then the steps."""
     if not session.steps:
-        return []
+        return ()
     nominal, *errors = session.history
-    return [
-        _entry(nominal, POSITION, (), ()),
-        *(
-            _entry(after, step.calibration.residual, step.selected, step.left_out) | _noise(step)
-            for after, step in zip(errors, session.steps, strict=True)
+    steps = (saved_step(step, after) for step, after in zip(session.steps, errors, strict=True))
+    return _with_figures(SavedStep(nominal.label, POSITION, (), ()), nominal), *steps
+
+
+def _plain(step: SavedStep) -> dict[str, Any]:
+    """A step as plain values; what most steps have none of stands there only where there is some."""
+    values: dict[str, Any] = msgspec.to_builtins(step)
+    return {key: v for key, v in values.items() if v or key not in ("noise", "asked_out")}
+
+
+def saved_step(step: FitStep, after: StepErrors) -> SavedStep:
+    """A step and the errors after it."""
+    saved = SavedStep(
+        label=step.label,
+        residual=step.calibration.residual,
+        effects=tuple(
+            SavedEffect(effect.name, {name: float(size) for name, size in effect.prior_sigmas.items()})
+            for effect in step.selected
         ),
-    ]
+        left_out=step.left_out,
+        noise=step.calibration.options.noise,
+        asked_out=asked_out(step),
+    )
+    return _with_figures(saved, after)
 
 
-def _noise(step: FitStep) -> dict[str, Any]:
-    """The shape of the noise, where the step's fit took one."""
-    shape = step.calibration.options.noise
-    return {} if shape is None else {"noise": dataclasses.asdict(shape)}
+def _with_figures(step: SavedStep, errors: StepErrors) -> SavedStep:
+    figures = {name: float(getattr(errors, name)) for name in FIGURES}
+    known = {name: value if math.isfinite(value) else None for name, value in figures.items()}
+    return msgspec.structs.replace(step, **known)
 
 
-def _entry(
-    errors: StepErrors, residual: str, selected: Sequence[SelectedEffect], left_out: Sequence[str]
-) -> dict[str, Any]:
-    return {
-        "label": errors.label,
-        "residual": residual,
-        "effects": [{"name": effect.name, "sizes": effect.prior_sigmas} for effect in selected],
-        "left_out": left_out,
-        "train_rmse_mm": errors.train_rmse_mm,
-        "test_rmse_mm": errors.test_rmse_mm,
-        "sigma_mm": errors.sigma_mm,
-    }
+def _saved_undo(past: Sequence[Session | SavedModel], future: Sequence[Session | SavedModel]) -> SavedUndo:
+    """Models share most of their steps, which are written once."""
+    steps: list[SavedStep] = []
+
+    def places(entry: Session | SavedModel) -> tuple[int, ...]:
+        history = entry.history if isinstance(entry, SavedModel) else saved_history(entry)
+        steps.extend(step for step in history if step not in steps)
+        return tuple(map(steps.index, history))
+
+    return SavedUndo(past=tuple(map(places, past)), future=tuple(map(places, future)), steps=tuple(steps))
 
 
 # ---- reading --------------------------------------------------------------------------------------------------------
@@ -185,20 +242,10 @@ def load_session(path: Path) -> Saved:
     """Read a session file. Raises SessionFileError in one line that names the file and the place."""
     file = JsonFile(path, "session file", "save the session again", SessionFileError)
     document = file.checked([], file.read(KIND, VERSION), _Document)
-    for i, step in enumerate(document.history):
-        if step.residual not in RESIDUAL_KINDS:
-            expected = f"expected {' or '.join(RESIDUAL_KINDS)}"
-            file.fail(["history", i, "residual"], repr(step.residual), expected)
-        if step.noise is not None and not step.noise.is_possible:
-            file.fail(
-                ["history", i, "noise"], repr(step.noise)[:200], "a shape that noise can have is needed"
-            )
-        for k, effect in enumerate(step.effects):
-            place: Place = ["history", i, "effects", k, "sizes"]
-            for name, size in effect.sizes.items():
-                if size is None:
-                    file.fail([*place, name], "null", "a number above 0 is needed")
-            file.checked_values(place, effect.sizes, AboveZero)
+    undo = document.undo
+    for place, steps in ((["history"], document.history), (["undo", "steps"], undo.steps)):
+        for i, step in enumerate(steps):
+            _require_possible(file, [*place, i], step)
     dataset = document.dataset
     return Saved(
         path=path,
@@ -208,4 +255,34 @@ def load_session(path: Path) -> Saved:
         diagnosed=document.diagnosed or False,
         history=document.history,
         shown=document.shown,
+        left_out=document.left_out,
+        past=_models(file, "past", undo.steps, undo.past),
+        future=_models(file, "future", undo.steps, undo.future),
     )
+
+
+def _require_possible(file: JsonFile, place: Place, step: SavedStep) -> None:
+    """Raise SessionFileError for a residual, a noise or sizes that no step can have."""
+    if step.residual not in RESIDUAL_KINDS:
+        expected = f"expected {' or '.join(RESIDUAL_KINDS)}"
+        file.fail([*place, "residual"], repr(step.residual), expected)
+    if step.noise is not None and not step.noise.is_possible:
+        file.fail([*place, "noise"], repr(step.noise)[:200], "a shape that noise can have is needed")
+    for k, effect in enumerate(step.effects):
+        sizes: Place = [*place, "effects", k, "sizes"]
+        for name, size in effect.sizes.items():
+            if size is None:
+                file.fail([*sizes, name], "null", "a number above 0 is needed")
+        file.checked_values(sizes, effect.sizes, AboveZero)
+
+
+def _models(
+    file: JsonFile, key: str, steps: Sequence[SavedStep], models: Sequence[Places]
+) -> tuple[SavedModel, ...]:
+    """The models that undo or redo leads to. Raises SessionFileError for a step that is not there."""
+    for i, places in enumerate(models):
+        wrong = next((place for place in places if not 0 <= place < len(steps)), None)
+        if wrong is not None or len(places) < 2:
+            found = "no step after the nominal robot" if wrong is None else f"step {wrong}"
+            file.fail(["undo", key, i], found, f"{len(steps)} steps are there, the first of them 0")
+    return tuple(SavedModel(tuple(steps[place] for place in places)) for places in models)

@@ -8,6 +8,7 @@ from dataclasses import replace
 from calib.calibration.model_versions import versions
 from calib.calibration.pose_errors import pose_errors_of
 from calib.calibration.result import Calibration
+from calib.dataset.stands import without_poses
 from calib.diagnosis.advice import Advice, Move, advice_or_verdict
 from calib.diagnosis.diagnose import AddCurves, SearchAgain, SearchWithNoise, diagnose
 from calib.diagnosis.effect_selection import (
@@ -35,7 +36,8 @@ SEPARATING_POSES = 3  # at which two causes are compared
 
 def seen_since(session: Session, now: Session) -> Session:
     """A session of the same dataset, with what was looked at meanwhile."""
-    return replace(session, searches=now.searches, face_labels=now.face_labels, redundancy=now.redundancy)
+    seen = replace(session, searches=now.searches, face_labels=now.face_labels)
+    return replace(seen, redundancy=now.redundancy) if session.left_out == now.left_out else seen
 
 
 def with_calibration(session: Session, residual: str = "position") -> Session:
@@ -43,9 +45,13 @@ def with_calibration(session: Session, residual: str = "position") -> Session:
     session = with_face_labels(session) if residual == "pose" else session
     asked = FitOptions() if session.calibration is None else session.calibration.options
     asked = asked if session.effects else replace(asked, noise=None)  # what is left in the end tells it
-    result = calibrate_with(session.measured_for(residual), session.effects, asked.with_residual(residual))
-    before, label = (session.steps[:-1], session.steps[-1].label) if session.effects else ((), GEOMETRY)
-    return with_steps(session, (*before, FitStep(label, session.effects, result)))
+    keeps = bool(session.steps) and bool(session.effects or session.left_out)
+    before, label = (session.steps[:-1], session.steps[-1].label) if keeps else ((), GEOMETRY)
+    stand_out = session.steps[-1].left_out if keeps else ()
+    measured = session.measured_for(residual)
+    measured = without_poses(measured, stand_out) if stand_out else measured
+    result = calibrate_with(measured, session.effects, asked.with_residual(residual))
+    return with_steps(session, (*before, FitStep(label, session.effects, result, left_out=stand_out)))
 
 
 def with_screening(session: Session) -> Session:
