@@ -24,8 +24,11 @@ class Undo:
 
     @classmethod
     def of(cls, saved: Saved) -> Undo:
-        """As a session file has it."""
-        return cls(list(saved.past[-UNDO_STEPS:]), list(saved.future[-UNDO_STEPS:]))
+        """As a session file has it; one without undo has the steps of its history to go back by."""
+        past = saved.past
+        if not past and not saved.future:
+            past = tuple(SavedModel(saved.history[:count]) for count in range(2, len(saved.history)))
+        return cls(list(past[-UNDO_STEPS:]), list(saved.future[-UNDO_STEPS:]))
 
     def changed(self, before: Session) -> None:
         """A change was made; nothing that was taken back before can be made again."""

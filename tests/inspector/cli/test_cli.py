@@ -186,9 +186,17 @@ def test_a_pose_that_is_left_out_counts_for_nothing_and_is_told(
         run_json(capsys, "redundancy", points_folder, *more)["pearson"] for more in ((), asked)
     )
     assert with_all != without
-    for command in ("calibrate", "diagnose", "redundancy", "check"):
-        message = refused(capsys, command, points_folder, "--leave-out", "nix")
-        assert "no pose named 'nix'" in message
+    checked = run_json(capsys, "check", points_folder, *asked)["calibration"]
+    for document in (ours, checked, run_json(capsys, "redundancy", points_folder, *asked)):
+        assert document["left_out"] == [pose]
+    assert same["left_out"] == []
+    for command in ("calibrate", "diagnose", "redundancy", "check", "validate"):
+        message = refused(capsys, command, points_folder, "--leave-out", f"{pose}0")
+        assert f"no pose named '{pose}0'; the nearest of " in message
+        assert repr(pose) in message
+    assert "no pose named 'nix'; the first of " in refused(
+        capsys, "calibrate", points_folder, "--leave-out", "nix"
+    )
 
 
 @pytest.mark.slow
@@ -205,7 +213,11 @@ def test_diagnose_writes_its_model_and_the_report_fits_as_asked(
     assert saved.options.held == ("d5",)
     reported = run_json(capsys, "report", points_folder, *asked, "--out", page)
     assert reported["steps"] == found["steps"]
+    assert found["left_out"] == reported["left_out"] == [pose]
     assert f"left out as asked: {pose}" in page.read_text()
+    assert main(["diagnose", str(points_folder), *asked]) == 0
+    assert f"without what was measured at: {pose}" in capsys.readouterr().out
+    assert run_json(capsys, "validate", points_folder, *asked)["left_out"] == [pose]
 
 
 @pytest.mark.slow

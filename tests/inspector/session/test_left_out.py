@@ -1,0 +1,273 @@
+"""A pose left out of a session and taken in again: fits, history, undo, the session file, and the command's option."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.calibration.calibrate import calibrate
+from calib.errors import CalibError
+from inspector.cli.parser import main
+from inspector.session import measuring
+from inspector.session import transitions as sessions
+from inspector.session.left_out import with_pose_left_out, with_pose_taken_in
+from inspector.session.reopening import reopened
+from inspector.session.session import Session, StepErrors, asked_out
+from inspector.session.session_file import SavedModel, load_session, save_session, session_text
+from inspector.session.undo import UNDO_STEPS, Undo
+from tests.support.hidden_dataset import HIDDEN, write_hidden
+
+TRAIN, TEST = "p05", "p19"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_hidden(tmp_path_factory.mktemp("data"), "cell")
+
+
+@pytest.fixture(scope="module")
+def fitted(folder: Path) -> Session:
+    return sessions.with_calibration(measuring.open_session(folder))
+
+
+@pytest.fixture(scope="module")
+def without(fitted: Session) -> Session:
+    """Without a training pose and a test pose."""
+    roles = dict(zip(fitted.dataset.poses.ids, fitted.dataset.poses.role.tolist(), strict=True))
+    assert (roles[TRAIN], roles[TEST]) == ("train", "test")
+    return with_pose_left_out(with_pose_left_out(fitted, TRAIN), TEST)
+
+
+def x(session: Session) -> np.ndarray:
+    assert session.calibration is not None
+    return session.calibration.fit.x
+
+
+def labels(session: Session) -> list[str]:
+    return [step.label for step in session.history]
+
+
+def undone(session: Session, past: tuple[Session | SavedModel, ...], by: int) -> Session:
+    return Undo(list(past)).move(session, by)
+
+
+def test_a_pose_that_is_left_out_is_neither_training_nor_test(fitted: Session, without: Session) -> None:
+    assert without.calibration is not None
+    expected = calibrate(fitted.dataset.leave_out([TRAIN, TEST]))
+    assert np.array_equal(x(without), expected.fit.x)
+    assert not np.array_equal(x(without), x(fitted))
+    for role in ("train", "test"):
+        before, after = (getattr(s.calibration.after, role) for s in (fitted, without))  # type: ignore[union-attr]
+        assert after.points == before.points - 1
+    assert labels(without) == ["nominal", "link errors", f"− pose {TRAIN}", f"− pose {TEST}"]
+    assert without.uncounted == {TRAIN, TEST}
+    assert without.dataset is fitted.dataset  # so that the pose can still be looked at
+    measured = without.measured.points
+    assert measured is not None
+    assert {TRAIN, TEST}.isdisjoint(without.dataset.poses.ids[i] for i in measured.pose)
+
+
+def test_taken_in_again_the_fit_is_that_of_before(fitted: Session, without: Session) -> None:
+    back = with_pose_taken_in(with_pose_taken_in(without, TRAIN), TEST)
+    assert np.array_equal(x(back), x(fitted))
+    assert back.uncounted == frozenset()
+    assert labels(back)[-2:] == [f"+ pose {TRAIN}", f"+ pose {TEST}"]
+
+
+def test_what_follows_does_without_the_pose(fitted: Session, without: Session) -> None:
+    """Another residual, an effect added, the ranking, redundancy, and the versions side by side."""
+    pairs = sessions.with_calibration(without, "pairs")
+    added = sessions.with_effect(sessions.with_screening(without), HIDDEN)
+    shown = sessions.with_versions(added, added)
+    for calibration in (pairs.calibration, added.calibration, *(v.calibration for v in shown.versions)):
+        assert calibration is not None
+        assert calibration.dataset.left_out == (TRAIN, TEST)
+    assert labels(pairs) == labels(without)  # the last step fitted otherwise
+    screened = sessions.with_screening(without)
+    assert screened.pose_errors is not None
+    assert {TRAIN, TEST}.isdisjoint(screened.pose_errors.pose_ids)
+    with_all, with_fewer = (measuring.with_redundancy(session).redundancy for session in (fitted, without))
+    assert with_all is not None
+    assert with_fewer is not None
+    assert not np.array_equal(with_all.pearson, with_fewer.pearson, equal_nan=True)
+
+
+@pytest.mark.slow
+def test_the_diagnosis_does_without_the_pose_too(without: Session) -> None:
+    found = sessions.with_diagnosis(without)
+    assert found.diagnosis is not None
+    assert all(step.calibration.dataset.left_out[:2] == (TRAIN, TEST) for step in found.steps)
+    assert found.uncounted >= {TRAIN, TEST}
+
+
+def test_what_stands_out_can_be_taken_in_as_well(fitted: Session) -> None:
+    """Poses that the search left out: one press takes them in again."""
+    stands_out = sessions.search_space(fitted).without([TRAIN])
+    step = replace(fitted.steps[0], calibration=stands_out.fit((), None), left_out=(TRAIN,))
+    found = sessions.with_steps(fitted, [step])
+    assert found.uncounted == {TRAIN}
+    assert asked_out(step) == ()
+    again = sessions.with_calibration(with_pose_left_out(found, TEST), "pairs")
+    assert again.uncounted == {TRAIN, TEST}
+    assert (again.steps[-1].left_out, asked_out(again.steps[-1])) == ((TRAIN,), (TEST,))
+    back = with_pose_taken_in(with_pose_left_out(found, TEST), TRAIN)
+    assert (back.uncounted, back.steps[-1].left_out) == ({TEST}, ())
+
+
+def test_before_the_first_fit_it_only_waits(fitted: Session) -> None:
+    first = with_pose_left_out(Session(fitted.dataset), TRAIN)
+    assert (first.calibration, first.uncounted) == (None, {TRAIN})
+    assert sessions.with_calibration(first).uncounted == {TRAIN}
+
+
+@pytest.mark.parametrize(
+    ("change", "pose", "message"),
+    [
+        (with_pose_left_out, "p005", r"no pose named 'p005'; the nearest of 45: 'p05'"),
+        (with_pose_left_out, TRAIN, f"pose {TRAIN} is left out already"),
+        (with_pose_taken_in, "p09", "pose p09 is not left out"),
+        (with_pose_taken_in, "nix", "no pose named 'nix'"),
+    ],
+)
+def test_what_cannot_be_is_told(without: Session, change: object, pose: str, message: str) -> None:
+    with pytest.raises(CalibError, match=message):
+        change(without, pose)  # type: ignore[operator]
+
+
+def test_too_few_poses_left_is_told_and_changes_nothing(fitted: Session) -> None:
+    poses = fitted.dataset.poses
+    train = [pose_id for pose_id, test in zip(poses.ids, poses.is_test, strict=True) if not test]
+    few = replace(fitted, left_out=tuple(train[9:]))
+    with pytest.raises(CalibError, match="measure at least"):
+        with_pose_left_out(few, train[0])
+
+
+# ---- the file --------------------------------------------------------------------------------------------------------
+
+
+def opened(path: Path, folder: Path) -> Session:
+    again, notes = reopened(measuring.open_session(folder), load_session(path))
+    assert notes == ()
+    return again
+
+
+def test_the_session_file_keeps_it(without: Session, folder: Path, tmp_path: Path) -> None:
+    partly = with_pose_taken_in(without, TRAIN)
+    save_session(tmp_path / "s.json", partly)
+    again = opened(tmp_path / "s.json", folder)
+    assert np.array_equal(x(again), x(partly))
+    assert labels(again) == labels(partly)
+    assert again.left_out == (TEST,)
+    assert list(map(asked_out, again.steps)) == list(map(asked_out, partly.steps))
+
+
+@pytest.mark.slow
+def test_a_diagnosis_without_it_comes_back(without: Session, folder: Path, tmp_path: Path) -> None:
+    found = sessions.with_diagnosis(without)
+    save_session(tmp_path / "s.json", found)
+    again = opened(tmp_path / "s.json", folder)
+    assert again.left_out == (TRAIN, TEST)
+    assert np.array_equal(x(again), x(found))
+
+
+def test_before_a_fit_the_file_keeps_it_too(fitted: Session, folder: Path, tmp_path: Path) -> None:
+    save_session(tmp_path / "s.json", with_pose_left_out(Session(fitted.dataset), TRAIN))
+    assert opened(tmp_path / "s.json", folder).left_out == (TRAIN,)
+
+
+def test_calibrate_leave_out_makes_such_a_session(without: Session, folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "s.json"
+    given = ["--leave-out", TRAIN, "--leave-out", TEST, "--session", str(path)]
+    assert main(["calibrate", str(folder), *given]) == 0
+    again = opened(path, folder)
+    assert again.left_out == (TRAIN, TEST)
+    assert np.array_equal(x(again), x(without))
+
+
+# ---- undo ------------------------------------------------------------------------------------------------------------
+
+
+def test_undo_and_redo_go_through_it(fitted: Session, without: Session) -> None:
+    undo = Undo()
+    for before in (fitted, with_pose_left_out(fitted, TRAIN)):
+        undo.changed(before)
+    one = undo.move(without, -1)
+    assert one.uncounted == {TRAIN}
+    assert undo.move(one, -1) is fitted
+    assert undo.move(fitted, 2) is without
+
+
+def test_a_reopened_session_goes_back_and_forward(
+    fitted: Session, without: Session, folder: Path, tmp_path: Path
+) -> None:
+    """Through a pose left out, another residual and an effect added, to the last bit."""
+    one = with_pose_left_out(fitted, TRAIN)
+    distance = sessions.with_calibration(one, "distance")
+    added = sessions.with_effect(sessions.with_screening(without), HIDDEN)
+    path = tmp_path / "s.json"
+    path.write_text(
+        session_text(without, beside=tmp_path, past=[fitted, distance, one], future=[added]), encoding="utf-8"
+    )
+    saved = load_session(path)
+    undo, now = Undo.of(saved), opened(path, folder)
+    past = []
+    for expected in (one, distance, fitted):
+        past.append(now)
+        now = undo.move(now, -1)
+        assert np.array_equal(x(now), x(expected))
+        assert now.uncounted == expected.uncounted
+        assert now.calibration is not None
+        assert expected.calibration is not None
+        assert now.calibration.residual == expected.calibration.residual
+    assert undo.move(now, 3) is past[0]
+    forward = undo.move(past[0], 1)
+    assert forward.effects == added.effects
+    assert np.array_equal(x(forward), x(added))
+
+
+def test_steps_that_are_fitted_already_are_not_fitted_again(
+    without: Session, fitted: Session, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "s.json"
+    path.write_text(session_text(without, beside=tmp_path, past=[fitted]), encoding="utf-8")
+    now, undo = opened(path, folder), Undo.of(load_session(path))
+    monkeypatch.setattr("inspector.session.reopening.calibrate_with", None)
+    assert np.array_equal(x(undo.move(now, -1)), x(fitted))
+
+
+def test_a_file_without_undo_goes_back_step_by_step(without: Session, folder: Path, tmp_path: Path) -> None:
+    save_session(tmp_path / "s.json", without)
+    now, undo = opened(tmp_path / "s.json", folder), Undo.of(load_session(tmp_path / "s.json"))
+    assert undo.move(now, -1).uncounted == {TRAIN}
+    assert len(undo.past) == 1
+    assert len(undo.future) == 1
+
+
+def test_a_saved_model_that_does_not_fit_any_more_is_told_and_forgotten(without: Session) -> None:
+    first = StepErrors("nominal", 1.0, 1.0, 1.0)
+    text = session_text(without, beside=Path(), past=[without])
+    assert first.label in text
+    other = Undo([SavedModel(history=_of_another_dataset(without))])
+    with pytest.raises(CalibError, match="no pose named"):
+        other.move(without, -1)
+    assert other.past == []
+    assert other.move(without, -1) is without
+
+
+def _of_another_dataset(session: Session) -> tuple:
+    import msgspec
+
+    from inspector.session.session_file import saved_history
+
+    nominal, *steps = saved_history(session)
+    return nominal, *(msgspec.structs.replace(step, asked_out=("nix",)) for step in steps)
+
+
+def test_undo_is_bounded(fitted: Session) -> None:
+    undo = Undo()
+    for _ in range(UNDO_STEPS + 7):
+        undo.changed(fitted)
+    assert len(undo.past) == UNDO_STEPS
