@@ -124,6 +124,22 @@ class DiagnoseOptions(_FittingOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class CompareOptions(Output):
+    """Of `compare`: both datasets are fitted alike."""
+
+    path: Path
+    other: Path
+    residual: str
+    effect: Sequence[str]
+    effects_file: Path | None
+    add: Sequence[str]
+
+    def fit_options(self) -> FitOptions:
+        """What --residual asks of both fits."""
+        return FitOptions(residual=self.residual)
+
+
+@dataclass(frozen=True, kw_only=True)
 class ReportOptions(_FittingOptions):
     """Of `report`."""
 

@@ -11,6 +11,7 @@ from calib.options import BUILTIN_ROBOTS, CORRECTION_KINDS
 from inspector.cli import options, values
 from inspector.cli.arguments import (
     add_adding,
+    add_effects,
     add_fit,
     add_json,
     add_learned_out,
@@ -97,6 +98,14 @@ def _calibrate(sub: ArgumentParser) -> None:
     add_learned_out(sub)
     add_adding(sub)
     add_fit(sub)
+    add_json(sub)
+
+
+def _compare(sub: ArgumentParser) -> None:
+    sub.add_argument("other", type=Path, metavar="OTHER", help="dataset folder to compare it with")
+    add_residual(sub)
+    add_effects(sub)
+    add_adding(sub)
     add_json(sub)
 
 
@@ -207,6 +216,13 @@ SUBCOMMANDS = (
         options.DiagnoseOptions,
         _diagnose,
         "which physical effect is missing, step by step",
+    ),
+    Subcommand(
+        "compare",
+        "compare_command.run_compare",
+        options.CompareOptions,
+        _compare,
+        "what differs between two calibrations: before and after a repair, or two arms of a type",
     ),
     Subcommand(
         "report",

@@ -38,8 +38,8 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "converged": fit.converged,
         "reason": fit.reason,
         "rank": fit.rank,
-        **_roles(calibration.after),
-        "before": _roles(calibration.before),
+        **by_role(calibration.after),
+        "before": by_role(calibration.before),
         "attitudes": calibration.orientation_errors
         and dict(zip(("before", "after"), map(asdict, calibration.orientation_errors), strict=True)),
         "faces_named": calibration.faces_named or None,
@@ -75,7 +75,7 @@ def additions(steps: Sequence[FitStep]) -> list[dict[str, Any]]:
             "effect": step.effect,
             "sizes": step.selected[-1].prior_sigmas if step.selected else {},
             "sigma_mm": step.calibration.sigma_mm,
-            **_roles(step.calibration.after),
+            **by_role(step.calibration.after),
         }
         for step in steps
     ]
@@ -83,10 +83,12 @@ def additions(steps: Sequence[FitStep]) -> list[dict[str, Any]]:
 
 def table_document(table: ExportedTable) -> dict[str, Any]:
     """The errors of the exported table alone, and the families of the model that it cannot hold."""
-    return {**_roles(table.errors), "without_effects": table.left_out}
+    return {**by_role(table.errors), "without_effects": table.left_out}
 
 
-def _roles(evaluation: Evaluation) -> dict[str, Any]:
+def by_role(evaluation: Evaluation) -> dict[str, Any]:
+    """Figures of training and test poses."""
+
     def figures(of: Figures | None) -> dict[str, Any] | None:
         return None if of is None else asdict(of)
 
@@ -134,8 +136,8 @@ def saved_model_document(
             "before": asdict(fitted.before),
             **asdict(fitted.after),
         },
-        "before": _roles(before),
-        **_roles(after),
+        "before": by_role(before),
+        **by_role(after),
         "poses": after.to_frame(dataset).to_dict(orient="records"),
         "notes": after.notes,
     }

@@ -14,6 +14,7 @@ import calib
 from calib.dataset.files.folder import load_dataset, write_dataset
 from inspector.cli.parser import main
 from tests.support.hidden_dataset import HIDDEN, write_hidden
+from tests.support.two_sessions import measured_twice
 
 
 @pytest.fixture(scope="module")
@@ -162,3 +163,24 @@ def test_coupled_joints_are_corrected_as_they_are_commanded(folder: Path, tmp_pa
     given = ["correct", str(cell), "--joints", str(targets), "--what", "position", "--out"]
     assert main([*given, str(by_fit)]) == main([*given, str(by_model), "--model", str(model)])
     assert by_model.read_bytes() == by_fit.read_bytes()
+
+
+@pytest.mark.slow
+def test_compare_names_the_one_change_between_two_measurements(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for dataset in measured_twice(5, {"theta3": np.radians(0.03)}):
+        write_dataset(dataset, tmp_path / dataset.name)
+    folders = [str(tmp_path / name) for name in ("before", "after")]
+    assert main(["compare", *folders]) == 0
+    assert "From before to after changed: the zero of joint 3 (theta3)" in capsys.readouterr().out
+    assert main(["compare", *folders, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["differs"]
+    assert [change["parameter"] for change in document["changes"]] == ["theta3"]
+    assert document["changes"][0]["size"] == pytest.approx(np.radians(0.03), abs=np.radians(0.006))
+    assert (
+        document["errors"][1]["after"]["test"]["rmse_mm"] < document["errors"][1]["before"]["test"]["rmse_mm"]
+    )
+    assert main(["compare", folders[0], str(tmp_path / "nowhere")]) == 2
+    assert "nowhere" in capsys.readouterr().err

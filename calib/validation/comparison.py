@@ -1,0 +1,284 @@
+"""Two calibrations side by side: the same arm before and after a repair, or two arms of a type.
+
+A posterior mean moves with the true parameters by its averaging kernel M = I - C L (C the posterior covariance, L the
+prior's precision), and with the noise, whose part of the covariance is M C. Both means are drawn to the nominal robot
+alike, so that the covariance of their difference where the arms are the same is
+
+    D = M1 C1 + M2 C2 + (M1 - M2) L^-1 (M1 - M2)'
+
+which is far less than C1 + C2 along directions that only the prior knows. A change of one parameter of the second arm
+moves the difference by M2's column: that is how one change is told from the many parameters that it moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib import frames
+from calib.array_types import Array
+from calib.calibration.evaluation import Evaluation
+from calib.calibration.result import Calibration
+from calib.distributions import chi2_sf
+from calib.errors import FitError
+from calib.kinematics.chain import forward
+from calib.screening.evidence import holm
+
+ALPHA = 0.01  # of a change that is told, over all parameters
+MOST_CHANGES = 4
+SAME = 0.95  # correlation of two changes' effects from which these data do not tell one from the other
+_KNOWN = 1e-6  # share of the largest direction of D below which nothing is known of the difference
+
+
+@dataclass(frozen=True)
+class ParameterDifference:
+    """One parameter of both; the second minus the first."""
+
+    name: str
+    unit: str
+    values: tuple[float, float]
+    sigmas: tuple[float, float]
+    difference: float
+    sigma: float  # of the difference where the arms are the same; 0 where nothing is known of it
+
+    @property
+    def z(self) -> float:
+        """The difference over its sigma; 0 where nothing is known of it."""
+        return self.difference / self.sigma if self.sigma > 0.0 else 0.0
+
+
+@dataclass(frozen=True)
+class Change:
+    """One parameter's change that explains the difference best, with those told before."""
+
+    name: str
+    unit: str
+    size: float
+    sigma: float
+    p_holm: float
+    alike: tuple[str, ...]  # other parameters whose change these data do not tell from it
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What differs between two calibrations, the second minus the first."""
+
+    names: tuple[str, str]
+    errors: tuple[tuple[Evaluation, Evaluation], tuple[Evaluation, Evaluation]]  # before and after, of each
+    parameters: tuple[ParameterDifference, ...]
+    only_in: tuple[tuple[str, ...], tuple[str, ...]]  # effects in one model and not in the other
+    p_same: float  # of a difference at least this large where the arms are the same
+    changes: tuple[Change, ...]
+    p_rest: float  # of what these changes leave, where the arms are otherwise the same
+    rms_mm: float  # of the tool points' difference at all poses of both, after the best rigid motion
+    largest_mm: float
+    largest_pose: str
+
+    @property
+    def differs(self) -> bool:
+        """Whether any change is beyond what noise makes."""
+        return bool(self.changes) or any(self.only_in)
+
+    @property
+    def headline(self) -> str:
+        """What differs, in a sentence or two."""
+        where = f"The tool point moves by {_mm(self.rms_mm)} RMS, most {_mm(self.largest_mm)} at {self.largest_pose}"
+        one, other = self.names
+        if not self.changes:
+            return (
+                f"No link parameter differs between {one} and {other} beyond the noise (probability of this much by "
+                f"chance {self.p_same:.2g}). {where}, which the noise explains."
+            )
+        told = [_change_words(change) for change in self.changes]
+        listed = told[0] if len(told) == 1 else f"{'; '.join(told[:-1])}; and {told[-1]}"
+        if self.p_rest < ALPHA:
+            return f"{one} and {other} differ in many link parameters, most of all in {listed}. {where}."
+        return f"From {one} to {other} changed: {listed}. {where}."
+
+    def summary(self) -> str:
+        """The headline, errors of both, and all parameters that differ beyond two sigmas."""
+        lines = [self.headline]
+        for name, (before, after) in zip(self.names, self.errors, strict=True):
+            figures = [(r, getattr(before, r), getattr(after, r)) for r in ("train", "test")]
+            parts = [f"{r} RMSE {b.rmse_mm:.4g} -> {a.rmse_mm:.4g} mm" for r, b, a in figures if a and b]
+            lines.append(f"{name}: {', '.join(parts)}")
+        for name, only in zip(self.names, self.only_in, strict=True):
+            if only:
+                lines.append(f"only in the model of {name}: {', '.join(only)}")
+        apart = [p for p in self.parameters if abs(p.z) >= 2.0]
+        for p in sorted(apart, key=lambda p: -abs(p.z)):
+            (first, unit), (second, _) = (readable(v, p.unit) for v in p.values)
+            (by, _), (sigma, _) = readable(p.difference, p.unit), readable(p.sigma, p.unit)
+            lines.append(
+                f"{p.name:12s} {first:12.6g} -> {second:12.6g} {unit:4s} by {by:+.3g} +- {sigma:.2g}"
+            )
+        return "\n".join(lines)
+
+
+def readable(value: float, unit: str) -> tuple[float, str]:
+    """Angles in degrees, as the files have them."""
+    return (float(np.degrees(value)), "deg") if unit == "rad" else (value, unit)
+
+
+def parameter_words(name: str) -> str:
+    """ "theta3" -> "the zero of joint 3 (theta3)"; others by their name."""
+    joint = name.removeprefix("theta")
+    return f"the zero of joint {joint} ({name})" if joint != name and joint.isdigit() else name
+
+
+def _change_words(change: Change) -> str:
+    (size, unit), (sigma, _) = readable(change.size, change.unit), readable(change.sigma, change.unit)
+    alike = f", or as well {', '.join(change.alike)}: these poses do not tell" if change.alike else ""
+    return f"{parameter_words(change.name)} by {size:+.3g} +- {sigma:.2g} {unit}{alike}"
+
+
+def _mm(mm: float) -> str:
+    return f"{1e3 * mm:.3g} um" if mm < 0.1 else f"{mm:.3g} mm"
+
+
+def compare(one: Calibration, other: Calibration, names: tuple[str, str] | None = None) -> Comparison:
+    """Compare two calibrations of different measurements of the same kind of robot.
+
+    names: what they are called, by default their datasets' names. Raises FitError for robots with other joints.
+    """
+    robots = (one.dataset.robot, other.dataset.robot)
+    if robots[0].is_revolute.tolist() != robots[1].is_revolute.tolist():
+        kinds = [f"{r.name} ({r.n_joints} joints)" for r in robots]
+        raise FitError(
+            f"{kinds[0]} and {kinds[1]} cannot be compared: their joints are not of the same kinds"
+        )
+    parameters, (changes, p_same, p_rest) = _parameters(one, other)
+    rms_mm, largest_mm, pose = _shift(one, other)
+    families = (one.model.family_names, other.model.family_names)
+    return Comparison(
+        names or (one.dataset.name, other.dataset.name),
+        ((one.before, one.after), (other.before, other.after)),
+        parameters,
+        tuple(tuple(n for n in own if n not in others) for own, others in (families, families[::-1])),  # type: ignore[arg-type]
+        p_same,
+        changes,
+        p_rest,
+        rms_mm,
+        largest_mm,
+        pose,
+    )
+
+
+def _parameters(
+    one: Calibration, other: Calibration
+) -> tuple[tuple[ParameterDifference, ...], tuple[tuple[Change, ...], float, float]]:
+    units = {p.name: p.unit for p in one.fit.parameters}
+    theirs = {p.name for p in other.fit.parameters}
+    names = [p.name for p in one.fit.parameters if p.name in theirs]
+    if not names:
+        return (), ((), 1.0, 1.0)
+    sides = [_Side.of(calibration, names) for calibration in (one, other)]
+    difference = sides[1].values - sides[0].values
+    scales = sides[0].scales
+    covariance = sides[0].noise + sides[1].noise
+    if one.options.prior and other.options.prior:
+        apart = sides[0].kernel - sides[1].kernel
+        covariance = covariance + apart @ apart.T
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    sigma = np.where(sigma > np.sqrt(_KNOWN) * sigma.max(initial=0.0), sigma, 0.0) * scales
+    rows = tuple(
+        ParameterDifference(
+            name, units[name], (float(sides[0].values[k]), float(sides[1].values[k])),
+            (float(sides[0].sigma[k]), float(sides[1].sigma[k])), float(difference[k]), float(sigma[k]),
+        )
+        for k, name in enumerate(names)
+    )  # fmt: skip
+    return rows, _changes(names, units, difference / scales, covariance, sides[1].kernel, scales)
+
+
+@dataclass(frozen=True)
+class _Side:
+    """One calibration over the common parameters (P,); kernel and noise in units of the parameters' tolerances."""
+
+    values: Array  # (P,) nominal + correction
+    sigma: Array  # (P,)
+    scales: Array  # (P,)
+    kernel: Array  # (P, P) how the fitted values follow the true ones
+    noise: Array  # (P, P) the noise's part of their covariance
+
+    @classmethod
+    def of(cls, calibration: Calibration, names: list[str]) -> _Side:
+        fit = calibration.fit
+        at = {p.name: k for k, p in enumerate(fit.parameters)}
+        rows = np.array([at[name] for name in names])
+        scales = calibration.model.scales
+        known = ~fit.undetermined
+        whole = np.where(np.outer(known, known), fit.covariance / np.outer(scales, scales), 0.0)
+        kernel = np.eye(len(scales)) - whole if calibration.options.prior else np.diag(known.astype(float))
+        noise = kernel @ whole
+        block = np.ix_(rows, rows)
+        nominal = np.array([p.nominal for p in fit.parameters])
+        return cls(
+            (nominal + fit.x)[rows], fit.sigma[rows], scales[rows], kernel[block], (0.5 * (noise + noise.T))[block]
+        )  # fmt: skip
+
+
+def _changes(
+    names: list[str],
+    units: dict[str, str],
+    difference: Array,
+    covariance: Array,
+    kernel: Array,
+    scales: Array,
+) -> tuple[tuple[Change, ...], float, float]:
+    """The fewest changes of single parameters that explain the difference; how likely it is without any, and the rest.
+
+    Generalised least squares along the directions that the data know, one more parameter at a time.
+    """
+    variance, axes = np.linalg.eigh(covariance)
+    known = variance > _KNOWN * max(float(variance[-1]), 1e-30)
+    if not known.any():
+        return (), 1.0, 1.0
+    whiten = axes[:, known].T / np.sqrt(variance[known])[:, None]
+    y, columns = whiten @ difference, whiten @ kernel  # (K,), (K, P)
+    p_same = chi2_sf(float(y @ y), float(known.sum()))
+    chosen: list[int] = []
+    told: list[tuple[float, tuple[str, ...]]] = []
+    while len(chosen) < MOST_CHANGES:
+        basis = np.linalg.qr(columns[:, chosen])[0] if chosen else np.zeros((len(y), 0))
+        rest, free = y - basis @ (basis.T @ y), columns - basis @ (basis.T @ columns)
+        length = np.linalg.norm(free, axis=0)
+        usable = length > 1e-6 * np.linalg.norm(columns, axis=0).max()
+        gain = np.where(usable, (free.T @ rest) / np.where(usable, length, 1.0), 0.0) ** 2
+        best = int(np.argmax(gain))
+        p_values = holm([chi2_sf(float(g), 1.0) for g in gain])
+        if p_values[best] > ALPHA:
+            break
+        alike = np.abs(free.T @ free[:, best]) > SAME * length * length[best]
+        others = tuple(names[k] for k in np.flatnonzero(alike & usable) if k != best)
+        chosen.append(best)
+        told.append((p_values[best], others))
+    if not chosen:
+        return (), p_same, p_same
+    sizes = np.linalg.lstsq(columns[:, chosen], y, rcond=None)[0]
+    rest = y - columns[:, chosen] @ sizes
+    p_rest = chi2_sf(float(rest @ rest), max(float(known.sum()) - len(chosen), 1.0))
+    spread = np.sqrt(np.diag(np.linalg.inv(columns[:, chosen].T @ columns[:, chosen])))
+    changes = tuple(
+        Change(names[k], units[names[k]], float(size * scales[k]), float(s * scales[k]), *said)
+        for k, size, s, said in zip(chosen, sizes, spread, told, strict=True)
+    )
+    return changes, p_same, p_rest
+
+
+def _shift(one: Calibration, other: Calibration) -> tuple[float, float, str]:
+    """How far the two arms' tool points lie apart at the poses of both: RMS, largest, and at which pose, mm.
+
+    The table's part alone; a rigid motion, which the unknown place of the scanner would take up, is taken out.
+    """
+    poses = [calibration.dataset.poses for calibration in (one, other)]
+    q = np.concatenate([p.q for p in poses])
+    ids = [i for p in poses for i in p.ids]
+    points = [
+        forward(c.robot.table, q, c.robot.is_revolute, c.robot.base_T_first).target_mm for c in (one, other)
+    ]
+    moved = frames.apply(frames.best_fit_transform(points[1], points[0]), points[1])
+    apart_mm = np.linalg.norm(moved - points[0], axis=1)
+    worst = int(np.argmax(apart_mm))
+    return float(np.sqrt(np.mean(apart_mm**2))), float(apart_mm[worst]), ids[worst]
