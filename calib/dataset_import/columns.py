@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
@@ -41,15 +41,36 @@ _CONDITION_UNITS = {"payload_kg": "kg", "temperature_c": "c", "time_s": "s"}
 _EXACT = re.compile(r"^(q[wxyz]|s[xyz]{2}_(mm|m)2|r[xyz]{2}_rad2|[xyz]_r[xyz]_(mm|m)_rad|approach\d+)$")
 
 
+_TURNED = re.compile(
+    r"^(?P<sign>-?)(?P<name>q(?:[1-9]\d?|\*))(?:_(?P<unit>deg|rad|mm|m|cm|in))?(?P<offset>[+-]\d{1,4}(?:\.\d{1,6})?)?$"
+)
+BY_NAME, AS_TOLD, BY_PLACE = "by its name", "as told", "by its place, as there is no header"
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a column is to be taken for: a joint q = sign * value + offset, a coordinate, or a name of the format's."""
+
+    name: str  # "q1" ..., "x", "y", "z", "pose", a condition, or a name of poses.csv and points.csv as it is
+    unit: str = ""
+    sign: float = 1.0
+    offset: float = 0.0  # in the unit
+
+    def __str__(self) -> str:
+        unit = f"_{self.unit}" if self.unit else ""
+        return f"{'-' if self.sign < 0 else ''}{self.name}{unit}{f'{self.offset:+g}' if self.offset else ''}"
+
+
 @dataclass(frozen=True)
 class Column:
-    """A column of a table: its name there, what it means, and its unit where the name tells it."""
+    """A column of a table: its name there, what it means, its unit where that is known, and how both were found."""
 
     name: str
-    meaning: (
-        str  # "q1" ..., "x", "y", "z", "pose", a condition, or a name of poses.csv and points.csv as it is
-    )
+    meaning: str
     unit: str = ""
+    sign: float = 1.0
+    offset: float = 0.0
+    why: str = BY_NAME
 
 
 @dataclass(frozen=True)
@@ -61,72 +82,93 @@ class Recognised:
     faults: tuple[str, ...]
 
 
-def parsed_mapping(pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """--map column=meaning as meaning and unit by column. Raises DatasetError."""
+def parsed_mapping(pairs: Sequence[str]) -> dict[str, Meaning]:
+    """--map column=meaning as meanings by column. Raises DatasetError."""
     out = {}
     for pair in pairs:
-        column, equals, meaning = pair.rpartition("=")
-        base, unit = split_unit(meaning)
-        known = (
-            base in ("x", "y", "z", "ignore", *_OTHERS)
-            or re.fullmatch(r"q([1-9]\d?|\*)", base)
-            or _EXACT.match(meaning)
-        )
-        if not equals or not column.strip() or not known:
-            if meaning in _OTHERS or _EXACT.match(meaning):
-                base, unit = meaning, ""
-            else:
-                raise DatasetError(
-                    f"--map {pair}: expected column=meaning, a meaning being q1 (q1_deg, q1_rad) ..., x, y, z (x_mm, "
-                    f"x_m), {', '.join(_OTHERS)}, ignore"
-                )
-        if _EXACT.match(meaning) or meaning in _OTHERS:
-            base, unit = meaning, ""
-        out[column.strip()] = (base, unit)
+        column, equals, words = pair.rpartition("=")
+        meaning = meaning_of(words)
+        if not equals or not column.strip() or meaning is None:
+            raise DatasetError(
+                f"--map {pair}: expected column=meaning, a meaning being q1 (q1_deg, q1_rad, -q1_deg, q1_deg+90) ..., "
+                f"x, y, z (x_mm, x_m), {', '.join(_OTHERS)}, ignore"
+            )
+        out[column.strip()] = meaning
     return out
 
 
-def recognise(names: Sequence[str], robot: Robot, mapping: Mapping[str, tuple[str, str]]) -> Recognised:
-    """What the columns mean. A mapping wins over names; `prefix*` maps the numbered columns of a prefix to q1 ..."""
+def meaning_of(words: str) -> Meaning | None:
+    """A meaning as --map has it; None where it is none."""
+    words = words.strip()
+    if words in _OTHERS or _EXACT.match(words):
+        return Meaning(words)
+    turned = _TURNED.match(words)
+    if turned:
+        sign = -1.0 if turned["sign"] else 1.0
+        return Meaning(turned["name"], turned["unit"] or "", sign, float(turned["offset"] or 0.0))
+    base, unit = split_unit(words)
+    if base in ("x", "y", "z", "ignore", *_OTHERS) or re.fullmatch(r"q([1-9]\d?|\*)", base):
+        return Meaning(base, unit)
+    return None
+
+
+def recognise(
+    names: Sequence[str],
+    robot: Robot | None,
+    mapping: Mapping[str, Meaning],
+    by_place: Mapping[str, str] | None = None,
+) -> Recognised:
+    """What the columns mean. A mapping wins over names; `prefix*` maps the numbered columns of a prefix to q1 ...
+
+    by_place  # meanings of columns that have no name
+    """
     found: dict[str, Column] = {}
     faults: list[str] = []
     taken: set[str] = set()
 
-    def take(name: str, meaning: str, unit: str) -> None:
+    def take(name: str, meant: Meaning, why: str = BY_NAME) -> None:
         taken.add(name)
-        if meaning in found:
+        if meant.name in found:
             faults.append(
-                f"columns {found[meaning].name!r} and {name!r} both stand for {meaning}; tell with --map"
+                f"columns {found[meant.name].name!r} and {name!r} both stand for {meant.name}; tell with --map"
             )
-        elif meaning != "ignore":
-            found[meaning] = Column(name, meaning, unit)
+        elif meant.name != "ignore":
+            found[meant.name] = Column(name, meant.name, meant.unit, meant.sign, meant.offset, why)
 
-    for pattern, (meaning, unit) in mapping.items():
-        matching = _matching(names, pattern)
-        if not matching:
-            continue
-        for k, name in enumerate(matching):
-            own = split_unit(name)[1]
-            take(name, f"q{k + 1}" if meaning == "q*" else meaning, unit or own)
+    for pattern, meant in mapping.items():
+        for k, name in enumerate(_matching(names, pattern)):
+            unit = meant.unit or split_unit(name)[1]
+            take(
+                name,
+                replace(meant, name=f"q{k + 1}" if meant.name == "q*" else meant.name, unit=unit),
+                AS_TOLD,
+            )
+    for name, words in (by_place or {}).items():
+        if name not in taken and words not in found:
+            take(name, Meaning(words), BY_PLACE)
     left = [name for name in names if name not in taken and len(name) <= MOST_CHARACTERS]
-    if not any(re.fullmatch(r"q\d+", meaning) for meaning in found):
-        joints, said = _joints(left, robot)
-        faults += said
+    told = [meaning for meaning in found if re.fullmatch(r"q\d+", meaning)]
+    if not told or robot is None or len(told) < robot.n_joints:
+        of_joints = {column.name for meaning, column in found.items() if meaning in told}
+        others = taken - of_joints
+        joints, said = _joints([name for name in names if name not in others], robot)
+        faults += said if not told else []
         for k, name in enumerate(joints):
-            take(name, f"q{k + 1}", split_unit(name)[1])
+            if name in left and f"q{k + 1}" not in found:
+                take(name, Meaning(f"q{k + 1}", split_unit(name)[1]))
     for name in (name for name in left if name not in taken):
         base, unit = split_unit(name)
         point = _POINT.match(plain(base))
         if _EXACT.match(name):
-            take(name, name, "")
+            take(name, Meaning(name))
         elif point and unit in ("", "mm", "m", "cm", "in", "um"):
             if point["axis"] not in found:
-                take(name, point["axis"], unit)
+                take(name, Meaning(point["axis"], unit))
         else:
-            for meaning, words in _OTHERS.items():
+            for meaning, spellings in _OTHERS.items():
                 wanted = _CONDITION_UNITS.get(meaning, "")
-                if plain(base) in words and meaning not in found and unit in ("", wanted):
-                    take(name, meaning, "")
+                if plain(base) in spellings and meaning not in found and unit in ("", wanted):
+                    take(name, Meaning(meaning))
     rest = tuple(name for name in names if name not in taken)
     return Recognised(found, rest, tuple(faults))
 
@@ -140,13 +182,14 @@ def _matching(names: Sequence[str], pattern: str) -> list[str]:
     return [name for _, name in sorted(numbered)]
 
 
-def _joints(names: Sequence[str], robot: Robot) -> tuple[list[str], list[str]]:
+def _joints(names: Sequence[str], robot: Robot | None) -> tuple[list[str], list[str]]:
     """The columns of the joints in order, and what is wrong. By the joints' own names, else by number."""
-    wanted = [plain(joint.name) for joint in robot.joints]
+    wanted = [] if robot is None else [plain(joint.name) for joint in robot.joints]
     by_name = {plain(split_unit(name)[0]): name for name in names}
     ends = [[name for key, name in by_name.items() if key.endswith(joint)] for joint in wanted]
     if (
-        len(set(wanted)) == len(wanted)
+        wanted
+        and len(set(wanted)) == len(wanted)
         and all(len(found) == 1 for found in ends)
         and min(map(len, wanted)) > 2
     ):
@@ -156,10 +199,11 @@ def _joints(names: Sequence[str], robot: Robot) -> tuple[list[str], list[str]]:
         match = _JOINT.match(plain(split_unit(name)[0]))
         if match:
             sets.setdefault(match["set"], {})[int(match["number"])] = name
-    n = robot.n_joints
     complete = {
         key: [numbered[k] for k in sorted(numbered)]
         for key, numbered in sets.items()
+        for n in (len(numbered) if robot is None else robot.n_joints,)
+        if n > 1 or robot is not None
         if sorted(numbered) in (list(range(1, n + 1)), list(range(n)))
     }
     if len(complete) == 1:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from calib.array_types import Array
-from calib.dataset_import.columns import Recognised, recognise
+from calib.dataset_import.columns import Meaning, Recognised, recognise
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 from calib.user_tables.user_table import UserTable
 
 _MOST_FAULTS = 20
+_MOST = 1e9  # degrees, micrometres
 _FAR_SPREAD = 2.0  # points spread by another factor than the arm's have a unit that cannot be told
 
 
@@ -21,9 +24,10 @@ _FAR_SPREAD = 2.0  # points spread by another factor than the arm's have a unit 
 class Work:
     """What is found out on the way."""
 
-    robot: Robot
+    robot: Robot | None
     faults: list[str] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
 
     def fault(self, words: str) -> None:
         """One more."""
@@ -41,25 +45,25 @@ class Work:
 
 
 def recognised(
-    work: Work, table: UserTable, mapping: dict[str, tuple[str, str]], *, positions: bool, joints: bool = True
+    work: Work, table: UserTable, mapping: Mapping[str, Meaning], *, positions: bool, joints: bool = True
 ) -> Recognised:
     """The columns of a table; what it needs and does not have becomes a fault."""
-    robot = work.robot
-    if not table.has_header:
+    robot, by_place = work.robot, None
+    if not table.has_header and robot is not None:
         wanted = [f"q{k + 1}" for k in range(robot.n_joints)] if joints else []
         for extra in ([], ["x", "y", "z"]) if joints else (["x", "y", "z"],):
             for first in ([], ["pose"]):
                 if len(table.columns) == len(first + wanted + extra):
                     meanings = first + wanted + extra
-                    mapping = {c: (m, "") for c, m in zip(table.columns, meanings, strict=True)} | mapping
+                    by_place = dict(zip(table.columns, meanings, strict=True))
                     work.said.append(
                         f"{table.path}: has no header; its columns are taken for {', '.join(meanings)}"
                     )
-    found = recognise(table.columns, robot, mapping)
+    found = recognise(table.columns, robot, mapping, by_place)
     for words in found.faults:
         work.fault(f"{table.path}: line 1: {words}")
     have = ", ".join(table.columns[:30])
-    if joints and not found.faults:
+    if joints and robot is not None and not found.faults:
         missing = [f"q{k + 1}" for k in range(robot.n_joints) if f"q{k + 1}" not in found.columns]
         if missing:
             work.fault(
@@ -77,6 +81,8 @@ def recognised(
 
 def joint_values(work: Work, table: UserTable, meant: Recognised) -> Array | None:
     """(N, n) as they stand in the file."""
+    if work.robot is None:
+        return None
     names = [f"q{k + 1}" for k in range(work.robot.n_joints)]
     if not all(name in meant.columns for name in names):
         return None
@@ -87,7 +93,7 @@ def joint_values(work: Work, table: UserTable, meant: Recognised) -> Array | Non
                 f"{table.path}: line 1, column {meant.columns[name].name}: {unit} is no unit of joint {k + 1} "
                 f"({joint.name}), which is {joint.type}"
             )
-    return np.column_stack([table.numbers(meant.columns[name].name, work.fault) for name in names])
+    return np.column_stack([_numbers(work, table, meant.columns[name].name) for name in names])
 
 
 def point_values(work: Work, table: UserTable, meant: Recognised, *, needed: bool) -> Array | None:
@@ -98,16 +104,33 @@ def point_values(work: Work, table: UserTable, meant: Recognised, *, needed: boo
                 f"{table.path}: line 1: no columns x, y, z; give --points FILE.csv, --scans FOLDER or --map column=x"
             )
         return None
-    return np.column_stack([_coordinate(work, table, meant.columns[axis].name) for axis in "xyz"])
+    points = np.column_stack([_coordinate(work, table, meant.columns[axis].name) for axis in "xyz"])
+    blank = np.array([[not cell for cell in table.text(meant.columns[axis].name)] for axis in "xyz"]).T
+    for i in np.flatnonzero(blank.any(axis=1) & ~blank.all(axis=1)):
+        named = " and ".join(meant.columns["xyz"[k]].name for k in np.flatnonzero(blank[i]))
+        work.fault(
+            f"{table.path}: line {table.lines[i]}: {named} is empty; fill it in, or leave all three empty"
+        )
+    return points
+
+
+def _numbers(work: Work, table: UserTable, name: str) -> Array:
+    """A column's numbers; NaN, and a fault, where there is none or one that no arm has in any unit."""
+    values = table.numbers(name, work.fault)
+    for i in np.flatnonzero(np.abs(values) > _MOST):
+        work.fault(
+            f"{table.path}: line {table.lines[i]}, column {name}: found {values[i]:g}, which is far too large"
+        )
+    return np.where(np.abs(values) > _MOST, np.nan, values)
 
 
 def _coordinate(work: Work, table: UserTable, name: str) -> Array:
     """A column of coordinates; an empty cell is a point that was not measured."""
     blank = [not cell for cell in table.text(name)]
     if not any(blank):
-        return table.numbers(name, work.fault)
+        return _numbers(work, table, name)
     filled = replace(table, rows=tuple(tuple(cell or "0" for cell in row) for row in table.rows))
-    return np.where(blank, np.nan, filled.numbers(name, work.fault))
+    return np.where(blank, np.nan, _numbers(work, filled, name))
 
 
 def pose_ids(work: Work, table: UserTable, meant: Recognised) -> list[str]:
@@ -132,7 +155,7 @@ def pose_ids(work: Work, table: UserTable, meant: Recognised) -> list[str]:
 def rows_of_points(
     work: Work, table: UserTable, ids: list[str], other: UserTable | None, meant: Recognised
 ) -> list[int]:
-    """Which row of joints each point belongs to: by the pose's name, else row by row."""
+    """Which row of joints each point belongs to: by the pose's name, else row by row; -1 where that is a fault."""
     if other is None:
         return list(range(len(table)))
     if "pose" in meant.columns:
@@ -146,14 +169,14 @@ def rows_of_points(
                 work.fault(
                     f"{other.path}: line {line}, column {column}: pose {name[:40]!r} is not in {table.path}"
                 )
-            out.append(row or 0)
+            out.append(-1 if row is None else row)
         return out
     if len(other) != len(table):
         work.fault(
             f"{other.path}: has {len(other)} rows and {table.path} {len(table)}, and no column tells the pose; add a "
             "column pose to both"
         )
-        return [0] * len(other)
+        return [-1] * len(other)
     work.said.append(
         f"{other.path}: no column tells the pose; its rows are taken for those of {table.path}, in order"
     )
@@ -169,33 +192,64 @@ def _number_of(name: str) -> str:
     return f"#{int(value)}" if abs(value) < 1e15 and value == int(value) else ""
 
 
-def beside(q_file: Array, seen: Array, row_of: list[int]) -> Array:
+def beside(q_file: Array, seen: Array, row_of: Sequence[int]) -> Array:
     """(N, 3) a point of each pose, NaN where it has none."""
     out = np.full((len(q_file), 3), np.nan)
-    out[row_of] = seen
+    rows = np.asarray(row_of, dtype=int)
+    out[rows[rows >= 0]] = seen[rows >= 0]
     return out
 
 
-def points_scale(
-    work: Work, table: UserTable, meant: Recognised, robot: Robot, q: Array, seen: Array, row_of: list[int]
-) -> float:
-    """How many mm one unit of the points is: by their names, else by how far they are spread against the arm's."""
+def points_unit(
+    work: Work, table: UserTable, meant: Recognised, near: Array, q: Array
+) -> tuple[str, str, float]:
+    """The points' unit, how it was found, and how many times their spread is off the arm's ("" and 1 by name).
+
+    By their names, else by how far they are spread against the arm's. near: (N, 3) as in the file, q: (N, n) rad, mm.
+    """
     told = {meant.columns[axis].unit for axis in "xyz"}
     what = ", ".join(meant.columns[axis].name for axis in "xyz")
     if len(told) > 1:
         work.fault(f"{table.path}: line 1: columns {what} have different units")
-        return 1.0
+        return "mm", "", 1.0
     unit = told.pop()
     if unit:
         work.said.append(f"{table.path}: points are {what}, in {unit} by their names")
-        return LENGTHS_MM[unit]
-    unit, off = length_unit(robot, q[row_of], seen)
-    work.said.append(
-        f"{table.path}: points are {what}, taken for {unit}, in which they spread as the arm's tool does"
-    )
+        return unit, "", 1.0
+    assert work.robot is not None
+    unit, off = length_unit(work.robot, q, near)
+    how = f"taken for {unit}, in which they spread as the arm's tool does"
+    work.said.append(f"{table.path}: points are {what}, {how}")
+    return unit, how, off
+
+
+def require_near_spread(work: Work, table: UserTable, meant: Recognised, unit: str, off: float) -> None:
+    """A fault where points without a unit are spread by another factor than the arm's tool."""
     if off > _FAR_SPREAD:
+        what = ", ".join(meant.columns[axis].name for axis in "xyz")
         work.fault(
             f"{table.path}: line 1: {what} have no unit, and their spread is {off:.2g} times off the arm's in "
             f"{unit}; tell it by --map '{meant.columns['x'].name}=x_mm' (or x_m), and check joints and robot"
         )
-    return LENGTHS_MM[unit]
+
+
+def of_one_place(
+    near: Array, row_of: Sequence[int], points: tuple[UserTable, Recognised], setups: list[str]
+) -> Array:
+    """(N, 3) the points of the target and the placement that most of them are of; NaN elsewhere."""
+    table, meant = points
+    out = near.copy()
+    if "target" in meant.columns:
+        targets = table.text(meant.columns["target"].name)
+        most = Counter(targets).most_common(1)[0][0]
+        first: dict[int, int] = {}
+        for i, (row, target) in enumerate(zip(row_of, targets, strict=True)):
+            if target == most and row >= 0:
+                first.setdefault(row, i)
+        xyz = np.column_stack([_coordinate(Work(None), table, meant.columns[axis].name) for axis in "xyz"])
+        out[:] = np.nan
+        out[list(first)] = xyz[list(first.values())]
+    if setups:
+        most = Counter(setups).most_common(1)[0][0]
+        out[[setup != most for setup in setups]] = np.nan
+    return out

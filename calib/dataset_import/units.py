@@ -15,6 +15,7 @@ LENGTHS_MM = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "in": 25.4, "um": 1e-3}
 ANGLES_RAD = {"deg": float(np.pi / 180.0), "rad": 1.0}
 _RADIANS_AT_MOST = 4.0 * np.pi  # of a joint that turns
 _METRES_AT_MOST = 5.0  # of a joint that slides
+_CLEARLY = 0.5  # of the other unit's misfit
 _LIKELY = ("mm", "m", "in", "cm")
 
 
@@ -47,7 +48,8 @@ def _angle_unit(robot: Robot, values: Array, told: Sequence[str], points: Array 
         return "deg"
     if points is not None and len(points) >= 6 and "rad" not in told and "deg" not in told:
         misfit = {unit: _misfit(robot, values, unit, points) for unit in ANGLES_RAD}
-        return min(misfit, key=lambda unit: misfit[unit])
+        # Where the arm explains neither, because a sign or the robot is wrong, small numbers are likelier radians.
+        return "deg" if misfit["deg"] < _CLEARLY * misfit["rad"] else "rad"
     return "rad"
 
 

@@ -5,16 +5,17 @@ from __future__ import annotations
 import csv
 import shutil
 import tempfile
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
 
 import numpy as np
 
 from calib.array_types import Array, BoolArray
-from calib.dataset.dataset import Dataset
+from calib.dataset.dataset import ROLES, Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
+from calib.dataset.files.poses_csv import CONDITIONS
 from calib.dataset.files.robot_toml import robot_to_toml
 from calib.dataset_import.columns import Recognised
 from calib.dataset_import.reading import Work
@@ -30,13 +31,21 @@ def poses_text(
     meant: Recognised,
     ids: list[str],
     q: Array,
-    scans: Path | None,
+    scans: Mapping[str, Path],
     measured: BoolArray | None,
 ) -> str:
-    """poses.csv in the units of the columns' names: rad and mm, which the reader takes."""
+    """poses.csv in the units of the columns' names: rad and mm, which the reader takes.
+
+    q  # (N, n) rad, mm; scans  # a file by its stem; measured  # (N,) which poses have a point; None: scans only
+    """
+    assert work.robot is not None
     given = table.text(meant.columns["role"].name) if "role" in meant.columns else None
     roles, how = roles_of(given, len(ids), 0 if measured is None else int(np.argmax(measured)))
     work.said += [f"{table.path}: {how}"] if how else []
+    unknown = [i for i, role in enumerate(roles) if role not in ROLES]
+    for i in unknown:
+        where = f"{table.path}: line {table.lines[i]}, column {meant.columns['role'].name}"
+        work.fault(f"{where}: found {roles[i][:40]!r}; expected reference, train or test")
     names = [f"q{k + 1}_{'rad' if turns else 'mm'}" for k, turns in enumerate(work.robot.is_revolute)]
     kept = [
         m
@@ -44,24 +53,39 @@ def poses_text(
         if m not in ("pose", "role", "x", "y", "z", "target") and not m.startswith("q")
     ]
     kept = [m for m in kept if not m.startswith(("s", "r")) or m in ("setup", "scan")]
-    if meant.rest:
-        work.said.append(f"{table.path}: other columns are kept as they are: {', '.join(meant.rest)}")
     taken = {"pose", "role", *names, *kept}
     rest = [name for name in meant.rest if name not in taken]
+    if rest:
+        work.said.append(f"{table.path}: other columns are kept as they are: {', '.join(rest)}")
+    columns = [_condition(work, table, meant, m) for m in kept] + [table.text(name) for name in rest]
     body = [
-        [ids[i], roles[i], *map(repr, map(float, q[i])), *cells]
-        for i, cells in enumerate(
-            zip(*(table.text(c) for c in [*(meant.columns[m].name for m in kept), *rest]), strict=True)
-            if kept or rest
-            else [()] * len(ids)
-        )
+        [ids[i], roles[i], *map(repr, map(float, q[i])), *(column[i] for column in columns)]
+        for i in range(len(ids))
     ]
     header = ["pose", "role", *names, *kept, *rest]
-    if scans is not None and "scan" not in kept:
-        files = {path.stem: path.name for path in sorted(scans.iterdir()) if path.is_file()}
+    if scans and "scan" not in kept:
         header.append("scan")
-        body = [[*row, files.get(ids[i], f"{ids[i]}.ply")] for i, row in enumerate(body)]
+        for i, row in enumerate(body):
+            if measured is None and ids[i] not in scans:
+                work.fault(
+                    f"{table.path}: line {table.lines[i]}: no such scan as {ids[i][:40]!r} among those given"
+                )
+            row.append(scans[ids[i]].name if ids[i] in scans else f"{ids[i]}.ply")
     return _csv([header, *body])
+
+
+def _condition(work: Work, table: UserTable, meant: Recognised, meaning: str) -> list[str]:
+    """A column of a condition; one of numbers has numbers in all its cells."""
+    column = meant.columns[meaning]
+    cells = table.text(column.name)
+    if meaning in CONDITIONS:
+        filled = replace(table, rows=tuple(tuple(cell or "0" for cell in row) for row in table.rows))
+        filled.numbers(column.name, work.fault)  # an empty cell is for the reader to judge
+    joint = meant.columns.get(meaning.replace("approach", "q"))
+    if meaning.startswith("approach") and joint is not None and joint.sign < 0:
+        turned = {"1": "-1", "+1": "-1", "1.0": "-1", "-1": "1", "-1.0": "1"}
+        cells = [turned.get(cell, cell) for cell in cells]
+    return cells
 
 
 def points_text(table: UserTable, meant: Recognised, poses: Sequence[str], xyz_mm: Array) -> str:
@@ -83,24 +107,40 @@ def _csv(rows: Sequence[Sequence[str]]) -> str:
     return out.getvalue()
 
 
-def written(
-    out: Path,
-    robot: Robot,
-    poses: str,
-    points: str | None,
-    scans: Path | None,
-    ids: Sequence[str],
-    description: str,
-) -> Dataset:
-    """Write beside the place, read it as every command does, and move it there whole."""
+@dataclass(frozen=True)
+class Content:
+    """What a dataset folder is to hold."""
+
+    robot: Robot
+    poses_csv: str
+    points_csv: str | None
+    scans: Mapping[str, Path]  # a file by its stem
+    description: str
+
+
+def fault_of(content: Content) -> str | None:
+    """What would keep such a dataset from being read; scans are only looked for, not read."""
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made) / "dataset"
+        folder.mkdir()
+        _draft(folder, content, with_scans=False)
+        try:
+            load_dataset(folder)
+        except CalibError as error:
+            return str(error).replace(f"{folder}/", "as a dataset, ")
+    return None
+
+
+def written(out: Path, content: Content) -> Dataset:
+    """Write beside the place, read it as every command does, and move it there whole. Raises DatasetError."""
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name[:50]}.") as made:
         draft, final = Path(made) / "draft", Path(made) / "final"
         draft.mkdir()
-        _draft(draft, robot, poses, points, scans)
+        _draft(draft, content, with_scans=True)
         try:
             dataset = load_dataset(draft)
-            write_dataset(replace(dataset, name=out.resolve().name, description=description), final)
+            write_dataset(replace(dataset, name=out.resolve().name, description=content.description), final)
             load_dataset(final)
         except CalibError as error:
             raise DatasetError(
@@ -112,15 +152,19 @@ def written(
     return load_dataset(out)
 
 
-def _draft(folder: Path, robot: Robot, poses: str, points: str | None, scans: Path | None) -> None:
+def _draft(folder: Path, content: Content, *, with_scans: bool) -> None:
     lines = ["format = 1", 'name = "imported"']
-    lines += ['points = "points.csv"'] if points is not None else []
-    if scans is not None:
-        lines.append('scans = "scans"')
-        shutil.copytree(scans, folder / "scans", symlinks=False)
-    lines += ["[jig]"] if scans is not None else []
-    (folder / "robot.toml").write_text(robot_to_toml(robot), encoding="utf-8")
-    (folder / "poses.csv").write_text(poses, encoding="utf-8")
-    if points is not None:
-        (folder / "points.csv").write_text(points, encoding="utf-8")
+    lines += ['points = "points.csv"'] if content.points_csv is not None else []
+    if content.scans:
+        lines += ['scans = "scans"', "[jig]"]
+        (folder / "scans").mkdir()
+        for path in content.scans.values():
+            if with_scans:
+                shutil.copyfile(path, folder / "scans" / path.name)
+            else:
+                (folder / "scans" / path.name).touch()
+    (folder / "robot.toml").write_text(robot_to_toml(content.robot), encoding="utf-8")
+    (folder / "poses.csv").write_text(content.poses_csv, encoding="utf-8")
+    if content.points_csv is not None:
+        (folder / "points.csv").write_text(content.points_csv, encoding="utf-8")
     (folder / "dataset.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -18,7 +18,7 @@ from calib.robot_formats.mjcf import chain_of_mjcf
 from calib.robot_formats.origin_yaml import chain_of_yaml, read_origin_yaml
 from calib.robot_formats.tables import chain_of_table
 from calib.robot_formats.ur_calibration import read_ur_calibration
-from calib.robot_formats.urdf.chain import ArmPath, chain_of_arm, find_arm
+from calib.robot_formats.urdf.chain import ArmPath, chain_of_arm, find_arm, tip_links
 from calib.robot_formats.urdf.safe_xml import XmlFile, parse_xml, read_bytes
 from calib.robot_formats.urdf.tree import read_tree
 
@@ -87,6 +87,14 @@ def read_robot(path: Path, reading: Reading = Reading()) -> RobotFile:
         else:
             chain = chain_of_arm(find_arm(read_tree(file), reading.tip, reading.base))
     return _with_source(robot_of(chain), chain, path)
+
+
+def tips_of(path: Path) -> tuple[str, ...]:
+    """The links of a URDF that an arm may end at, the longest arm's first; () for other forms. Raises CalibError."""
+    if path.suffix.lower() not in (".urdf", ".xml", ".xacro"):
+        return ()
+    file = read_xml(path)
+    return () if file.root.tag == "mujoco" else tuple(tip_links(read_tree(file)))
 
 
 def named_robot(name: str, reading: Reading = Reading()) -> RobotFile:

@@ -52,9 +52,25 @@ class UserTable:
         return out
 
 
-def load_table(path: Path) -> UserTable:
-    """Read a table. Raises DatasetError where it cannot be read as one."""
-    text = read_text(path, missing="name a table of numbers", kind="CSV", most_bytes=_MOST_BYTES)
+def load_table(path: Path, fault: Callable[[str], None] | None = None) -> UserTable:
+    """Read a table. Raises DatasetError where it cannot be read as one.
+
+    With `fault`, what is wrong with names and rows is told there, each, and the table is read all the same.
+    """
+
+    return parse_table(
+        path, read_text(path, missing="name a table of numbers", kind="CSV", most_bytes=_MOST_BYTES), fault
+    )
+
+
+def parse_table(path: Path, text: str, fault: Callable[[str], None] | None = None) -> UserTable:
+    """As `load_table`, of a text that stands at a path."""
+
+    def wrong(words: str) -> None:
+        if fault is None:
+            raise DatasetError(words)
+        fault(words)
+
     first = next((line for line in text.splitlines() if line.strip()), "")
     if not first:
         raise DatasetError(f"{path}: the file is empty; a header line with column names is needed")
@@ -81,14 +97,17 @@ def load_table(path: Path) -> UserTable:
         names.pop()
     columns = names if has_header else [f"column {k + 1}" for k in range(len(names))]
     columns = [name or f"column {k + 1}" for k, name in enumerate(columns)]
-    repeated = next((name for name, times in Counter(columns).items() if times > 1), None)
-    if repeated is not None:
-        raise DatasetError(f"{path}: line {line}: column {repeated!r} stands there twice; rename one")
+    for repeated in [name for name, times in Counter(columns).items() if times > 1]:
+        wrong(f"{path}: line {line}: column {repeated!r} stands there twice; rename one")
+        columns = [
+            f"{name} ({columns[:k].count(name) + 1})" if name == repeated and name in columns[:k] else name
+            for k, name in enumerate(columns)
+        ]
     if not body:
         raise DatasetError(f"{path}: no row below the header; one row a pose is needed")
     for number, row in body:
         if any(row[len(columns) :]):
-            raise DatasetError(
+            wrong(
                 f"{path}: line {number}: found {len(row)} cells, the first line has {len(columns)}; name the others or "
                 "remove them"
             )

@@ -116,15 +116,15 @@ def convert_arguments(sub: ArgumentParser) -> None:
 def import_arguments(sub: ArgumentParser) -> None:
     """Robot, tables, and what their columns mean."""
     sub.add_argument(
-        "--robot",
-        required=True,
-        metavar="FILE|NAME",
-        help=f"a robot's file, or {' or '.join(BUILTIN_ROBOTS)}",
+        "--from",
+        dest="source",
+        type=Path,
+        metavar="ZIP|FOLDER",
+        help="what holds robot, tables and scans; each file is recognised",
     )
+    sub.add_argument("--robot", metavar="FILE|NAME", help=f"a robot's file, or {' or '.join(BUILTIN_ROBOTS)}")
     links_arguments(sub)
-    sub.add_argument(
-        "--joints", type=Path, required=True, metavar="FILE.csv", help="joint values, a row a pose"
-    )
+    sub.add_argument("--joints", type=Path, metavar="FILE.csv", help="joint values, a row a pose")
     sub.add_argument("--points", type=Path, metavar="FILE.csv", help="measured points (default: in --joints)")
     sub.add_argument("--scans", type=Path, metavar="FOLDER", help="point clouds, a file a pose")
     sub.add_argument(
@@ -132,8 +132,10 @@ def import_arguments(sub: ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="COLUMN=MEANING",
-        help="what a column means: q1_deg, x_mm, pose, role ...; may be given several times",
+        help="what a column means: q1_deg, -q2_rad, q3_deg+90, x_mm, pose, role, ignore ...; several times",
     )
+    sub.add_argument("--dry-run", action="store_true", help="say what would be made, and write nothing")
+    sub.add_argument("--diagnose", action="store_true", help="go on to the first diagnosis at once")
     add_json(sub)
 
 

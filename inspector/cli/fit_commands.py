@@ -10,6 +10,7 @@ from calib.compensation.targets_csv import corrected_table, load_targets, requir
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.phrases import untestable_line
 from calib.effects.catalogue import effects_named
@@ -131,14 +132,7 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     if options.model_out is not None:
         require_plausible(result.calibration, options.force)
         save_model(result.calibration, options.model_out)
-    ranked = result.screenings[0].to_frame()
-    ranking = "No effect can be ranked: none is testable with these data."
-    if len(ranked):
-        ranking = ranked.head(6).to_string(index=False, float_format=lambda v: f"{v:.3g}")
-    steps = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.4g}", na_rep="-")
-    silent = "\n".join(map(untestable_line, result.untestable))
-    text = f"{ranking}\n\n{steps}\n\n{silent}\n\n{result.summary()}"
-    text = "\n".join([text, *without(result.calibration.fitted_dataset)])
+    text = "\n".join([diagnosis_text(result), *without(result.calibration.fitted_dataset)])
     if options.learned_out is not None and result.learned is not None:
         write_text_atomically(
             options.learned_out, effect_file_text(result.calibration, options.learned_out.name)
@@ -148,6 +142,17 @@ def run_diagnose(options: DiagnoseOptions) -> int:
         print(f"inspector: warning: {options.learned_out}: {note}", file=sys.stderr)
     show(options, documents.diagnosis_document(result), text)
     return 0
+
+
+def diagnosis_text(result: Diagnosis) -> str:
+    """A diagnosis as the terminal has it: ranking, steps, what cannot be told, the verdict."""
+    ranked = result.screenings[0].to_frame()
+    ranking = "No effect can be ranked: none is testable with these data."
+    if len(ranked):
+        ranking = ranked.head(6).to_string(index=False, float_format=lambda v: f"{v:.3g}")
+    steps = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.4g}", na_rep="-")
+    silent = "\n".join(map(untestable_line, result.untestable))
+    return f"{ranking}\n\n{steps}\n\n{silent}\n\n{result.summary()}"
 
 
 def run_check(options: CheckOptions) -> int:

@@ -186,12 +186,15 @@ class ImportOptions(Output):
     """Of `import`."""
 
     path: Path
-    robot: str
+    robot: str | None
     tip: str | None
     base: str | None
     convention: str | None
     model: str | None
-    joints: Path
+    source: Path | None  # a folder or a zip that holds all of it
+    joints: Path | None
     points: Path | None
     scans: Path | None
     map: Sequence[str]
+    dry_run: bool
+    diagnose: bool

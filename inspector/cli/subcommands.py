@@ -257,7 +257,7 @@ SUBCOMMANDS = (
     ),
     Subcommand(
         "convert",
-        "robots.commands.run_convert",
+        "robots.convert_command.run_convert",
         options.ConvertOptions,
         convert_arguments,
         "a robot from one form into another: URDF, robot.toml, YAML, tables",
@@ -265,10 +265,10 @@ SUBCOMMANDS = (
     ),
     Subcommand(
         "import",
-        "robots.commands.run_import",
+        "robots.import_command.run_import",
         options.ImportOptions,
         import_arguments,
-        "a dataset folder from a robot, joint values and measured points",
+        "a dataset folder from a robot, joint values and measured points, or from a zip of them",
         path="folder to make",
     ),
 )

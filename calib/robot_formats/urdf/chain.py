@@ -39,9 +39,11 @@ def find_arm(tree: UrdfTree, tip: str | None = None, base: str | None = None) ->
     path = tree.file.path
     for name in (tip, base):
         if name is not None and name not in tree.links:
-            raise RobotFileError(f"{path}: there is no link {name!r}; the tips are {_listed(_tips(tree))}")
+            raise RobotFileError(
+                f"{path}: there is no link {name!r}; the tips are {_listed(tip_links(tree))}"
+            )
     if tip is None:
-        tips = _tips(tree)
+        tips = tip_links(tree)
         if not tips:
             raise RobotFileError(f"{path}: no joint moves; a robot has one at least")
         if len(tips) > 1:
@@ -113,7 +115,7 @@ def chain_of_arm(arm: ArmPath) -> SerialChain:
     )
 
 
-def _tips(tree: UrdfTree) -> list[str]:
+def tip_links(tree: UrdfTree) -> list[str]:
     """Links that carry none and have a joint that moves before them, those behind most joints first."""
     behind = {link: _moving_before(tree, link) for link, on in tree.joints_on.items() if not on}
     return sorted((link for link, count in behind.items() if count), key=lambda link: -behind[link])
@@ -148,7 +150,7 @@ def _refuse_unserial(arm: ArmPath) -> None:
     if not arm.moving:
         raise RobotFileError(
             f"{file.path}: no joint moves between {arm.base!r} and {arm.tip!r}; name another tip: "
-            f"{_listed(_tips(arm.tree))}"
+            f"{_listed(tip_links(arm.tree))}"
         )
 
 

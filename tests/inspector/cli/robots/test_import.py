@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import time
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -57,3 +59,65 @@ def test_the_one_json_object_has_what_was_recognised(given: Path, capsys: pytest
     document = json.loads(capsys.readouterr().out)
     assert document["roles"] == {"reference": 1, "train": 29, "test": 10}
     assert any("in m by their names" in line for line in document["recognised"])
+
+
+def packed(given: Path, *names: str) -> Path:
+    with zipfile.ZipFile(given / "my.zip", "w") as archive:
+        for name in names:
+            archive.write(given / name, name)
+    return given / "my.zip"
+
+
+def test_a_zip_is_enough_and_a_dry_run_writes_nothing(
+    given: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = packed(given, "arm.urdf", "log.csv")
+    arguments = ["import", str(given / "cell"), "--from", str(source)]
+    assert main([*arguments, "--dry-run"]) == 0
+    said = capsys.readouterr().out
+    assert "arm.urdf: robot, by its suffix .urdf" in said
+    assert "joint_1" in said
+    assert "q1_rad" in said
+    assert not (given / "cell").exists()
+    assert main([*arguments, "--dry-run", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert [column["map"] for column in document["columns"]][:2] == ["joint_1=q1_rad", "joint_2=q2_rad"]
+    assert document["faults"] == []
+    assert main(arguments) == 0
+    assert "40 poses (1 reference, 29 train, 10 test)" in capsys.readouterr().out
+
+
+def test_a_plan_with_faults_lists_them_and_ends_with_1(
+    given: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = packed(given, "log.csv")
+    assert main(["import", str(given / "cell"), "--from", str(source), "--dry-run", "--json"]) == 1
+    (fault,) = json.loads(capsys.readouterr().out)["faults"]
+    assert "no robot is chosen" in fault
+    assert main(["import", str(given / "cell"), "--from", str(source)]) == 2
+    assert "no robot is chosen" in capsys.readouterr().err
+    assert main(["import", str(given / "cell"), "--joints", "a.csv"]) == 2
+    assert "give --robot and --joints, or --from" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_from_a_urdf_and_a_csv_to_the_first_diagnosis_in_ten_seconds(
+    given: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = ["--robot", str(given / "arm.urdf"), "--joints", str(given / "log.csv")]
+    began = time.process_time()
+    assert main(["import", str(given / "cell"), *files, "--diagnose", "--json"]) == 0
+    assert time.process_time() - began < 10.0
+    document = json.loads(capsys.readouterr().out)
+    assert document["poses"] == 40
+    assert document["diagnosis"]["verdict"] == "adequate"
+
+
+def test_a_ready_dataset_is_copied_as_it_is(given: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = ["--robot", "rb5", "--joints", str(given / "log.csv")]
+    assert main(["import", str(given / "cell"), *files]) == 0
+    source = packed(given, *(f"cell/{path.name}" for path in (given / "cell").iterdir()))
+    assert main(["import", str(given / "again"), "--from", str(source)]) == 0
+    assert "is copied as it is" in capsys.readouterr().out
+    for path in (given / "cell").iterdir():
+        assert (given / "again" / path.name).read_bytes() == path.read_bytes()

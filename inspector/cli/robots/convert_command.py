@@ -1,25 +1,21 @@
-"""`convert`: a robot from one form into another. `import`: a dataset from a robot and tables."""
+"""`convert`: a robot from one form into another."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
-from calib.dataset.dataset import ROLES
 from calib.dataset.files.atomic_write import write_bytes_atomically
 from calib.dataset.files.robot_toml import robot_to_toml
-from calib.dataset_import.columns import parsed_mapping
-from calib.dataset_import.import_dataset import import_dataset
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
 from calib.robot_formats.calibrated_file import calibrated_urdf, calibrated_yaml
 from calib.robot_formats.chain.five_parameters import chain_of
 from calib.robot_formats.origin_yaml import plain_yaml
-from calib.robot_formats.robot_file import Reading, RobotFile, conversion_error_mm, named_robot, read_robot
+from calib.robot_formats.robot_file import Reading, RobotFile, conversion_error_mm, read_robot
 from calib.robot_formats.urdf.text import plain_urdf
 from inspector.cli.dataset_commands import show
-from inspector.cli.options import ConvertOptions, ImportOptions
+from inspector.cli.options import ConvertOptions
 
 _OUTPUTS = (".toml", ".urdf", ".yaml", ".yml")
 
@@ -35,31 +31,7 @@ def run_convert(options: ConvertOptions) -> int:
     return 0
 
 
-def run_import(options: ImportOptions) -> int:
-    """Make a dataset folder of what a user has."""
-    found = named_robot(options.robot, _reading(options))
-    mapping = parsed_mapping(options.map)
-    made = import_dataset(options.path, found.robot, options.joints, options.points, options.scans, mapping)
-    dataset = made.dataset
-    for warning in (*dataset.warnings, *dataset.notes):
-        print(f"inspector: warning: {warning}", file=sys.stderr)
-    roles = {role: int((dataset.poses.role == role).sum()) for role in ROLES}
-    document = {
-        "dataset": str(options.path),
-        "robot": found.robot.name,
-        "poses": len(dataset.poses),
-        "roles": roles,
-        "recognised": made.said,
-        "notes": found.notes,
-        "warnings": [*dataset.warnings, *dataset.notes],
-    }
-    counts = ", ".join(f"{count} {role}" for role, count in roles.items())
-    lines = [found.summary, *made.said, f"{options.path}: {len(dataset.poses)} poses ({counts})"]
-    show(options, document, "\n".join([*lines, f"next: inspector diagnose {options.path}"]))
-    return 0
-
-
-def _reading(options: ConvertOptions | ImportOptions) -> Reading:
+def _reading(options: ConvertOptions) -> Reading:
     return Reading(options.tip, options.base, options.convention, options.model)
 
 

@@ -1,0 +1,229 @@
+"""What an import would make of a robot and a user's tables: each column's meaning and why, and all faults at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from calib.dataset_import.agreement import sample_of
+from calib.dataset_import.columns import Column, Meaning, Recognised
+from calib.dataset_import.convention import settled
+from calib.dataset_import.reading import (
+    Work,
+    beside,
+    joint_values,
+    of_one_place,
+    point_values,
+    points_unit,
+    pose_ids,
+    recognised,
+    require_near_spread,
+    rows_of_points,
+)
+from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, joint_units, length_unit
+from calib.dataset_import.writing import Content, fault_of, points_text, poses_text
+from calib.errors import DatasetError
+from calib.robot_formats.conventions import RobotReading
+from calib.robot_formats.robot_file import RobotFile
+from calib.user_tables.user_table import UserTable, load_table
+
+_EXAMPLES = 3
+_MOST_SHOWN = 60  # columns of a table
+
+
+@dataclass(frozen=True)
+class Given:
+    """What a user has. `points` None: the joints' table has them, or scans."""
+
+    robots: tuple[RobotReading, ...]  # one robot by each convention that its file may be in; (): none yet
+    joints: Path | None
+    points: Path | None = None
+    scans: Mapping[str, Path] = field(default_factory=dict)  # a file by its stem
+    mapping: Mapping[str, Meaning] = field(default_factory=dict)
+    faults: tuple[str, ...] = ()  # of a robot that could not be read
+
+
+@dataclass(frozen=True)
+class PlannedColumn:
+    """A column of a table: what it is taken for, and why. `meaning` None: kept, or left out, as it is."""
+
+    table: Path
+    name: str
+    examples: tuple[str, ...]
+    meaning: Meaning | None
+    why: str
+
+
+@dataclass(frozen=True)
+class ImportPlan:
+    """What was recognised, what is doubtful, what is wrong, and what would be written; None where something is."""
+
+    robot: RobotFile | None
+    columns: tuple[PlannedColumn, ...]
+    said: tuple[str, ...]
+    doubts: tuple[str, ...]
+    faults: tuple[str, ...]
+    content: Content | None
+    poses: int = 0
+
+    def require(self) -> Content:
+        """What to write. Raises DatasetError with all faults, a line each."""
+        if self.content is not None and not self.faults:
+            return self.content
+        work = Work(None, list(self.faults) or ["nothing to import was given"])
+        work.raise_all()
+        raise AssertionError
+
+
+def plan_import(given: Given) -> ImportPlan:
+    """The plan. Nothing is raised for what is wrong with the user's files: it stands in `faults`."""
+    work = Work(given.robots[0].robot.robot if given.robots else None, list(given.faults))
+    table = _loaded(work, given.joints)
+    same = given.points is None or (
+        given.joints is not None and given.points.resolve() == given.joints.resolve()
+    )
+    other = None if same else _loaded(work, given.points)
+    tables = [each for each in (table, other) if each is not None]
+    for column in given.mapping:
+        if tables and "*" not in column and not any(column in each.columns for each in tables):
+            work.fault(
+                f"--map {column}=...: no such column; there are {', '.join(c for t in tables for c in t.columns)}"
+            )
+    if not given.robots and not given.faults:
+        work.fault("no robot is chosen: give a URDF, a robot.toml or another form, or choose a built-in one")
+    if given.joints is None:
+        work.fault(
+            "no table of joint values was found: a CSV with a column a joint, q1, q2 ..., or the joints' names"
+        )
+    if table is None:
+        return _plan(work, given, {}, None)
+    wants_points = same and not given.scans
+    meant = recognised(work, table, given.mapping, positions=wants_points)
+    columns = {table.path: (table, meant)}
+    of_points = meant
+    if other is not None:
+        of_points = recognised(work, other, given.mapping, positions=True, joints=False)
+        columns[other.path] = (other, of_points)
+    elif not same:
+        return _plan(work, given, columns, None)
+    return _with_numbers(work, given, columns, table, meant, other, of_points)
+
+
+def _loaded(work: Work, path: Path | None) -> UserTable | None:
+    try:
+        return None if path is None else load_table(path, work.fault)
+    except DatasetError as error:
+        work.fault(str(error))
+        return None
+
+
+def _with_numbers(
+    work: Work,
+    given: Given,
+    columns: dict[Path, tuple[UserTable, Recognised]],
+    table: UserTable,
+    meant: Recognised,
+    other: UserTable | None,
+    of_points: Recognised,
+) -> ImportPlan:
+    """The plan of tables that could be read."""
+    q_file = joint_values(work, table, meant)
+    seen = point_values(work, other or table, of_points, needed=not given.scans)
+    ids = pose_ids(work, table, meant)
+    row_of = rows_of_points(work, table, ids, other, of_points)
+    if q_file is None or work.robot is None or not np.isfinite(q_file).any():
+        return _plan(work, given, columns, None, len(table))
+    n = work.robot.n_joints
+    names = [f"q{k + 1}" for k in range(n)]
+    near = None if seen is None else beside(q_file, seen, row_of)
+    told = [meant.columns[name].unit for name in names]
+    units, how = joint_units(work.robot, q_file, told, near)
+    work.said.append(
+        f"{table.path}: joints are {', '.join(meant.columns[name].name for name in names)}"
+        + (f"; {how}" if how else f" in {' and '.join(sorted(set(units)))} by their names")
+    )
+    columns[table.path] = (table, _with_units(meant, names, units, how))
+    if other is None:
+        of_points = columns[table.path][1]
+    scale = np.array([ANGLES_RAD.get(unit) or LENGTHS_MM[unit] for unit in units])
+    signs = np.array([meant.columns[name].sign for name in names])
+    q = (signs * q_file + np.array([meant.columns[name].offset for name in names])) * scale
+    sample, off, unit = None, 1.0, "mm"
+    if seen is not None and near is not None:
+        unit, how, off = points_unit(work, other or table, of_points, near, q)
+        of_points = _with_units(of_points, list("xyz"), [unit] * 3, how)
+        columns[(other or table).path] = (other or table, of_points)
+        setups = table.text(meant.columns["setup"].name) if "setup" in meant.columns else []
+        place = of_one_place(near, row_of, (other or table, of_points), setups)
+        sample = sample_of(q, place * LENGTHS_MM[unit])
+        seen = seen * LENGTHS_MM[unit]
+    taken = settled(work, given.robots, sample, meant, table.path)
+    q = taken.joints.of(q)
+    columns[table.path] = (table, taken.applied(columns[table.path][1], units))
+    robot_file = taken.robot
+    work.robot = robot_file.robot
+    if sample is not None and off > 1.0 and near is not None:
+        require_near_spread(work, other or table, of_points, *length_unit(work.robot, q, near))
+    if other is not None and of_points.rest:
+        work.said.append(f"{other.path}: other columns are left out: {', '.join(of_points.rest)}")
+    measured = None if near is None else np.asarray(np.isfinite(near).all(axis=1))
+    poses_csv = poses_text(work, table, columns[table.path][1], ids, q, given.scans, measured)
+    if work.faults:
+        return _plan(work, given, columns, None, len(table), robot_file)
+    points_csv = (
+        None if seen is None else points_text(other or table, of_points, [ids[i] for i in row_of], seen)
+    )
+    content = Content(work.robot, poses_csv, points_csv, given.scans, f"imported from {table.path.name}")
+    fault = fault_of(content)
+    if fault is not None:
+        work.fault(f"{table.path}: {fault}")
+    return _plan(work, given, columns, content if fault is None else None, len(table), robot_file)
+
+
+def _with_units(meant: Recognised, names: list[str], units: list[str], how: str) -> Recognised:
+    """The columns with the units that were found, and how."""
+    columns = dict(meant.columns)
+    for name, unit in zip(names, units, strict=True):
+        column = columns[name]
+        if not column.unit:
+            why = f"{column.why}; {how}" if how else column.why
+            columns[name] = Column(column.name, name, unit, column.sign, column.offset, why)
+    return Recognised(columns, meant.rest, meant.faults)
+
+
+def _plan(
+    work: Work,
+    given: Given,
+    tables: Mapping[Path, tuple[UserTable, Recognised]],
+    content: Content | None,
+    poses: int = 0,
+    robot: RobotFile | None = None,
+) -> ImportPlan:
+    columns = [
+        planned for table, meant in tables.values() for planned in _planned(table, meant, given.mapping)
+    ]
+    if robot is None and given.robots:
+        robot = given.robots[0].robot
+    return ImportPlan(
+        robot, tuple(columns), tuple(work.said), tuple(work.doubts), tuple(work.faults), content, poses
+    )
+
+
+def _planned(table: UserTable, meant: Recognised, mapping: Mapping[str, Meaning]) -> list[PlannedColumn]:
+    by_name = {column.name: column for column in meant.columns.values()}
+    out = []
+    for k, name in enumerate(table.columns[:_MOST_SHOWN]):
+        examples = tuple(row[k] for row in table.rows[:_EXAMPLES])
+        column = by_name.get(name)
+        if column is None:
+            ignored = name in mapping and mapping[name].name == "ignore"
+            out.append(
+                PlannedColumn(table.path, name, examples, None, "left out, as told" if ignored else "")
+            )
+            continue
+        meaning = Meaning(column.meaning, column.unit, column.sign, column.offset)
+        out.append(PlannedColumn(table.path, name, examples, meaning, column.why))
+    return out

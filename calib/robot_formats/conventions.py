@@ -1,0 +1,100 @@
+"""A robot's table under the other convention of Denavit and Hartenberg, so that points may tell which is meant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import CalibError
+from calib.kinematics.robot import Robot
+from calib.options import BUILTIN_ROBOTS
+from calib.robot_formats.chain.five_parameters import robot_of, row_transform
+from calib.robot_formats.chain.serial_chain import ChainJoint, SerialChain
+from calib.robot_formats.robot_file import Reading, RobotFile, named_robot
+from calib.robot_formats.tables import CONVENTIONS
+from calib.user_tables.unit_names import plain, split_unit
+from calib.user_tables.user_table import load_table
+
+SCHOOLS = {"standard": "standard Denavit-Hartenberg", "modified": "modified Denavit-Hartenberg (Craig)"}
+
+
+@dataclass(frozen=True)
+class RobotReading:
+    """A robot as one convention reads its file, and whether the user said that it is this one."""
+
+    convention: str  # "standard", "modified"; "" where the file leaves no choice
+    robot: RobotFile
+    asked: bool = True
+
+
+def robot_readings(name: str, reading: Reading) -> list[RobotReading]:
+    """A robot as asked for, first, then as the other convention of its table would have it, where there is one.
+
+    A table of theta, d, a, alpha without --convention has no first choice: none of its readings is `asked`.
+    Raises CalibError as `named_robot`.
+    """
+    path = Path(name)
+    if name in BUILTIN_ROBOTS:
+        return [RobotReading("", named_robot(name, reading))]
+    if path.suffix.lower() == ".csv" and _is_denavit_hartenberg(path):
+        return _readings_of_table(path, reading)
+    found = named_robot(name, reading)
+    other = as_modified(found.robot) if path.suffix.lower() == ".toml" else None
+    readings = [RobotReading("standard" if other is not None else "", found)]
+    if other is not None:
+        weighed = any(joint.mass_kg or joint.com_mm for joint in found.robot.joints)
+        notes = ("masses are left out, as centres of mass stand in other frames then",) if weighed else ()
+        readings.append(RobotReading("modified", RobotFile(other, None, notes), asked=False))
+    return readings
+
+
+def _is_denavit_hartenberg(path: Path) -> bool:
+    columns = {plain(split_unit(column)[0]) for column in load_table(path).columns}
+    return {"theta", "d", "a", "alpha"} <= columns
+
+
+def _readings_of_table(path: Path, reading: Reading) -> list[RobotReading]:
+    found: list[RobotReading] = []
+    failed: list[CalibError] = []
+    wanted = reading.convention
+    for convention in sorted(CONVENTIONS, key=lambda each: each != wanted):
+        try:
+            robot = named_robot(str(path), replace(reading, convention=convention))
+            found.append(RobotReading(convention, robot, asked=convention == wanted))
+        except CalibError as error:
+            if convention == wanted:
+                raise
+            failed.append(error)
+    if not found:
+        raise failed[0]
+    return found
+
+
+def as_modified(robot: Robot) -> Robot | None:
+    """The robot whose rows are those of modified tables, Rx(alpha) Trans(a, 0, 0) Rz(theta + q) Trans(0, 0, d).
+
+    None where it has what those have not: beta, further targets, coupled joints. The tool's row stays as it is;
+    centres of mass, which stand in other frames then, are left out.
+    """
+    if any(joint.beta_rad for joint in robot.joints) or robot.targets or robot.coupling:
+        return None
+    joints, before = [], robot.base_T_first
+    for joint in robot.joints:
+        tilt = row_transform((0.0, joint.alpha_rad, 0.0, 0.0, 0.0))
+        across = row_transform((joint.a_mm, 0.0, 0.0, 0.0, 0.0))
+        way = tilt @ across @ row_transform((0.0, 0.0, joint.d_mm, joint.theta_rad, 0.0))
+        joints.append(
+            ChainJoint(
+                joint.name,
+                before @ way,
+                type=joint.type,
+                min=joint.min,
+                max=joint.max,
+                gear_ratio=joint.gear_ratio,
+            )
+        )
+        before = np.eye(4)
+    chain = SerialChain(robot.name, tuple(joints), row_transform(robot.tool.row), robot.gravity_m_s2)
+    return robot_of(chain)

@@ -1,0 +1,107 @@
+"""`import`: a dataset folder from a robot and tables, or from a zip or folder that holds them."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+from calib.dataset.dataset import ROLES, Dataset
+from calib.dataset_import.columns import parsed_mapping
+from calib.dataset_import.files.choice import Choice, plan_of_files, unpacked, without_folder
+from calib.dataset_import.files.user_files import UserFiles
+from calib.dataset_import.import_dataset import copy_dataset, require_free, scan_files, write_plan
+from calib.dataset_import.plan import ImportPlan
+from calib.errors import CalibError
+from calib.robot_formats.robot_file import Reading
+from inspector.cli.dataset_commands import measured, show
+from inspector.cli.options import ImportOptions
+from inspector.cli.progress import stages
+from inspector.export.import_document import plan_document, plan_lines
+
+
+def run_import(options: ImportOptions) -> int:
+    """Make a dataset folder of what a user has."""
+    if options.source is None and (options.robot is None or options.joints is None):
+        raise CalibError("give --robot and --joints, or --from with a zip or a folder that holds them")
+    if not options.dry_run:
+        require_free(options.path)
+    given = nullcontext(_named(options)) if options.source is None else unpacked(options.source)
+    with given as files:
+        if files.datasets:
+            return _ready(options, files)
+        plan = without_folder(plan_of_files(files, _choice(options)), files.folder)
+        for doubt in plan.doubts:
+            print(f"inspector: warning: {doubt}", file=sys.stderr)
+        if options.dry_run:
+            return _told(options, files, plan)
+        dataset = write_plan(plan, options.path).dataset
+    summary = [] if plan.robot is None else [plan.robot.summary]
+    document = plan_document(plan, files.files)
+    notes = [] if plan.robot is None else plan.robot.notes
+    return _finished(options, dataset, document | {"notes": notes}, [*summary, *plan.said])
+
+
+def _named(options: ImportOptions) -> UserFiles:
+    """What the options name, file by file."""
+    return UserFiles(Path(), (), {} if options.scans is None else scan_files(options.scans))
+
+
+def _choice(options: ImportOptions) -> Choice:
+    reading = Reading(options.tip, options.base, options.convention, options.model)
+    return Choice(options.robot, reading, options.joints, options.points, parsed_mapping(options.map))
+
+
+def _told(options: ImportOptions, files: UserFiles, plan: ImportPlan) -> int:
+    """The plan alone; exit code 1 where it has faults."""
+    kinds = [f"{file.path.name}: {file.kind}, {file.why}" for file in files.files]
+    faults = [f"fault: {fault}" for fault in plan.faults]
+    lines = [*kinds, *plan_lines(plan), *faults]
+    show(options, {"dataset": None} | plan_document(plan, files.files), "\n".join(lines))
+    return 1 if plan.faults else 0
+
+
+def _ready(options: ImportOptions, files: UserFiles) -> int:
+    """A zip or a folder that holds a dataset's folder already."""
+    if len(files.datasets) > 1:
+        named = ", ".join(str(folder.relative_to(files.folder)) for folder in files.datasets)
+        raise CalibError(
+            f"{options.source}: holds {len(files.datasets)} datasets ({named}); give one of them"
+        )
+    folder = files.datasets[0]
+    said = f"{options.source}: holds a dataset's folder, which is copied as it is"
+    document: dict[str, Any] = {"files": [], "columns": [], "recognised": [said], "doubts": [], "faults": []}
+    if options.dry_run:
+        show(options, {"dataset": None} | document, said)
+        return 0
+    return _finished(options, copy_dataset(folder, options.path), document, [said])
+
+
+def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any], lines: list[str]) -> int:
+    """What was made, and with --diagnose what is the matter with it."""
+    warnings = [*dataset.warnings, *dataset.notes]
+    for warning in warnings:
+        print(f"inspector: warning: {warning}", file=sys.stderr)
+    roles = {role: int((dataset.poses.role == role).sum()) for role in ROLES}
+    counts = ", ".join(f"{count} {role}" for role, count in roles.items())
+    lines = [*lines, f"{options.path}: {len(dataset.poses)} poses ({counts})"]
+    made = {
+        "dataset": str(options.path),
+        "robot": dataset.robot.name,
+        "poses": len(dataset.poses),
+        "roles": roles,
+    }
+    document = document | made | {"warnings": warnings}
+    if not options.diagnose:
+        show(options, document, "\n".join([*lines, f"next: inspector diagnose {options.path}"]))
+        return 0
+    from calib.diagnosis.diagnose import diagnose
+    from inspector.cli.fit_commands import diagnosis_text
+    from inspector.export.json_documents import diagnosis_document
+
+    with stages() as on_step:
+        result = diagnose(measured(dataset), on_step=on_step)
+    text = "\n".join([*lines, "", diagnosis_text(result)])
+    show(options, document | {"diagnosis": diagnosis_document(result)}, text)
+    return 0

@@ -1,0 +1,55 @@
+"""The plan of an import as a JSON document and as lines for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from calib.dataset_import.files.user_files import UserFile
+from calib.dataset_import.plan import ImportPlan, PlannedColumn
+
+
+def plan_document(plan: ImportPlan, files: Sequence[UserFile] = ()) -> dict[str, Any]:
+    """What was recognised, what is doubtful and what is wrong."""
+    return {
+        "robot": None if plan.robot is None else plan.robot.robot.name,
+        "poses": plan.poses,
+        "files": [{"file": file.path.name, "is": file.kind, "why": file.why} for file in files],
+        "columns": [_column(column) for column in plan.columns],
+        "recognised": plan.said,
+        "doubts": plan.doubts,
+        "faults": plan.faults,
+    }
+
+
+def _column(column: PlannedColumn) -> dict[str, Any]:
+    meant = column.meaning
+    return {
+        "table": column.table.name,
+        "column": column.name,
+        "examples": column.examples,
+        "meaning": None if meant is None else meant.name,
+        "unit": None if meant is None else meant.unit or None,
+        "sign": None if meant is None else meant.sign,
+        "offset": None if meant is None else meant.offset,
+        "map": None if meant is None else f"{column.name}={meant}",
+        "why": column.why,
+    }
+
+
+def plan_lines(plan: ImportPlan) -> list[str]:
+    """The plan for a terminal: columns, then what was recognised and what is doubtful."""
+    rows = [("table", "column", "first value", "taken for", "why")]
+    rows += [
+        (
+            column.table.name,
+            column.name,
+            column.examples[0] if column.examples else "",
+            "-" if column.meaning is None else str(column.meaning),
+            column.why,
+        )
+        for column in plan.columns
+    ]
+    widths = [min(max(len(row[k]) for row in rows), 24) for k in range(4)]
+    table = ["  ".join([*(row[k][:24].ljust(widths[k]) for k in range(4)), row[4]]).rstrip() for row in rows]
+    return [*table, "", *plan.said, *(f"doubtful: {doubt}" for doubt in plan.doubts)]

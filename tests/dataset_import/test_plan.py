@@ -1,0 +1,267 @@
+"""The plan of an import: what each column is taken for and why, which convention the points speak for, all faults."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.robot_toml import builtin_robot, robot_to_toml
+from calib.dataset_import.columns import Meaning, meaning_of
+from calib.dataset_import.import_dataset import write_plan
+from calib.dataset_import.plan import Given, ImportPlan, plan_import
+from calib.errors import DatasetError
+from calib.kinematics.robot import Robot
+from calib.robot_formats.conventions import RobotReading, robot_readings
+from calib.robot_formats.robot_file import Reading, RobotFile
+from calib.simulation.simulate import simulate_dataset
+
+ROBOT = builtin_robot("rb5")
+ASKED = (RobotReading("", RobotFile(ROBOT, None)),)
+Q = [f"A{k}" for k in range(1, 7)]
+
+
+@pytest.fixture(scope="module")
+def truth() -> Dataset:
+    return simulate_dataset(
+        ROBOT, rng=np.random.default_rng(4), poses=40, noise_mm=0.02, effects=["joint_compliance"]
+    ).dataset
+
+
+def points_of(dataset: Dataset) -> np.ndarray:
+    assert dataset.points is not None
+    return np.asarray(dataset.points.xyz_mm)
+
+
+def table(path: Path, header: Sequence[str], rows: np.ndarray, decimal: str = ".") -> Path:
+    separator = "," if decimal == "." else ";"
+    lines = [separator.join(header)]
+    lines += [separator.join(f"{v:.9f}".replace(".", decimal) for v in row) for row in rows]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def planned(
+    path: Path, q: np.ndarray, points: np.ndarray, mapping: dict[str, Meaning] | None = None
+) -> ImportPlan:
+    log = table(path / "log.csv", [*Q, "x", "y", "z"], np.hstack([q, points]))
+    return plan_import(Given(ASKED, log, mapping=mapping or {}))
+
+
+EYE, TURNED = np.eye(6), np.diag([1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
+READINGS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], dict[str, str]]] = {
+    "as it is": (lambda q: q, {}),
+    "a sign": (lambda q: q @ TURNED, {"A3": "-q3_rad"}),
+    "a zero": (lambda q: q + np.pi / 2 * EYE[1], {"A2": "q2_rad-1.5708"}),
+    "a sign and a zero": (
+        lambda q: (q + np.pi / 2 * EYE[1]) @ TURNED,
+        {"A2": "q2_rad-1.5708", "A3": "-q3_rad"},
+    ),
+    "alphabetical order, as ROS has it": (
+        lambda q: q[:, [2, 1, 0, 3, 4, 5]],
+        {"A1": "q3_rad", "A3": "q1_rad"},
+    ),
+    "backwards": (lambda q: q[:, ::-1], {f"A{k}": f"q{7 - k}_rad" for k in range(1, 7)}),
+}
+
+
+@pytest.mark.parametrize("name", READINGS)
+def test_signs_zeros_and_order_that_the_points_speak_for_are_taken_and_said(
+    truth: Dataset, tmp_path: Path, name: str
+) -> None:
+    as_written, expected = READINGS[name]
+    plan = planned(tmp_path, as_written(truth.poses.q), points_of(truth))
+    assert plan.faults == ()
+    meanings = {column.name: str(column.meaning) for column in plan.columns}
+    wanted = {f"A{k}": f"q{k}_rad" for k in range(1, 7)} | expected
+    assert {column: meanings[column] for column in wanted} == wanted
+    made = write_plan(plan, tmp_path / "cell").dataset
+    assert made.poses.q == pytest.approx(truth.poses.q, abs=1e-7)
+    said = [line for line in plan.said if "misses the points" in line]
+    assert len(said) == bool(expected)
+    changed = [column for column in plan.columns if column.name in expected]
+    assert all("misses the points by" in column.why for column in changed)
+
+
+def test_what_the_user_told_is_not_overruled_but_doubted(truth: Dataset, tmp_path: Path) -> None:
+    q = truth.poses.q @ TURNED
+    plan = planned(tmp_path, q, points_of(truth), {"A3": Meaning("q3", "rad")})
+    assert plan.faults == ()
+    assert len(plan.doubts) == 1
+    assert "joint 3 is A3 with the opposite sign would fit better" in plan.doubts[0]
+    assert write_plan(plan, tmp_path / "cell").dataset.poses.q == pytest.approx(q, abs=1e-7)
+
+
+def test_a_mapping_turns_and_moves_a_joint(truth: Dataset, tmp_path: Path) -> None:
+    q = np.degrees(truth.poses.q)
+    q[:, 2] = 90.0 - q[:, 2]
+    told = meaning_of("-q3_deg+90")
+    assert told == Meaning("q3", "deg", -1.0, 90.0)
+    plan = planned(tmp_path, q, points_of(truth), {"A3": told})
+    assert plan.doubts == ()
+    assert write_plan(plan, tmp_path / "cell").dataset.poses.q == pytest.approx(truth.poses.q, abs=1e-7)
+    assert str(told) == "-q3_deg+90"
+
+
+def test_points_of_another_robot_are_doubted_and_nothing_is_guessed(truth: Dataset, tmp_path: Path) -> None:
+    points = points_of(truth)[np.random.default_rng(0).permutation(40)]
+    plan = planned(tmp_path, truth.poses.q, points)
+    assert plan.faults == ()
+    assert len(plan.doubts) == 1
+    assert "may be of another robot" in plan.doubts[0]
+
+
+def test_a_poor_nominal_arm_is_left_to_the_fit(truth: Dataset, tmp_path: Path) -> None:
+    """A tool 150 mm elsewhere and zeros 2 degrees off are what a calibration is for: no convention is blamed."""
+    off = np.radians([2.0, -2.0, 2.0, -2.0, 2.0, -2.0])
+    tool = replace(ROBOT.tool, a_mm=ROBOT.tool.a_mm + 150.0)
+    log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([truth.poses.q + off, points_of(truth)]))
+    plan = plan_import(Given((RobotReading("", RobotFile(replace(ROBOT, tool=tool), None)),), log))
+    assert plan.faults == ()
+    assert plan.doubts == ()
+    assert not [line for line in plan.said if "opposite" in line or "counted from" in line]
+
+
+def test_a_handful_of_poses_settles_nothing(truth: Dataset, tmp_path: Path) -> None:
+    plan = planned(tmp_path, (truth.poses.q @ TURNED)[:10], points_of(truth)[:10])
+    assert plan.doubts == ()
+    assert not [line for line in plan.said if "opposite" in line]
+
+
+# ---- the robot's table --------------------------------------------------------------------------------------------
+
+
+MODIFIED = """\
+name,a_mm,alpha_deg,d_mm,theta_deg
+J1,40,90,169.2,0
+J2,30,-90,0,-90
+J3,425,5,0,0
+J4,10,90,392,90
+J5,0,-90,110.7,0
+J6,0,90,96.7,0
+tool,20,0,30,0
+"""
+
+
+def measured_with(robot: Robot, q: np.ndarray) -> np.ndarray:
+    from calib.kinematics.chain import target_points
+
+    seen = target_points(robot, q) + np.random.default_rng(1).normal(0.0, 0.05, (len(q), 3))
+    turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    return np.asarray(seen @ (turn * np.linalg.det(turn)) + [100.0, 2000.0, -300.0])
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_the_points_tell_the_convention_of_a_table(tmp_path: Path, convention: str) -> None:
+    (tmp_path / "dh.csv").write_text(MODIFIED)
+    true = robot_readings(str(tmp_path / "dh.csv"), Reading(convention=convention))[0].robot.robot
+    q = np.random.default_rng(2).uniform(-2.0, 2.0, (40, 6))
+    log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([q, measured_with(true, q)]))
+    readings = tuple(robot_readings(str(tmp_path / "dh.csv"), Reading()))
+    plan = plan_import(Given(readings, log))
+    assert plan.faults == ()
+    assert plan.robot is not None
+    assert plan.robot.robot == true
+    assert any(f"its table is {convention} Denavit-Hartenberg" in line for line in plan.said)
+    few = table(tmp_path / "few.csv", [*Q, "x", "y", "z"], np.hstack([q, measured_with(true, q)])[:8])
+    (fault,) = plan_import(Given(readings, few)).faults
+    assert "give --convention" in fault
+
+
+def test_axes_that_show_the_convention_are_told(truth: Dataset, tmp_path: Path) -> None:
+    (tmp_path / "dh.csv").write_text(MODIFIED.replace("J1,40,90", "J1,0,0"))
+    (only,) = robot_readings(str(tmp_path / "dh.csv"), Reading())
+    assert only.convention == "modified"
+    log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([truth.poses.q, points_of(truth)]))
+    said = plan_import(Given((only,), log)).said
+    assert "dh: its table is modified Denavit-Hartenberg (Craig), by its axes" in said
+
+
+def test_a_robot_toml_whose_rows_are_of_a_modified_table_is_recognised_and_told(tmp_path: Path) -> None:
+    from calib.robot_formats.conventions import as_modified
+
+    rows = replace(
+        ROBOT, joints=tuple(replace(joint, beta_rad=0.0, com_mm=None, mass_kg=None) for joint in ROBOT.joints)
+    )
+    (tmp_path / "robot.toml").write_text(robot_to_toml(rows))
+    meant = as_modified(rows)
+    assert meant is not None
+    q = np.random.default_rng(2).uniform(-2.0, 2.0, (40, 6))
+    log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([q, measured_with(meant, q)]))
+    plan = plan_import(Given(tuple(robot_readings(str(tmp_path / "robot.toml"), Reading())), log))
+    assert plan.faults == ()
+    assert any("is taken for modified Denavit-Hartenberg (Craig)" in line for line in plan.said)
+    made = write_plan(plan, tmp_path / "cell").dataset
+    assert made.robot.n_joints == 6
+    assert np.abs(made.robot.table - rows.table).max() > 1.0
+
+
+# ---- faults ---------------------------------------------------------------------------------------------------------
+
+
+def test_all_faults_of_all_files_stand_in_one_list(truth: Dataset, tmp_path: Path) -> None:
+    joints = table(tmp_path / "joints.csv", ["q1", "q2", "q2", "q4", "q5", "q6"], truth.poses.q)
+    lines = joints.read_text().splitlines()
+    lines[3] += ",7"
+    lines[5] = lines[5].replace(".", "x", 1)
+    joints.write_text("\n".join(lines))
+    points = table(tmp_path / "points.csv", ["x", "y", "w"], points_of(truth)[:30])
+    plan = plan_import(
+        Given((), joints, points, faults=("arm.urdf: several tips; choose one with --tip: a, b",))
+    )
+    assert plan.content is None
+    said = "\n".join(plan.faults)
+    for part in (
+        "several tips",
+        "column 'q2' stands there twice",
+        "line 4: found 7 cells",
+        "no column for z",
+    ):
+        assert part in said
+    with pytest.raises(DatasetError, match="nothing was written, "):
+        write_plan(plan, tmp_path / "cell")
+    assert not (tmp_path / "cell").exists()
+
+
+def test_bad_cells_roles_and_half_points_are_listed_each(truth: Dataset, tmp_path: Path) -> None:
+    log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([truth.poses.q, points_of(truth)]))
+    lines = log.read_text().splitlines()
+    rows = [line.split(",") for line in lines]
+    for i, row in enumerate(rows):
+        row += ["role", "time"] if i == 0 else ["train", str(i)]
+    rows[2][0], rows[4][7], rows[6][9], rows[8][10], rows[9][3] = "n/a", "", "maybe", "late", "1e40"
+    log.write_text("\n".join(",".join(row) for row in rows))
+    said = "\n".join(plan_import(Given(ASKED, log)).faults)
+    for part in (
+        "line 3, column A1: found 'n/a'",
+        "line 5: y is empty",
+        "line 7, column role: found 'maybe'",
+        "line 9, column time: found 'late'",
+        "line 10, column A4: found 1e+40",
+    ):
+        assert part in said
+
+
+def test_without_a_robot_the_columns_are_recognised_all_the_same(truth: Dataset, tmp_path: Path) -> None:
+    log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([truth.poses.q, points_of(truth)]))
+    plan = plan_import(Given((), log))
+    assert [str(column.meaning) for column in plan.columns] == [
+        *(f"q{k}" for k in range(1, 7)),
+        "x",
+        "y",
+        "z",
+    ]
+    assert len(plan.faults) == 1
+    assert "no robot is chosen" in plan.faults[0]
+
+
+def test_decimal_commas_and_examples_are_shown(truth: Dataset, tmp_path: Path) -> None:
+    log = table(tmp_path / "log.csv", [*Q, "x", "y", "z"], np.hstack([truth.poses.q, points_of(truth)]), ",")
+    plan = plan_import(Given(ASKED, log))
+    assert plan.faults == ()
+    assert plan.columns[0].examples[0] == f"{truth.poses.q[0, 0]:.9f}"
+    assert plan.columns[6].why.startswith("by its name; taken for mm")
