@@ -36,6 +36,17 @@ class Scanner:
 
 
 @dataclass(frozen=True)
+class About:
+    """Which arm was measured, where, when and by whom, as the report tells it; "" where it is not written down."""
+
+    serial: str = ""
+    operator: str = ""
+    site: str = ""
+    date: str = ""
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Poses:
     """N poses of an arm with n joints, as commanded, with the conditions that were written down."""
 
@@ -199,6 +210,7 @@ class Dataset:
     notes: tuple[str, ...] = ()  # what is no mistake, and worth knowing
     left_out: tuple[str, ...] = ()  # ids of poses that count for nothing
     noise: NoiseShape | None = None  # of the points, where it is known to differ from the declared one
+    about: About = field(default_factory=About)
 
     def scan_path(self, pose: int) -> Path | None:
         """Where the scan of a pose lies; None where the dataset has no scans."""

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calib.dataset.dataset import Dataset, Orientations, Points, Scanner
+from calib.dataset.dataset import About, Dataset, Orientations, Points, Scanner
 from calib.dataset.files.folder import find_datasets, load_dataset, write_dataset
 from calib.errors import DatasetError
 from calib.jig import Jig
@@ -48,6 +48,7 @@ def full_dataset(seed: int = 0) -> Dataset:
         scanner=Scanner(0.05, 0.02, {"serial": 7}),
         jig=Jig(edge_mm=50.0, convex=False, face_angles_deg=(90.01, 89.99, 90.0), certified=True),
         extra={"site": "hall 3", "jig": {"material": "steel"}},
+        about=About("SN 0042", "Ä. Müller", "hall 3", "2026-03-14", {"order": 17}),
     )
 
 
@@ -71,7 +72,7 @@ def test_round_trip_loses_nothing(seed: int) -> None:
     for name in ("role", "setup", "payload_kg", "temperature_c", "time_s", "approach"):
         np.testing.assert_array_equal(getattr(again.poses, name), getattr(dataset.poses, name))
     pd.testing.assert_frame_equal(again.poses.extra, dataset.poses.extra, check_dtype=False)
-    for name in ("name", "description", "scanner", "jig", "robot", "extra"):
+    for name in ("name", "description", "scanner", "jig", "robot", "extra", "about"):
         assert getattr(again, name) == getattr(dataset, name)
 
 
@@ -432,3 +433,31 @@ def test_files_as_windows_editors_save_them_are_read_alike(folder: Path) -> None
     saved = load_dataset(folder)
     np.testing.assert_array_equal(saved.poses.q, plain.poses.q)
     assert saved.robot == plain.robot
+
+
+def test_what_is_told_about_a_measurement_is_read(folder: Path) -> None:
+    assert load_dataset(folder).about == About()
+    with (folder / "dataset.toml").open("a") as file:
+        file.write('\n[about]\nserial = "SN 0042"\nsite = "hall 3"\ndate = 2026-03-14\norder = 17\n')
+    about = load_dataset(folder).about
+    assert about == About(serial="SN 0042", site="hall 3", date="2026-03-14", extra={"order": 17})
+
+
+@pytest.mark.parametrize(
+    ("lines", "says"),
+    [
+        ("[about]\nserial = 42\n", r"\[about\]\.serial: found 42; a text in quotes is needed"),
+        ("[about]\ndate = 14.03\n", r"\[about\]\.date: found 14\.03; a text in quotes is needed"),
+        ("[about]\nsite = 2026-03-14\n", r"\[about\]\.site: found .*; a text in quotes is needed"),
+        (
+            '[about]\noperator = "two\\nlines"\n',
+            r"\[about\]\.operator: found 'two\\nlines'; a text of one line",
+        ),
+        ('[[about]]\nserial = "a"\n', r"about: found .*; a table headed \[about\] is needed"),
+    ],
+)
+def test_what_is_told_about_a_measurement_is_text(folder: Path, lines: str, says: str) -> None:
+    with (folder / "dataset.toml").open("a") as file:
+        file.write(f"\n{lines}")
+    with pytest.raises(DatasetError, match=rf"dataset\.toml: {says}"):
+        load_dataset(folder)

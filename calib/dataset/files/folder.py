@@ -9,7 +9,7 @@ from typing import Any
 
 import tomli_w
 
-from calib.dataset.dataset import Dataset, Poses, Scanner
+from calib.dataset.dataset import About, Dataset, Poses, Scanner
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.csv_table import TableFile
 from calib.dataset.files.declared_units import load_units
@@ -30,6 +30,7 @@ from calib.errors import CornerError, DatasetError
 from calib.jig import Jig, jig_normals
 
 FORMAT = 1
+ABOUT = ("serial", "operator", "site", "date")
 _LONGEST_EDGE_MM = 1e4
 
 
@@ -90,6 +91,7 @@ def load_dataset(folder: str | Path) -> Dataset:
             warnings.append(str(missing))
         _check_scans(folder, scans, poses, poses_path, needed=points is None)
     jig, jig_extra = _jig(top.table("jig"))
+    about = _about(top.table("about"))
     scanner_table = top.table("scanner")
     scanner = _scanner(scanner_table)
     if scanner.scan_sigma_mm is not None and scanner.scan_sigma_mm > jig.edge_mm / 10.0:
@@ -112,6 +114,7 @@ def load_dataset(folder: str | Path) -> Dataset:
         notes=notes,
         extra=dict(top.unread()) | ({"jig": jig_extra} if jig_extra else {}),
         jig_is_declared="jig" in top.data,
+        about=about,
     )
 
 
@@ -144,6 +147,19 @@ def _is_below(folder: Path, path: Path) -> bool:
         return path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError, ValueError):  # a circle of links, a zero character
         return False
+
+
+def _about(table: TomlTable) -> About:
+    """Texts of one line; `date` may be a date of TOML's own, which has no quotes."""
+    told: dict[str, str] = {}
+    for key in ABOUT:
+        date = table.date(key) if key == "date" else None
+        told[key] = date or table.text(key, "") or ""
+        if not is_one_line(told[key]):
+            raise table.error(
+                key, f"found {told[key]!r}", "a text of one line without control characters is needed"
+            )
+    return About(**told, extra=table.unread())
 
 
 def _scanner(table: TomlTable) -> Scanner:
@@ -254,6 +270,11 @@ def _dataset_document(dataset: Dataset) -> dict[str, Any]:
     if dataset.scanner.orientation_sigma_rad is not None:
         sigmas["orientation_sigma_deg"] = math.degrees(dataset.scanner.orientation_sigma_rad)
     document["scanner"] = {k: v for k, v in sigmas.items() if v is not None} | dict(dataset.scanner.extra)
+    about = {key: value for key in ABOUT if (value := getattr(dataset.about, key))} | dict(
+        dataset.about.extra
+    )
+    if about:
+        document["about"] = about
     if not dataset.jig_is_declared:
         return document
     jig = dataset.jig

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Iterable, Mapping
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +78,11 @@ class TomlTable:
         if allowed and value not in allowed:
             raise self.error(key, f"found {value!r}", "expected " + " or ".join(repr(c) for c in allowed))
         return value
+
+    def date(self, key: str) -> str | None:
+        """A date of TOML's own, 2026-03-14 without quotes, as text; None where the key holds something else."""
+        value = self._get(key)
+        return value.isoformat() if isinstance(value, date) else None  # a time with a date is one too
 
     def required_text(self, key: str) -> str:
         value = self.text(key)
