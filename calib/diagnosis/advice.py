@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
+from calib.calibration.result import Calibration
 from calib.diagnosis.conclusion import concluded, with_discriminating_poses
 from calib.diagnosis.decision_rules import curves_say_more
 from calib.diagnosis.diagnose import AddCurves, SearchAgain, SearchWithNoise, closing_move
@@ -17,6 +18,7 @@ from calib.diagnosis.moves import AddEffect, DropEffect, Stop, Tell, next_move
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace
 from calib.diagnosis.words import conclusions as words
+from calib.diagnosis.words.headline import held_out_beyond_noise
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.residual_tests import ResidualTests
 
@@ -60,35 +62,44 @@ def advice_or_verdict(
     of_step = space.without(steps[-1].left_out)
     move = next_move(of_step, steps[-1], dropped, tell)
     if not isinstance(move, Stop):
-        return advice_on(move, tests)
+        return advice_on(move, tests, steps[-1].calibration)
     found = concluded(space, steps, move, tests)
     closing = closing_move(space, found, tell)
-    return with_discriminating_poses(found) if closing is None else advice_on(closing, tests)
+    return (
+        with_discriminating_poses(found)
+        if closing is None
+        else advice_on(closing, tests, steps[-1].calibration)
+    )
 
 
-def advice_on(move: Move, tests: ResidualTests) -> Advice:
+def advice_on(move: Move, tests: ResidualTests, calibration: Calibration) -> Advice:
     """What speaks for a move."""
     match move:
         case AddEffect():
             # What an effect explains may also look like a fault: where one is convincing, the order is reported.
-            left = residual_summary(replace(tests, fault=None))
+            left = residual_summary(replace(tests, fault=None), calibration)
             return Advice(move, (left, words.AddEffect(move.name, move.candidate.log_evidence, move.lead)))
         case DropEffect():
-            return Advice(move, (residual_summary(tests), words.RemoveEffect(move.name)))
+            return Advice(move, (residual_summary(tests, calibration), words.RemoveEffect(move.name)))
         case SearchAgain():
-            return Advice(move, (residual_summary(tests), words.LeaveOut(move.poses, move.found.missing)))
+            return Advice(
+                move, (residual_summary(tests, calibration), words.LeaveOut(move.poses, move.found.missing))
+            )
         case SearchWithNoise():
             noise = noise_told(move.found)
             assert noise is not None
-            return Advice(move, (residual_summary(tests), words.WeighNoise(noise, move.found.missing)))
+            return Advice(
+                move, (residual_summary(tests, calibration), words.WeighNoise(noise, move.found.missing))
+            )
         case AddCurves():
             curves = move.curves
             unsaid = tests.fault is not None and curves_say_more(curves, tests.fault)
-            left = residual_summary(replace(tests, fault=None) if unsaid else tests)
+            left = residual_summary(replace(tests, fault=None) if unsaid else tests, calibration)
             said = words.AddCurves(LEARNED, curves.joints, curves.inputs, curves.log_evidence)
             return Advice(move, (left, said))
 
 
-def residual_summary(tests: ResidualTests) -> words.ResidualSummary:
+def residual_summary(tests: ResidualTests, calibration: Calibration) -> words.ResidualSummary:
     """What a fit leaves, in short."""
-    return words.ResidualSummary(tests.fault, tests.structured, tests.too_large, tests.outlier_poses)
+    beyond = held_out_beyond_noise(calibration, tests.noise_mm)
+    return words.ResidualSummary(tests.fault, tests.structured, tests.too_large, tests.outlier_poses, beyond)

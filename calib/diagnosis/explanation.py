@@ -2,38 +2,36 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
+from itertools import pairwise
 
-from calib.calibration.noise_check import is_declared
 from calib.calibration.plausibility import implausibility_reason
-from calib.calibration.result import Calibration
-from calib.calibration.uncertainty import prediction_covariance
 from calib.dataset.repeats import find_repeats, pooled_sigma_mm
 from calib.diagnosis.decision_rules import untestable_names
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.findings import Findings, Learned, OpenSet
+from calib.diagnosis.words.causes import cause_of, worst_pose
 from calib.diagnosis.words.conclusions import (
     Adequate,
     Ambiguous,
+    Cause,
     Named,
     Outliers,
     Unexplained,
     VerdictSentence,
 )
+from calib.diagnosis.words.fit_facts import error_change, fitted_values, model_fitted, test_excess, visible_mm
+from calib.diagnosis.words.headline import held_out_beyond_noise
 from calib.diagnosis.words.noise_text import NoiseShaped
-from calib.diagnosis.words.phrases import meaning
 from calib.diagnosis.words.sentences import (
     SMALL_CHANGE,
     CurvesLearned,
     EffectFound,
     EffectRefused,
     EffectsTied,
-    ErrorChange,
     Explanation,
     FaultSuspected,
-    FittedValue,
     MassesOff,
-    ModelFitted,
     PosesStandOut,
     Reason,
     ResidualOrder,
@@ -43,26 +41,19 @@ from calib.diagnosis.words.sentences import (
     ResidualWithoutOrder,
     SetOpen,
 )
-from calib.distributions import chi2_ppf
-from calib.effects.effect import parameters_by_name
-from calib.effects.natural_bounds import exceeded_bound
-from calib.errors import FitError
-from calib.screening.candidates import Candidate, Screening
+from calib.screening.candidates import Screening
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.nuisance import TOLD_EVIDENCE
 from calib.screening.residual_tests import ResidualTests
 
 POSES_TOLD = 3
-_PREDICTION_DOUBT = (
-    2.0  # where training poses are alike, directions that they hardly tell count on their prior
-)
 
 
 def explain(findings: Findings) -> Explanation:
     """What led to a diagnosis, a paragraph each, and its verdict."""
     steps = zip(findings.steps, findings.steps[1:], findings.screenings, strict=False)
     first = findings.steps[0].calibration
-    opening: tuple[Reason, ...] = (_model_fitted(first),)
+    opening: tuple[Reason, ...] = (model_fitted(first),)
     if first.tool_shift is not None:
         opening = (*opening, first.tool_shift)
     single: list[Reason] = [
@@ -84,21 +75,6 @@ def explain(findings: Findings) -> Explanation:
     return Explanation(tuple(paragraphs), _verdict(findings))
 
 
-def _model_fitted(calibration: Calibration) -> ModelFitted:
-    fit, dataset = calibration.fit, calibration.dataset
-    train, test = calibration.after.train, calibration.after.test
-    return ModelFitted(
-        robot=dataset.robot.name,
-        families=calibration.model.family_names,
-        points=train.points if train else 0,
-        sigma_mm=calibration.sigma_mm,
-        noise_ratio=fit.noise if is_declared(dataset) else None,
-        train_rmse_mm=train.rmse_mm if train and test else None,
-        test_rmse_mm=test.rmse_mm if train and test else None,
-        shots=calibration.shots,
-    )
-
-
 def _standing(findings: Findings, effect: str | None) -> str:
     if effect in findings.missing:
         return "claimed"
@@ -115,10 +91,10 @@ def _effect_found(before: FitStep, after: FitStep, screening: Screening, standin
         p_value=candidate.p_holm,
         runner_up=next((c.name for c in screening.candidates if c.name != candidate.name), ""),
         lead=after.log_evidence_margin,
-        change=_error_change(before.calibration, after.calibration),
-        values=_fitted_values(candidate, after.calibration),
+        change=error_change(before.calibration, after.calibration),
+        values=fitted_values(candidate, after.calibration),
         note=candidate.family.note,
-        visible_mm=_visible_mm(candidate, before.calibration),
+        visible_mm=visible_mm(candidate, before.calibration),
     )
 
 
@@ -129,38 +105,8 @@ def _curves_learned(step: FitStep, learned: Learned) -> CurvesLearned:
         inputs=learned.inputs,
         formula=learned.formula,
         log_evidence=step.log_evidence_margin,  # over noise; not known of curves of a saved session
-        change=_error_change(learned.before, learned.after),
+        change=error_change(learned.before, learned.after),
     )
-
-
-def _visible_mm(candidate: Candidate, before: Calibration) -> float | None:
-    """RMS over the training poses of what an effect explains of the 3D errors that a fit left over."""
-    train = before.after.train
-    return None if train is None else train.rmse_mm * float(np.sqrt(max(candidate.explained_share, 0.0)))
-
-
-def _error_change(before: Calibration, after: Calibration) -> ErrorChange | None:
-    """That of the test poses where there are any, else that of the training poses."""
-    if before.after.test is not None and after.after.test is not None:
-        return ErrorChange(True, before.after.test.rmse_mm, after.after.test.rmse_mm)
-    if before.after.train is not None and after.after.train is not None:
-        return ErrorChange(False, before.after.train.rmse_mm, after.after.train.rmse_mm)
-    return None
-
-
-def _fitted_values(candidate: Candidate, calibration: Calibration) -> tuple[FittedValue, ...]:
-    """The fitted parameters that are known to better than half their size, the surest first."""
-    parameters = parameters_by_name(candidate.members)
-    fit = calibration.fit
-    fitted = {p.name: (x, s) for p, x, s in zip(fit.parameters, fit.x, fit.sigma, strict=True)}
-    out = []
-    for value in candidate.values:
-        size, sigma = map(float, fitted.get(value.name, (0.0, np.inf)))
-        if abs(size) > 2.0 * sigma:
-            means = meaning(*parameters[value.name], size, calibration)
-            bound = exceeded_bound(*parameters[value.name], size, sigma)
-            out.append(FittedValue(value.name, size, sigma, value.unit, means, bound))
-    return tuple(sorted(out, key=lambda v: (abs(v.value) / v.sigma, v.name), reverse=True))
 
 
 def _set_open(findings: Findings, found: OpenSet) -> SetOpen:
@@ -222,19 +168,60 @@ def residual_sentences(tests: ResidualTests) -> tuple[ResidualSentence, ...]:
 
 
 def _verdict(findings: Findings) -> VerdictSentence:
-    missing = findings.missing
+    missing, last = findings.missing, findings.calibration
+    noise_mm = findings.residual_tests.noise_mm
+    beyond, excess = held_out_beyond_noise(last, noise_mm), test_excess(last, noise_mm)
     if findings.verdict == "adequate":
         return Adequate(
-            bool(findings.candidates), untestable_names(findings.untestable), _test_excess(findings)
+            bool(findings.candidates),
+            untestable_names(findings.untestable),
+            excess,
+            beyond,
+            worst_pose(last),
         )
     if findings.verdict == "named":
-        return Named(missing, _contradicting_points(findings), _test_excess(findings))
+        causes = _causes(findings, missing)
+        return Named(
+            missing,
+            _contradicting_points(findings),
+            excess,
+            beyond,
+            causes,
+        )
     if findings.verdict == "ambiguous":
-        return Ambiguous(missing, findings.ambiguous_set, findings.suspected)
+        first = next(iter(_causes(findings, [found.effect for found in findings.open_sets])), None)
+        left = worst_pose(last) if first is None else first.largest
+        joints = () if first is None else first.joints
+        return Ambiguous(missing, findings.ambiguous_set, findings.suspected, left, joints)
     if findings.verdict == "outliers":
-        return Outliers(missing, findings.residual_tests.outlier_poses)
+        poses = findings.residual_tests.outlier_poses
+        return Outliers(missing, poses, worst_pose(last, poses), _causes(findings, missing))
     doubt = implausibility_reason(findings.steps[0].calibration)
-    return Unexplained(findings.suspected, _what_is_unexplained(findings, doubt), doubt)
+    without_curves = last if findings.learned is None else findings.learned.before
+    return Unexplained(
+        findings.suspected,
+        _what_is_unexplained(findings, doubt),
+        doubt,
+        worst_pose(without_curves),
+        _joint_of_rest(findings.residual_tests),
+    )
+
+
+def _causes(findings: Findings, effects: Sequence[str]) -> tuple[Cause, ...]:
+    """What each of some effects does on this arm, as the last fit has them."""
+    return tuple(
+        cause_of(after.effect, before.calibration, after.calibration)
+        for before, after in pairwise(findings.steps)
+        if after.effect is not None and after.effect in effects
+    )
+
+
+def _joint_of_rest(tests: ResidualTests) -> int | None:
+    """Counted from 1, the joint whose motion shows what is left the most; None where no joint does."""
+    if tests.fault is not None:
+        return tests.fault.joint + 1
+    joint = tests.inputs[0].channel.joint if tests.structured else None
+    return None if joint is None else joint + 1
 
 
 def _what_is_unexplained(findings: Findings, doubt: str) -> str:
@@ -258,29 +245,3 @@ def _contradicting_points(findings: Findings) -> int | None:
     if first is None or last is None or last.rmse_mm < (1.0 + SMALL_CHANGE) * first.rmse_mm:
         return None
     return last.points
-
-
-def _test_excess(findings: Findings) -> float | None:
-    """The test poses' RMSE over what noise leaves there; None where it is no more than that may be by chance.
-
-    Noise leaves the point's own and what it does to the fit's prediction, which is much where test poses are of another
-    kind. A chi^2 with 3 degrees of freedom a point exceeds its 99.9 % quantile by chance once in a thousand; what the
-    fit says of its own uncertainty is believed to `_PREDICTION_DOUBT`.
-    """
-    calibration, noise_mm = findings.calibration, findings.residual_tests.noise_mm
-    after, poses = calibration.after, calibration.dataset.poses
-    if after.test is None or not noise_mm > 0.0:
-        return None
-    rows = np.flatnonzero(after.is_test[after.pose])
-    expected_mm2 = 3.0 * noise_mm**2 * len(rows)
-    for setup in after.scanner_T_base:
-        of_setup = after.pose[rows][poses.setup[after.pose[rows]] == setup]
-        if len(of_setup):
-            try:
-                covariance_mm2 = prediction_covariance(calibration, poses.q[of_setup], setup)
-            except FitError:  # it has no training pose: its frame is of the test poses themselves
-                return None
-            expected_mm2 += float(np.trace(covariance_mm2, axis1=1, axis2=2).sum())
-    by_chance = float(np.sqrt(chi2_ppf(0.999, 3 * len(rows)) / (3 * len(rows))))
-    ratio = float(np.sqrt(np.sum(after.error_mm[rows] ** 2) / expected_mm2))
-    return ratio if ratio > _PREDICTION_DOUBT * by_chance else None

@@ -33,6 +33,8 @@ MAX_SIGMA_RATIO = 100.0
 """Residual sigma over the declared one, beyond which the arm is not calibrated, whatever the improvement."""
 MAX_LEFT_RATIO = 10.0
 """The same for the model that the diagnosis ends with: what is left then has a cause that no one knows."""
+UNSETTLED = ("unexplained", "ambiguous", "outliers")
+"""Verdicts that are a warning: something is left that has no name."""
 _NO_NOISE_MM = 1e-6  # where none is declared
 MAX_SHARE_DROPPED = 0.5  # of a scan's points that have no value; more is a warning
 
@@ -135,7 +137,9 @@ def check(
                 user_effects=user_effects,
                 on_step=on_step,
             )
-            items.append(CheckItem("diagnosis", None, verdict_text(diagnosis.explanation.verdict)))
+            unsettled = diagnosis.verdict in UNSETTLED
+            words = verdict_text(diagnosis.explanation.verdict)
+            items.append(CheckItem("diagnosis", None, words, warning=unsettled))
             items += _left_by_diagnosis(diagnosis)
         except FitError as error:  # no degree of freedom is left: a note, no failure
             items.append(CheckItem("diagnosis", None, f"not tried: {error}"))

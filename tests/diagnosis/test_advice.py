@@ -17,7 +17,7 @@ from calib.diagnosis.moves import AddEffect, Stop, next_move
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, first_fit
 from calib.diagnosis.words.conclusion_text import advice_text, residual_summary_text
-from calib.diagnosis.words.phrases import input_text, meaning
+from calib.diagnosis.words.phrases import input_text, length_text, meaning
 from calib.effects.catalogue import effects_for
 from calib.effects.catalogue.compliance import JointCompliance, ToolSag
 from calib.effects.catalogue.joints import JointScale, TransmissionError
@@ -62,8 +62,8 @@ def judged(dataset: Dataset, *, max_effects: int = 3) -> Advice | Diagnosis:
     return advice_or_verdict(space, [first], run_residual_tests(dataset, project_residual(first.calibration)))
 
 
-def left(residual_tests: ResidualTests) -> str:
-    return residual_summary_text(residual_summary(residual_tests))
+def left(calibration: Calibration, residual_tests: ResidualTests) -> str:
+    return residual_summary_text(residual_summary(residual_tests, calibration))
 
 
 def test_the_effect_that_leads_is_to_be_added(hidden: tuple[Calibration, Screening, ResidualTests]) -> None:
@@ -79,7 +79,13 @@ def test_noise_is_the_end(clean: tuple[Calibration, Screening, ResidualTests]) -
     found = judged(clean[0].dataset)
     assert isinstance(found, Diagnosis)
     assert found.verdict == "adequate"
-    assert left(clean[2]) == "What is left: noise."
+    assert left(clean[0], clean[2]) == "What is left: noise."
+    figures = clean[0].after.test
+    assert figures is not None
+    assert left(clean[0], replace(clean[2], noise_mm=figures.rmse_mm / np.sqrt(3.0) / 4.0)) == (
+        f"What is left: noise at the training poses; {length_text(figures.rmse_mm)} at the test poses, 4 times the "
+        "noise."
+    )
 
 
 def test_each_result_of_the_residual_tests_has_its_words(
@@ -90,9 +96,9 @@ def test_each_result_of_the_residual_tests_has_its_words(
     pattern = replace(residual_tests, inputs=(first, *residual_tests.inputs[1:]))
     large = replace(residual_tests, lack_of_fit_p=1e-6)
     lone = replace(residual_tests, outlier_poses=("p07",))
-    assert left(pattern) == "What is left: a pattern against gravity's torque on joint 4."
-    assert "more than noise" in left(large)
-    assert "p07" in left(lone)
+    assert left(clean[0], pattern) == "What is left: a pattern against gravity's torque on joint 4."
+    assert "more than noise" in left(clean[0], large)
+    assert "p07" in left(clean[0], lone)
 
 
 def test_causes_that_are_alike_are_not_decided(hidden: tuple[Calibration, Screening, ResidualTests]) -> None:

@@ -20,8 +20,8 @@ from calib.diagnosis.words.headline import (
     headline_note,
     headline_of,
     headline_text,
-    length_digits,
 )
+from calib.diagnosis.words.phrases import length_digits
 from calib.effects.catalogue import effects_named
 from tests.support.hidden_dataset import arm
 

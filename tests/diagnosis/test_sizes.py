@@ -78,7 +78,7 @@ def test_what_an_effect_explains_is_told_in_millimetres_at_the_tool() -> None:
 
 def test_nothing_else_shows_only_where_the_test_poses_are_off_by_noise() -> None:
     dataset = simulated([("joint_compliance", 5.0)])
-    assert diagnose(dataset).summary().endswith("with it nothing else shows.")
+    assert diagnose(dataset).summary().endswith("With it nothing else shows.")
     points = dataset.points
     assert points is not None
     remounted = points.xyz_mm + np.where(dataset.poses.is_test[points.pose], 2.0, 0.0)[:, None]

@@ -7,9 +7,11 @@ import pytest
 
 from calib.diagnosis.words import conclusions
 from calib.diagnosis.words import sentences as facts
+from calib.diagnosis.words.causes import NOUNS
 from calib.diagnosis.words.conclusion_text import advice_text, verdict_text
 from calib.diagnosis.words.phrases import fault_text, poses_text
 from calib.diagnosis.words.text import explanation_text, reason_text
+from calib.effects.catalogue import descriptions
 from calib.screening.fault_models import JointFault
 from calib.screening.pose_recommendation import DiscriminatingPose
 from calib.screening.scan_statistic import Channel
@@ -47,17 +49,17 @@ def test_poses_are_told_in_degrees_and_millimetres() -> None:
         ),
         (
             conclusions.Named(("backlash",), None),
-            "backlash was missing, and with it nothing else shows.",
+            "What is missing is backlash. With it nothing else shows.",
         ),
         (
             conclusions.Named(("backlash",), None, 5.2),
-            "backlash was missing, and with it nothing else shows at the training poses; but the test poses are off "
+            "What is missing is backlash. With it nothing else shows at the training poses; but the test poses are off "
             "by 5.2 times what noise leaves there: they were measured in another way, on another day, or they show "
             "what the training poses do not.",
         ),
         (
             conclusions.Named(("backlash", "tool_sag"), 7),
-            "backlash and tool_sag were missing, and with them nothing else shows. But the 7 test points do not "
+            "What is missing is backlash and tool_sag. With them nothing else shows. But the 7 test points do not "
             "confirm it: they got worse, though by no more than their scatter. Take it for a "
             "lead, and measure more poses.",
         ),
@@ -96,13 +98,86 @@ def test_poses_are_told_in_degrees_and_millimetres() -> None:
         ),
         (
             conclusions.Outliers(("backlash",), ("p1",)),
-            "outliers. backlash was missing; apart from single poses nothing is left. Measure those poses again before "
-            "you leave them out.",
+            "outliers. What is missing is backlash. Apart from single poses nothing is left. Measure those poses again "
+            "before you leave them out.",
         ),
     ],
 )
 def test_each_verdict_has_its_words(verdict: conclusions.VerdictSentence, says: str) -> None:
     assert verdict_text(verdict) == says
+
+
+AT = conclusions.AtPose("p12", 0.684)
+COMPLIANCE = conclusions.Cause("joint_compliance", (2, 5, 3), "0.051°", AT)
+STEP = conclusions.Cause("joint_step", (5,), "joint 5 is off by -0.23° from pose p37 on", None)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "begins"),
+    [
+        (
+            conclusions.Named(("joint_compliance",), None, causes=(COMPLIANCE,)),
+            "What is missing is the compliance of joint 2, less of joints 3 and 5 (joint_compliance): 0.051°, 0.68 mm "
+            "at pose p12. With it nothing else shows.",
+        ),
+        (
+            conclusions.Named(("joint_compliance", "joint_step"), None, causes=(COMPLIANCE, STEP)),
+            "What is missing is the compliance of joint 2, less of joints 3 and 5 (joint_compliance): 0.051°, 0.68 mm "
+            "at pose p12; and a step in the zero of joint 5 (joint_step): joint 5 is off by -0.23° from pose p37 on. "
+            "With them",
+        ),
+        (
+            conclusions.Named(("warp",), None, causes=(conclusions.Cause("warp", (3,), "", AT),)),
+            "What is missing is warp of joint 3: 0.68 mm at pose p12. ",
+        ),
+        (
+            conclusions.Adequate(True, (), left=conclusions.AtPose("p7", 0.0123)),
+            "adequate: at most 12 µm at pose p7 is left. ",
+        ),
+        (
+            conclusions.Ambiguous((), ("a", "b"), left=AT, joints=(4,)),
+            "ambiguous: something of joint 4 makes up to 0.68 mm at pose p12. ",
+        ),
+        (
+            conclusions.Ambiguous((), ("a", "b"), left=AT),
+            "ambiguous: something makes up to 0.68 mm at pose p12. ",
+        ),
+        (
+            conclusions.Unexplained((), "order", "", AT, 6),
+            "unexplained: up to 0.68 mm at pose p12 has no known cause, most of it in the motion of joint 6. ",
+        ),
+        (
+            conclusions.Unexplained((), "size", "", AT),
+            "unexplained: up to 0.68 mm at pose p12 has no known cause. ",
+        ),
+        (
+            conclusions.Outliers((), ("p12", "p3"), AT),
+            "outliers: pose p12 is off by 0.68 mm, and p3 stands out too. ",
+        ),
+    ],
+)
+def test_joint_size_and_pose_stand_in_the_first_sentence(
+    verdict: conclusions.VerdictSentence, begins: str
+) -> None:
+    assert verdict_text(verdict).startswith(begins)
+
+
+def test_noise_is_not_said_of_test_poses_that_are_off_by_more() -> None:
+    held_out = conclusions.HeldOutError(0.0395, 6.36)
+    said = verdict_text(conclusions.Named(("a",), None, held_out=held_out))
+    assert (
+        "nothing else shows at the training poses; the test poses are off by 40 µm, 6.4 times the noise"
+        in said
+    )
+    left = conclusions.ResidualSummary(None, (), False, (), held_out)
+    assert (
+        advice_text((left,))
+        == "What is left: noise at the training poses; 40 µm at the test poses, 6.4 times the noise."
+    )
+
+
+def test_every_family_has_a_name_for_a_sentence() -> None:
+    assert set(NOUNS) == {description.name for description in descriptions()}
 
 
 def test_a_verdict_points_to_where_its_reasons_stand() -> None:
@@ -152,7 +227,7 @@ def test_the_verdict_comes_last_and_paragraphs_are_apart() -> None:
         "moves the tool by"
     )
     assert second.endswith("(log evidence 12). Single poses stand out: p1, p2.")
-    assert last == "Verdict: a was missing, and with it nothing else shows."
+    assert last == "Verdict: What is missing is a. With it nothing else shows."
     along = reason_text(facts.ResidualOrder(("x",), 1e-3, Channel(axis="z")))
     assert "most in the z of the scanner's frame against x" in along
 

@@ -19,6 +19,7 @@ from calib.scans.scan import PointCount, write_scan
 from calib.validation.acceptance import CheckItem, check, thin_scans
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
+from tests.support.hidden_dataset import write_unnamed
 from tests.support.scan_scene import make_scene
 
 
@@ -108,11 +109,13 @@ def test_what_to_look_at_is_a_warning_and_in_the_json(
         "dataset",
         "test poses",
         "residual",
+        "diagnosis",
     ]
     assert "to the last digit" in document["warnings"][0]
-    assert [f["name"] for f in document["findings"] if f["warning"]] == ["dataset", "test poses", "residual"]
+    warned = [f["name"] for f in document["findings"] if f["warning"]]
+    assert warned == ["dataset", "test poses", "residual", "diagnosis"]
     assert main(["check", str(tmp_path / "cell")]) == 0
-    assert "passed, with 3 warnings" in capsys.readouterr().out
+    assert "passed, with 4 warnings" in capsys.readouterr().out
 
 
 def test_scans_that_lose_more_than_half_of_their_points_are_a_warning() -> None:
@@ -181,3 +184,14 @@ def test_written_scans_lose_nothing(tmp_path: Path) -> None:
     scan = make_scene(np.random.default_rng(0), 500).scan
     write_scan(tmp_path / "a.ply", scan)
     assert search_file(tmp_path / "a.ply", Jig()).count == PointCount(len(scan.points_mm), 0)
+
+
+@pytest.mark.slow
+def test_a_verdict_without_a_name_is_a_warning_in_capitals(tmp_path: Path) -> None:
+    found = check(load_dataset(write_unnamed(tmp_path)))
+    assert found.diagnosis is not None
+    assert found.diagnosis.verdict == "unexplained"
+    assert found.passed
+    assert "WARN  diagnosis: unexplained: up to " in found.summary()
+    assert any(warning.startswith("diagnosis: unexplained") for warning in found.warnings)
+    assert "passed, with" in found.summary().splitlines()[-1]

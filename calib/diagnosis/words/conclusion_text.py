@@ -5,10 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from calib.diagnosis.words import conclusions as facts
+from calib.diagnosis.words.causes import NOUNS
 from calib.diagnosis.words.noise_text import noise_text
-from calib.diagnosis.words.phrases import capitalised, curves_text, fault_text, input_text, listed
+from calib.diagnosis.words.phrases import (
+    capitalised,
+    curves_text,
+    fault_text,
+    input_text,
+    length_text,
+    listed,
+)
 
 _SHOWN_INPUTS = 3
+_SHOWN_UNTESTABLE = 5
 
 
 def verdict_text(verdict: facts.VerdictSentence, *, reasons: str = "above", tied: str = "") -> str:
@@ -18,39 +27,90 @@ def verdict_text(verdict: facts.VerdictSentence, *, reasons: str = "above", tied
         reasons: where the reader finds what led to it, "above" or "below".
         tied: how a list of effects that cannot be told apart is told ("a, b or c"), where the reader has not seen it.
     """
-    named = " and ".join(verdict.effects) if not isinstance(verdict, facts.Adequate) else ""
-    several = not isinstance(verdict, facts.Adequate) and len(verdict.effects) > 1
     match verdict:
         case facts.Adequate():
-            return f"adequate. {_adequate(verdict)}, and {_nothing_else(verdict.test_excess)}."
+            return f"adequate{_at_most(verdict.left)}. {_adequate(verdict)}, and {_nothing_else(verdict)}."
         case facts.Named():
+            them = "them" if len(verdict.effects) > 1 else "it"
             return (
-                f"{named} {'were' if several else 'was'} missing, and with {'them' if several else 'it'} "
-                f"{_nothing_else(verdict.test_excess)}.{_contradiction(verdict.contradicting_points)}"
+                f"{missing_text(verdict.effects, verdict.causes)}. With {them} {_nothing_else(verdict)}."
+                f"{_contradiction(verdict.contradicting_points)}"
             )
         case facts.Ambiguous():
-            after = f" after {named}" if named else ""
+            after = f" after {' and '.join(verdict.effects)}" if verdict.effects else ""
             which = f"These data cannot tell which: {tied}. This set" if tied else f"The set {reasons}"
             return (
-                f"ambiguous{after}. {which} holds the cause if the catalogue does."
+                f"ambiguous{after}{_open(verdict)}. {which} holds the cause if the catalogue does."
                 f"{suspicion_text(verdict.suspected)}"
             )
         case facts.Unexplained(reason="implausible"):
-            return f"unexplained. {capitalised(verdict.doubt)}."
+            return f"unexplained{_at_most(verdict.left)}. {capitalised(verdict.doubt)}."
         case facts.Unexplained():
             begin = (
-                f"{named} {'help' if several else 'helps'}, yet "
-                if named
+                f"{' and '.join(verdict.effects)} {'help' if len(verdict.effects) > 1 else 'helps'}, yet "
+                if verdict.effects
                 else "No effect of the catalogue fits: "
             )
             left = _unexplained(verdict.reason, reasons)
-            return f"unexplained. {begin}{left}{suspicion_text(verdict.effects)}"
+            return f"unexplained{_left_over(verdict)}. {begin}{left}{suspicion_text(verdict.effects)}"
         case facts.Outliers():
-            missing = f"{named} {'were' if several else 'was'} missing; " if named else ""
+            missing = f"{missing_text(verdict.effects, verdict.causes)}. " if verdict.effects else ""
             return (
-                f"outliers. {missing}apart from single poses nothing is left. Measure those poses again before you leave "
-                "them out."
+                f"outliers{_standing_out(verdict)}. {missing}Apart from single poses nothing is left. Measure those poses "
+                "again before you leave them out."
             )
+
+
+def missing_text(effects: Sequence[str], causes: Sequence[facts.Cause] = ()) -> str:
+    """ "What is missing is the compliance of joint 2 (joint_compliance): 0.051° at 63.3 Nm, 0.68 mm at pose p12"."""
+    told = "; and ".join(map(cause_text, causes)) if causes else " and ".join(effects)
+    return f"What is missing is {told}"
+
+
+def cause_text(cause: facts.Cause) -> str:
+    """Joint, name, size, and where it shows the most."""
+    noun = NOUNS.get(cause.effect, f"{cause.effect} of joint" if cause.joints else cause.effect)
+    if noun.endswith("joint"):
+        noun = f"{noun} {cause.joints[0]}" if cause.joints else noun.removesuffix(" of joint")
+    rest = sorted(cause.joints[1:])
+    more = (
+        f", less of {'joints' if len(rest) > 1 else 'joint'} {listed(list(map(str, rest)))}" if rest else ""
+    )
+    name = f" ({cause.effect})" if cause.effect in NOUNS else ""
+    facts_of_it = ", ".join(filter(None, [cause.size, at_pose_text(cause.largest)]))
+    return f"{noun}{more}{name}{': ' if facts_of_it else ''}{facts_of_it}"
+
+
+def at_pose_text(at: facts.AtPose | None) -> str:
+    """ "0.68 mm at pose p12"; "" where it is not known."""
+    return "" if at is None else f"{length_text(at.size_mm)} at pose {at.pose}"
+
+
+def _at_most(left: facts.AtPose | None) -> str:
+    return "" if left is None else f": at most {at_pose_text(left)} is left"
+
+
+def _open(verdict: facts.Ambiguous) -> str:
+    if verdict.left is None:
+        return ""
+    joints = verdict.joints
+    of = f" of joint{'s' if len(joints) > 1 else ''} {listed(list(map(str, joints)))}" if joints else ""
+    return f": something{of} makes up to {at_pose_text(verdict.left)}"
+
+
+def _left_over(verdict: facts.Unexplained) -> str:
+    if verdict.left is None:
+        return ""
+    most = "" if verdict.joint is None else f", most of it in the motion of joint {verdict.joint}"
+    return f": up to {at_pose_text(verdict.left)} has no known cause{most}"
+
+
+def _standing_out(verdict: facts.Outliers) -> str:
+    if verdict.left is None:
+        return ""
+    others = [pose for pose in verdict.poses if pose != verdict.left.pose]
+    more = f", and {listed(others)} {'stand' if len(others) > 1 else 'stands'} out too" if others else ""
+    return f": pose {verdict.left.pose} is off by {length_text(verdict.left.size_mm)}{more}"
 
 
 def suspicion_text(effects: Sequence[str]) -> str:
@@ -68,19 +128,27 @@ def _adequate(verdict: facts.Adequate) -> str:
     """What `adequate` covers: a family that these data cannot test is not found absent."""
     if not verdict.any_tested:
         return "These data can test none of the catalogue's effects; what is left is no more than noise"
-    names = ", ".join(verdict.untestable)
+    more = len(verdict.untestable) - _SHOWN_UNTESTABLE
+    names = ", ".join(verdict.untestable[:_SHOWN_UNTESTABLE]) + (f" and {more} more" if more > 0 else "")
     covers = f", as far as these data can tell ({names}: not testable)" if names else ""
     return f"Nothing in the catalogue is missing beyond noise{covers}"
 
 
-def _nothing_else(test_excess: float | None) -> str:
+def _nothing_else(verdict: facts.Adequate | facts.Named) -> str:
     """Whether the test poses, too, are off by noise alone."""
-    if test_excess is None:
-        return "nothing else shows"
-    return (
-        f"nothing else shows at the training poses; but the test poses are off by {test_excess:.2g} times what noise "
-        "leaves there: they were measured in another way, on another day, or they show what the training poses do not"
-    )
+    if verdict.test_excess is not None:
+        return (
+            f"nothing else shows at the training poses; but the test poses are off by {verdict.test_excess:.2g} times what "
+            "noise leaves there: they were measured in another way, on another day, or they show what the training poses "
+            "do not"
+        )
+    held_out = verdict.held_out
+    if held_out is not None:
+        return (
+            f"nothing else shows at the training poses; the test poses are off by {length_text(held_out.rmse_mm)}, "
+            f"{held_out.noise_ratio:.2g} times the noise, as they may be where training poses tell little of such poses"
+        )
+    return "nothing else shows"
 
 
 def _contradiction(points: int | None) -> str:
@@ -164,4 +232,10 @@ def _summarised(summary: facts.ResidualSummary) -> str:
         return "more than noise, without a pattern"
     if summary.outlier_poses:
         return f"noise, apart from single poses ({', '.join(summary.outlier_poses)})"
+    if summary.held_out is not None:
+        held_out = summary.held_out
+        return (
+            f"noise at the training poses; {length_text(held_out.rmse_mm)} at the test poses, {held_out.noise_ratio:.2g} "
+            "times the noise"
+        )
     return "noise"

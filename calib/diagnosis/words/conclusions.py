@@ -9,6 +9,32 @@ from calib.screening.fault_models import JointFault
 
 
 @dataclass(frozen=True)
+class AtPose:
+    """A length at one pose."""
+
+    pose: str  # id
+    size_mm: float
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A missing effect as the arm shows it."""
+
+    effect: str
+    joints: tuple[int, ...]  # that carry it, counted from 1, the one that moves the tool the most first
+    size: str  # of that joint, with its unit, in words
+    largest: AtPose | None  # where it changes what is predicted the most
+
+
+@dataclass(frozen=True)
+class HeldOutError:
+    """The error of the test poses, where it is larger than noise would leave."""
+
+    rmse_mm: float  # 3D
+    noise_ratio: float  # it over what noise alone leaves
+
+
+@dataclass(frozen=True)
 class ResidualSummary:
     """What a fit leaves over, in a few words: the most definite of these that there is, else noise."""
 
@@ -16,6 +42,7 @@ class ResidualSummary:
     inputs: tuple[str, ...]  # against which it has order
     too_large: bool
     outlier_poses: tuple[str, ...]
+    held_out: HeldOutError | None = None
 
 
 # ---- verdicts -------------------------------------------------------------------------------------------------------
@@ -27,7 +54,11 @@ class Adequate:
 
     any_tested: bool
     untestable: tuple[str, ...]  # families, those apart that hardly any data can test
-    test_excess: float | None = None  # the test poses' error over what noise leaves there, where it is larger
+    test_excess: float | None = (
+        None  # the test poses' error over what noise and the fit's uncertainty leave there
+    )
+    held_out: HeldOutError | None = None
+    left: AtPose | None = None  # the pose that is off the most
 
 
 @dataclass(frozen=True)
@@ -37,6 +68,8 @@ class Named:
     effects: tuple[str, ...]
     contradicting_points: int | None  # of test poses, that got worse within their scatter
     test_excess: float | None = None  # as of `Adequate`
+    held_out: HeldOutError | None = None
+    causes: tuple[Cause, ...] = ()  # one for each of the effects
 
 
 @dataclass(frozen=True)
@@ -46,6 +79,8 @@ class Ambiguous:
     effects: tuple[str, ...]  # that were named before
     tied: tuple[str, ...]
     suspected: tuple[str, ...] = ()  # effects that were added before and are not claimed
+    left: AtPose | None = None  # where it shows the most
+    joints: tuple[int, ...] = ()  # counted from 1, that carry it in the model
 
 
 @dataclass(frozen=True)
@@ -55,6 +90,8 @@ class Unexplained:
     effects: tuple[str, ...]  # that help, and are only suspected
     reason: str  # "implausible", "curves", "fault", "order", "size", "wander" or "refused"
     doubt: str  # why points and poses do not belong together, for "implausible"
+    left: AtPose | None = None  # the pose that is off the most, without learned curves
+    joint: int | None = None  # counted from 1, whose motion shows what is left the most
 
 
 @dataclass(frozen=True)
@@ -63,6 +100,8 @@ class Outliers:
 
     effects: tuple[str, ...]  # that were missing
     poses: tuple[str, ...]  # ids
+    left: AtPose | None = None  # the one that is off the most
+    causes: tuple[Cause, ...] = ()
 
 
 # ---- advice ---------------------------------------------------------------------------------------------------------

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 from calib.calibration.noise_check import noise_floor_mm
 from calib.calibration.result import Calibration
-from calib.diagnosis.words.phrases import listed
+from calib.diagnosis.words.conclusions import HeldOutError
+from calib.diagnosis.words.phrases import length_digits, listed
 from calib.screening.curves.smooth_joint_error import LEARNED
 
 NOISE_AGREES = 1.5  # times the noise: up to this an error is what noise leaves, as few poses can tell
@@ -96,6 +97,14 @@ def _error_mm(calibration: Calibration, of_test_poses: bool, *, before: bool = F
     return figures.rmse_mm if figures is not None else math.nan
 
 
+def held_out_beyond_noise(calibration: Calibration, noise_mm: float) -> HeldOutError | None:
+    """The test poses' error, where it is larger than noise of this sigma a coordinate would leave; else None."""
+    test = calibration.after.test
+    if test is None or not noise_mm > 0.0 or test.rmse_mm <= NOISE_AGREES * math.sqrt(3.0) * noise_mm:
+        return None
+    return HeldOutError(test.rmse_mm, test.rmse_mm / (math.sqrt(3.0) * noise_mm))
+
+
 def headline_text(told: Headline) -> str:
     """ "1.92 mm as delivered → 0.72 mm with calibrated links → 0.040 mm with joint_compliance (noise 0.0062 mm)"."""
     way = " → ".join(f"{told.shown(stage.error_mm)} {stage.name}" for stage in told.stages)
@@ -120,15 +129,3 @@ def headline_note(told: Headline) -> str:
     if told.reached_noise:
         return f"{of} What is left is no more than noise."
     return f"{of} What is left is {ratio:.2g} times what noise alone would leave."
-
-
-def length_digits(length: float) -> str:
-    """A length with the digits that a person reads: two significant ones, two decimals above one."""
-    if not math.isfinite(length):
-        return "–"
-    size = abs(length)
-    if size == 0.0 or size >= 99.95:
-        return f"{length:.0f}"
-    if size >= 0.995:
-        return f"{length:.1f}" if size >= 9.995 else f"{length:.2f}"
-    return f"{length:.{1 - math.floor(math.log10(float(f'{size:.1e}')))}f}"

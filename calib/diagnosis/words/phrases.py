@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -32,6 +33,25 @@ def capitalised(words: str) -> str:
 def listed(names: Sequence[str]) -> str:
     """ "a, b and c"."""
     return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else "".join(names)
+
+
+def length_digits(length: float) -> str:
+    """A length with the digits that a person reads: two significant ones, two decimals above one."""
+    if not math.isfinite(length):
+        return "–"
+    size = abs(length)
+    if size == 0.0 or size >= 99.95:
+        return f"{length:.0f}"
+    if size >= 0.995:
+        return f"{length:.1f}" if size >= 9.995 else f"{length:.2f}"
+    return f"{length:.{1 - math.floor(math.log10(float(f'{size:.1e}')))}f}"
+
+
+def length_text(length_mm: float) -> str:
+    """ "0.68 mm"; "12 µm" below a tenth of a millimetre."""
+    if abs(length_mm) < 0.1:
+        return f"{float(f'{1e3 * length_mm:.2g}'):g} \N{MICRO SIGN}m"
+    return f"{length_digits(length_mm)} mm"
 
 
 def shots_text(count: ShotCount | None) -> str:

@@ -91,7 +91,7 @@ def verdict_html(diagnosis: Diagnosis | None) -> str:
     """The verdict of a diagnosis, in a line or two."""
     if diagnosis is None:
         return ""
-    left = residual_summary_text(residual_summary(diagnosis.residual_tests))
+    left = residual_summary_text(residual_summary(diagnosis.residual_tests, diagnosis.calibration))
     either = numbers.listing(diagnosis.ambiguous_set, "or")
     verdict = verdict_text(diagnosis.explanation.verdict, tied=either)
     more = " What would tell them apart is said below." if diagnosis.verdict == "ambiguous" else ""

@@ -506,7 +506,7 @@ def test_diagnose_has_the_promised_keys_and_names_the_cause(
     assert leftover["outlier_poses"] == []
     assert "transmission_error" in document["explanation"]
     assert main(["diagnose", str(hidden_folder)]) == 0
-    assert "Verdict: transmission_error was missing" in capsys.readouterr().out
+    assert "Verdict: What is missing is the transmission error of joint" in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -533,7 +533,7 @@ def test_check_tells_what_is_missing_and_still_passes(
     document = run_json(capsys, "check", hidden_folder)
     assert document["diagnosis"]["missing"] == ["transmission_error"]
     assert main(["check", str(hidden_folder)]) == 0
-    assert "note  diagnosis: transmission_error was missing" in capsys.readouterr().out
+    assert "note  diagnosis: What is missing is the transmission error of joint" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -147,7 +147,7 @@ def test_a_model_put_together_by_hand_is_told_as_such(folder: Path) -> None:
     assert f"the model (link errors + {other}) was put together by hand" in page
     assert f"+ {other}: the test error" in page
     page = plain(report_html(report_of(finished), now=now))
-    assert f"{HIDDEN} was missing, and with it nothing else shows" in page
+    assert f"({HIDDEN}): " in page
     assert "2026-03-04 05:06" in page
 
 

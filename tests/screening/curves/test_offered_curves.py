@@ -105,19 +105,22 @@ def test_a_cause_of_one_place_or_pose_gives_way_to_curves_that_say_more(ranked: 
 
 
 def test_a_fault_of_one_joint_stays_told_unless_all_joints_say_more(ranked: Session) -> None:
+    assert ranked.calibration is not None
     assert ranked.residual_tests is not None
     assert ranked.advice is not None
     assert ranked.curves is not None
     move, fault = ranked.advice.move, ranked.residual_tests.fault
     assert isinstance(move, AddCurves)
     assert fault is not None
-    told = advice_text(advice_on(move, ranked.residual_tests).sentences)
+    told = advice_text(advice_on(move, ranked.residual_tests, ranked.calibration).sentences)
     assert fault_text(fault) in told  # the curve is of that joint alone
     (member,) = ranked.curves.members
     both = replace(
         ranked.curves, members=(member, replace(member, joint=4)), log_evidence=fault.log_evidence + 10.0
     )
-    told = advice_text(advice_on(replace(move, curves=both), ranked.residual_tests).sentences)
+    told = advice_text(
+        advice_on(replace(move, curves=both), ranked.residual_tests, ranked.calibration).sentences
+    )
     assert fault_text(fault) not in told
     assert "more than noise" in told
 

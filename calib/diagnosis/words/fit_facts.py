@@ -1,0 +1,91 @@
+"""Facts of fits that the sentences of a diagnosis tell: errors, values, how far test poses are off."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.calibration.noise_check import is_declared
+from calib.calibration.result import Calibration
+from calib.calibration.uncertainty import prediction_covariance
+from calib.diagnosis.words.phrases import meaning
+from calib.diagnosis.words.sentences import ErrorChange, FittedValue, ModelFitted
+from calib.distributions import chi2_ppf
+from calib.effects.effect import parameters_by_name
+from calib.effects.natural_bounds import exceeded_bound
+from calib.errors import FitError
+from calib.screening.candidates import Candidate
+
+_PREDICTION_DOUBT = (
+    2.0  # where training poses are alike, directions that they hardly tell count on their prior
+)
+
+
+def model_fitted(calibration: Calibration) -> ModelFitted:
+    """The model that a diagnosis began with, and how far it is off."""
+    fit, dataset = calibration.fit, calibration.dataset
+    train, test = calibration.after.train, calibration.after.test
+    return ModelFitted(
+        robot=dataset.robot.name,
+        families=calibration.model.family_names,
+        points=train.points if train else 0,
+        sigma_mm=calibration.sigma_mm,
+        noise_ratio=fit.noise if is_declared(dataset) else None,
+        train_rmse_mm=train.rmse_mm if train and test else None,
+        test_rmse_mm=test.rmse_mm if train and test else None,
+        shots=calibration.shots,
+    )
+
+
+def visible_mm(candidate: Candidate, before: Calibration) -> float | None:
+    """RMS over the training poses of what an effect explains of the 3D errors that a fit left over."""
+    train = before.after.train
+    return None if train is None else train.rmse_mm * float(np.sqrt(max(candidate.explained_share, 0.0)))
+
+
+def error_change(before: Calibration, after: Calibration) -> ErrorChange | None:
+    """That of the test poses where there are any, else that of the training poses."""
+    if before.after.test is not None and after.after.test is not None:
+        return ErrorChange(True, before.after.test.rmse_mm, after.after.test.rmse_mm)
+    if before.after.train is not None and after.after.train is not None:
+        return ErrorChange(False, before.after.train.rmse_mm, after.after.train.rmse_mm)
+    return None
+
+
+def fitted_values(candidate: Candidate, calibration: Calibration) -> tuple[FittedValue, ...]:
+    """The fitted parameters that are known to better than half their size, the surest first."""
+    parameters = parameters_by_name(candidate.members)
+    fit = calibration.fit
+    fitted = {p.name: (x, s) for p, x, s in zip(fit.parameters, fit.x, fit.sigma, strict=True)}
+    out = []
+    for value in candidate.values:
+        size, sigma = map(float, fitted.get(value.name, (0.0, np.inf)))
+        if abs(size) > 2.0 * sigma:
+            means = meaning(*parameters[value.name], size, calibration)
+            bound = exceeded_bound(*parameters[value.name], size, sigma)
+            out.append(FittedValue(value.name, size, sigma, value.unit, means, bound))
+    return tuple(sorted(out, key=lambda v: (abs(v.value) / v.sigma, v.name), reverse=True))
+
+
+def test_excess(calibration: Calibration, noise_mm: float) -> float | None:
+    """The test poses' RMSE over what noise leaves there; None where it is no more than that may be by chance.
+
+    Noise leaves the point's own and what it does to the fit's prediction, which is much where test poses are of another
+    kind. A chi^2 with 3 degrees of freedom a point exceeds its 99.9 % quantile by chance once in a thousand; what the
+    fit says of its own uncertainty is believed to `_PREDICTION_DOUBT`.
+    """
+    after, poses = calibration.after, calibration.dataset.poses
+    if after.test is None or not noise_mm > 0.0:
+        return None
+    rows = np.flatnonzero(after.is_test[after.pose])
+    expected_mm2 = 3.0 * noise_mm**2 * len(rows)
+    for setup in after.scanner_T_base:
+        of_setup = after.pose[rows][poses.setup[after.pose[rows]] == setup]
+        if len(of_setup):
+            try:
+                covariance_mm2 = prediction_covariance(calibration, poses.q[of_setup], setup)
+            except FitError:  # it has no training pose: its frame is of the test poses themselves
+                return None
+            expected_mm2 += float(np.trace(covariance_mm2, axis1=1, axis2=2).sum())
+    by_chance = float(np.sqrt(chi2_ppf(0.999, 3 * len(rows)) / (3 * len(rows))))
+    ratio = float(np.sqrt(np.sum(after.error_mm[rows] ** 2) / expected_mm2))
+    return ratio if ratio > _PREDICTION_DOUBT * by_chance else None
