@@ -18,6 +18,7 @@ from calib.errors import CalibError
 from inspector.app.controllers.dataset_controller import DatasetController
 from inspector.app.controllers.downloads import Downloads
 from inspector.app.controllers.model_controller import ModelController
+from inspector.app.controllers.side_by_side_controller import SideBySideController
 from inspector.app.controllers.stage import Stage
 from inspector.app.page.dataset_list import has_scans, names_of
 from inspector.app.page.page_state import PageState
@@ -60,11 +61,12 @@ class App:
         self.stage = Stage(server, self.state, scans, panels, on_click=self.select)
         self.model = ModelController(
             self.state, panels, user_effects, {} if saved is None else {start: saved.session},
-            redraw=self.stage.draw_model, draw_as=self.stage.draw_as,
+            redraw=self._draw_model, draw_as=self.stage.draw_as,
         )  # fmt: skip
         self.dataset = DatasetController(
             named, self.state, scans, panels, self.stage, self.model, on_open=self._opened
         )
+        self.side_by_side = SideBySideController(named, self.state, panels.side_by_side)
         self.worker = Worker(self._failed)
         self._watch = Watch(user_effects, self.effects)
         self.downloads = Downloads(
@@ -79,6 +81,7 @@ class App:
         self.worker.stop()
         self.downloads.close()
         self.model.close()
+        self.side_by_side.close()
         self.server.stop()
 
     def _failed(self, key: Hashable, error: Exception) -> None:
@@ -101,9 +104,14 @@ class App:
     def _opened(self) -> None:
         with self._asking:
             self._wanted = 0  # another dataset starts at its first pose
+        self.beside()
         saved = self.model.saved.get(self.state.name)
         if saved is not None:
             self._show_again(saved.shown)
+
+    def _draw_model(self, first: bool) -> None:
+        self.stage.draw_model(first)
+        self.beside()
 
     def _show_again(self, shown: Shown) -> None:
         """What a saved session had on show."""
@@ -153,6 +161,7 @@ class App:
     def dark(self, dark: bool) -> None:
         """Page and figures dark or light."""
         self.worker.submit("dark", lambda: self.stage.dark(dark))
+        self.beside()
 
     def factor(self, factor: float) -> None:
         """How much larger the uncertainty is drawn."""
@@ -173,6 +182,11 @@ class App:
     def colouring(self, by: str) -> None:
         """Colour the measured points by their pose's role or by their error."""
         self.worker.submit("colouring", lambda: self.stage.comparison.colour_by(by))
+
+    def beside(self) -> None:
+        """Show what is chosen now beside the calibration on show."""
+        if self.state.view is not None:
+            self.worker.submit("beside", self.side_by_side.show)
 
     def failure(self) -> None:
         """Plot the residual against the input that is chosen now."""

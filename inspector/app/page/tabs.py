@@ -19,11 +19,12 @@ from inspector.panels.measure.scans import ScansPanel
 from inspector.panels.model.compare import ComparePanel
 from inspector.panels.model.fit import FitPanel
 from inspector.panels.model.redundancy import RedundancyPanel
+from inspector.panels.model.side_by_side import SideBySidePanel
 from inspector.panels.review import ReviewPanel
 
 STEPS: dict[str, tuple[str, ...]] = {  # a step without tabs of its own is one itself
     "Measure": ("Scans", "Planes", "Corner"),
-    "Model": ("Compare", "Fit", "Redundancy"),
+    "Model": ("Compare", "Fit", "Redundancy", "Beside"),
     "Learn": ("What is missing", "Where it fails"),
     "Take away": (),
 }
@@ -47,6 +48,7 @@ class Panels:
     corner: CornerPanel
     compare: ComparePanel
     redundancy: RedundancyPanel
+    side_by_side: SideBySidePanel
     fit: FitPanel
     missing_effects: MissingEffectsPanel
     residuals: ResidualsPanel
@@ -71,6 +73,8 @@ def add_panels(
         compare = ComparePanel(gui, actions)
     with tab["Redundancy"]:
         redundancy = RedundancyPanel(gui, actions)
+    with tab["Beside"]:
+        side_by_side = SideBySidePanel(gui, actions)
     with tab["Fit"]:
         fit = FitPanel(gui, actions)
     with tab["What is missing"]:
@@ -84,7 +88,17 @@ def add_panels(
     gui.main_panel.dock_right()
     gui.main_panel.set_width(RIGHT_WIDTH)
     return Panels(
-        review, scans, planes, corner, compare, redundancy, fit, missing_effects, residuals, downloads
+        review,
+        scans,
+        planes,
+        corner,
+        compare,
+        redundancy,
+        side_by_side,
+        fit,
+        missing_effects,
+        residuals,
+        downloads,
     )
 
 

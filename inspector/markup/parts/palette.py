@@ -17,6 +17,7 @@ GROUP_COLOURS = (
     "#6699CC",
 )
 MODEL_COLOURS = {"nominal": "#E69F00", "link errors": "#0072B2", "with effects": "#CC79A7"}
+BESIDE_COLOURS = ("#0072B2", "#D55E00")  # the calibration on show, and the one beside it
 ARM, JOINT, SLIDE = "#C3C9D1", "#6B7787", "#8C7340"  # links; joints that turn; joints that slide
 HIGHLIGHT = "#E63C3C"  # the selected corner
 REJECTED = "#5F6B7A"  # what the choice of planes left out; darker than face 3, which some colour-blind eyes see as grey

@@ -1,0 +1,90 @@
+"""Tab Beside: a second dataset, or an earlier version of the model, beside the one on show."""
+
+from __future__ import annotations
+
+import viser
+
+from calib.calibration.result import Calibration
+from inspector.figures.side_by_side import errors_beside
+from inspector.markup.learn.residuals import input_title, turned
+from inspector.markup.model.side_by_side import headline_html, tables_html
+from inspector.markup.parts import elements
+from inspector.panels.base import Actions, by_page, hidden_plot, put
+from inspector.session.side_by_side import Beside, compared
+from inspector.session.view import View
+
+NOTE = (
+    "Before and after a repair, or two arms of a type: another dataset beside the one on show. Each is fitted by "
+    "itself, so that a scanner that stands elsewhere is not blamed on the arm."
+)
+SAME_POINTS = "Both are fits of the same measurements: their parameters are in the tab Fit."
+NONE, VERSION = "–", "this arm: "
+
+
+class SideBySidePanel:
+    """What is beside the calibration on show, what differs, and the errors of both in one plot."""
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
+        gui.add_html(elements.note(NOTE))
+        self.other = gui.add_dropdown(
+            "Beside", (NONE,), hint="another dataset of the folder, or a version of this model"
+        )
+        self.against = gui.add_dropdown("Against", (NONE,), hint="what the errors are plotted against")
+        self._state = gui.add_html("")
+        self._plot = hidden_plot(gui, 0.75)
+        self._differences = gui.add_html("")
+        self._drawn: tuple[object, ...] = ()  # what the figure on show is of
+        self._fits: tuple[Calibration | None, ...] = (None, None)
+        self.other.on_update(lambda e: actions.beside() if by_page(e) else None)
+        self.against.on_update(lambda e: actions.beside() if by_page(e) else None)
+
+    @property
+    def chosen(self) -> str:
+        """What is to stand beside: a dataset's name, a version's behind VERSION, or NONE."""
+        return str(self.other.value)
+
+    def offer(self, datasets: tuple[str, ...], versions: tuple[str, ...]) -> None:
+        """What can be chosen; a choice that is gone is none."""
+        options = (NONE, *datasets, *(f"{VERSION}{name}" for name in versions))
+        if options != tuple(self.other.options):
+            before = self.chosen
+            self.other.options = options
+            put(self.other, before if before in options else NONE)
+
+    def say(self, words: str, *, bad: bool = False) -> None:
+        """Why there is nothing to see yet."""
+        self._plot.visible = False
+        self._differences.content, self._drawn = "", ()
+        self._state.content = elements.alert(words) if bad else elements.note(words)
+
+    def update(self, view: View, one: Beside, other: Beside) -> None:
+        """Both of them. Raises FitError for arms that cannot be compared."""
+        inputs = {
+            input_title(n, view.session.dataset.robot): n for n in ("order", *one.inputs) if n in other.inputs
+        }
+        options = tuple(inputs) or (NONE,)
+        if options != tuple(self.against.options):
+            before = str(self.against.value)
+            self.against.options = options
+            put(self.against, before if before in options else options[0])
+        title = str(self.against.value)
+        drawing = (other.name, title, view.dark)
+        fits = (one.calibration, other.calibration)
+        if drawing == self._drawn and all(a is b for a, b in zip(fits, self._fits, strict=True)):
+            return
+        found = compared(one, other)
+        self._state.content = elements.note(SAME_POINTS) if found is None else headline_html(found)
+        self._differences.content = "" if found is None else tables_html(found)
+        self._plot.visible = title in inputs
+        if title in inputs:
+            name, robot = inputs[title], view.session.dataset.robot
+            self._plot.figure = errors_beside(
+                (one.name, other.name),
+                (turned(name, one.inputs[name], robot), turned(name, other.inputs[name], robot)),
+                (one.error_mm, other.error_mm),
+                (one.pose_ids, other.pose_ids),
+                x_title=title,
+                same_poses=found is None,
+                dark=view.dark,
+            )
+        self._drawn, self._fits = drawing, fits

@@ -1,0 +1,77 @@
+"""A second calibration beside the one on show: another dataset's, or an earlier version of the model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.calibration.calibrate import calibrate
+from calib.calibration.pose_errors import PoseErrors, pose_errors_of
+from calib.calibration.result import Calibration
+from calib.corners.batch import find_corners
+from calib.dataset.files.folder import load_dataset
+from calib.errors import CalibError
+from calib.measurement.measured_points import with_corners
+from calib.options import FitOptions
+from calib.validation.comparison import Comparison, compare
+from inspector.session.session import Session
+
+
+@dataclass(frozen=True)
+class Beside:
+    """One of the two that are shown: errors of N poses, and what they may depend on."""
+
+    name: str
+    calibration: Calibration | None  # None for a version of the same measurements
+    pose_ids: tuple[str, ...]
+    error_mm: Array  # (N,) 3D
+    inputs: dict[str, Array]  # (N,) each
+
+    @classmethod
+    def of(cls, name: str, calibration: Calibration, errors: PoseErrors | None = None) -> Beside:
+        """Of a calibration."""
+        errors = errors or pose_errors_of(calibration)
+        return cls(name, calibration, errors.pose_ids, errors.error_length_mm, errors.inputs)
+
+
+def beside_of_folder(name: str, folder: Path, residual: str) -> Beside:
+    """A dataset that is not open: its link errors fitted, its scans searched where it has no points.
+
+    Raises CalibError where it cannot be read or fitted.
+    """
+    dataset = load_dataset(folder)
+    if dataset.points is None:
+        dataset = with_corners(
+            dataset, find_corners(dataset, intermediate=False), orientation=residual == "pose"
+        )
+    return Beside.of(name, calibrate(dataset, FitOptions(residual=residual)))
+
+
+def beside_of_session(name: str, session: Session) -> Beside:
+    """The model that a session shows. Raises CalibError where it has none yet."""
+    if session.calibration is None:
+        raise CalibError(f"dataset {name}: it is not calibrated yet")
+    return Beside.of(name, session.calibration, session.pose_errors)
+
+
+def beside_of_version(session: Session, name: str) -> Beside | None:
+    """A version of the session's model, at the poses that were measured; None where there is none of this name."""
+    version = next((v for v in session.versions if v.name == name), None)
+    if version is None or session.pose_errors is None:
+        return None
+    errors = dict(zip(session.dataset.poses.ids, version.pose_errors_mm(), strict=True))
+    ids = session.pose_errors.pose_ids
+    return Beside(name, None, ids, np.array([errors[i] for i in ids]), session.pose_errors.inputs)
+
+
+def compared(shown: Beside, beside: Beside) -> Comparison | None:
+    """What changed from the one beside to the one on show; None for two models of the same measurements.
+
+    Raises FitError as `compare`.
+    """
+    if shown.calibration is None or beside.calibration is None:
+        return None
+    return compare(beside.calibration, shown.calibration, (beside.name, shown.name))
