@@ -150,7 +150,7 @@ def pose_residuals(
         traces.append(
             {
                 "type": "bar", "x": [names[i] for i in at], "y": values[at].tolist(), "name": word,
-                "ids": [ids[i] for i in at], "meta": SELECTS_POSE,
+                "ids": [escape(ids[i]) for i in at], "meta": SELECTS_POSE,
                 "marker": {"color": role_colour(role), "line": {"color": strong_ink(dark)}},
                 "hovertemplate": f"pose %{{x}} ({word})<br>{what} %{{y:.4f}} mm<extra></extra>",
             }

@@ -63,7 +63,7 @@ def residual_against(
             {
                 "type": "scatter", "mode": "markers", "name": ROLE_WORDS[role], "x": at[rows].tolist(),
                 "y": values[rows].tolist(), "customdata": [escape(ids[i]) for i in rows],
-                "ids": [ids[i] for i in rows], "meta": SELECTS_POSE,
+                "ids": [escape(ids[i]) for i in rows], "meta": SELECTS_POSE,
                 "marker": {"size": 8, "color": ROLE_COLOURS[role], "symbol": _SYMBOLS[role]},
                 "hovertemplate": f"pose %{{customdata}} ({ROLE_WORDS[role]})<br>{escape(x_title)} %{{x:.5g}}<br>"
                 f"{escape(y_title)} %{{y:.4g}}<extra></extra>",
@@ -136,7 +136,7 @@ def place_views(
                     "type": "scatter", "mode": "markers", "name": ROLE_WORDS[role], "legendgroup": role,
                     "showlegend": first, "yaxis": letter, "x": place[rows, 0].tolist(), "y": place[rows, axis].tolist(),
                     "customdata": [escape(ids[i]) for i in rows],
-                    "ids": [ids[i] for i in rows], "meta": SELECTS_POSE, "text": [f"{v:.4g}" for v in shown[rows]],
+                    "ids": [escape(ids[i]) for i in rows], "meta": SELECTS_POSE, "text": [f"{v:.4g}" for v in shown[rows]],
                     "marker": {
                         **colour, **scale, "size": 9, "symbol": _SYMBOLS[role], "color": _listed(shown[rows]),
                         "line": {"color": ink(dark), "width": 0.7},

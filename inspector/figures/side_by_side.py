@@ -30,7 +30,7 @@ def errors_beside(
     traces = []
     for k, (name, at, errors, pose_ids) in enumerate(zip(names, x, error_mm, ids, strict=True)):
         colour = BESIDE_COLOURS[k]
-        selects = {"ids": list(pose_ids), "meta": SELECTS_POSE} if k == 0 or same_poses else {}
+        selects = {"ids": [escape(i) for i in pose_ids], "meta": SELECTS_POSE} if k == 0 or same_poses else {}
         traces.append(
             {
                 "type": "scatter", "mode": "markers", "name": shortened(name), "x": at.tolist(), "y": errors.tolist(),

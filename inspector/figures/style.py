@@ -20,7 +20,7 @@ SIGNED_SCALE = (
     (0.75, "#F4A582"),
     (1.0, "#B2182B"),
 )
-# Of a trace whose points' `ids` are poses: a click on one selects it (server/client/page.js).
+# Of a trace whose points' `ids` are poses, escaped: a click on one selects it (server/client/page.js).
 SELECTS_POSE = {"ask": "pose"}
 
 

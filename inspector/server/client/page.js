@@ -81,12 +81,19 @@ const inspector = (() => {
 
   // ---- plots: a trace whose meta.ask names a request asks it with the id of the point that is clicked ----
 
+  // Names in figures are escaped, wherever Plotly may show them.
+  function unescaped(text) {
+    const area = document.createElement("textarea"); // its content is text, whatever it holds
+    area.innerHTML = text;
+    return area.value;
+  }
+
   function listenTo(plot) {
     if (plot.dataset.listens || typeof plot.on !== "function") return;
     plot.dataset.listens = "true";
     plot.on("plotly_click", (event) => {
       const point = event.points.find((each) => each.data.meta?.ask && each.id !== undefined);
-      if (point) ask(point.data.meta.ask, point.id);
+      if (point) ask(point.data.meta.ask, unescaped(point.id));
     });
   }
 
