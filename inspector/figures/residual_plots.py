@@ -136,7 +136,8 @@ def place_views(
                     "type": "scatter", "mode": "markers", "name": ROLE_WORDS[role], "legendgroup": role,
                     "showlegend": first, "yaxis": letter, "x": place[rows, 0].tolist(), "y": place[rows, axis].tolist(),
                     "customdata": [escape(ids[i]) for i in rows],
-                    "ids": [escape(ids[i]) for i in rows], "meta": SELECTS_POSE, "text": [f"{v:.4g}" for v in shown[rows]],
+                    "ids": [escape(ids[i]) for i in rows], "meta": SELECTS_POSE,
+                    "text": [f"{v:.4g}" for v in shown[rows]],
                     "marker": {
                         **colour, **scale, "size": 9, "symbol": _SYMBOLS[role], "color": _listed(shown[rows]),
                         "line": {"color": ink(dark), "width": 0.7},
