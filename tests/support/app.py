@@ -26,8 +26,14 @@ ADD = "Add to the model"  # the button
 def idle_app(folder: Path, effects_file: Path | None = None, saved: Opening | None = None) -> Iterator[App]:
     """The app on `folder`, at a port of its own, once everything that it begins with is done."""
     with serving(folder, port=0, effects_file=effects_file, saved=saved) as app:
+        without_reflections(app)
         assert app.worker.wait_idle(IDLE_S)
         yield app
+
+
+def without_reflections(app: App) -> None:
+    """Lamps alone light the scene: a browser without GPU takes eight seconds to blur the picture of a surrounding hall."""
+    app.server.scene.configure_environment_map(None)
 
 
 def plain(page: WireClient) -> str:

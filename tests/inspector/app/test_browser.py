@@ -15,7 +15,7 @@ from inspector.panels.model.compare import SHOW_ARM, SHOW_DISTANCE
 from inspector.panels.review import NEXT, PREVIOUS
 from inspector.scene.scene_view import ROOT
 from inspector.server.viser_server import url_of
-from tests.support.app import IDLE_S
+from tests.support.app import IDLE_S, without_reflections
 from tests.support.browser import MS, colours_in, need_chromium, node_drawn, open_page, open_tab, says
 from tests.support.tiny_dataset import BROKEN, HOSTILE, POSES, write_tiny
 
@@ -26,6 +26,7 @@ pytestmark = pytest.mark.browser
 def app(chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
     del chromium  # first: without a browser there is nothing to prepare
     with serving(write_tiny(tmp_path_factory.mktemp("datasets")), port=0) as running:
+        without_reflections(running)
         yield running
 
 

@@ -129,6 +129,7 @@ def test_no_path_leaves_the_page_folder(server: server_module.InspectorServer) -
         with pytest.raises(urllib.error.HTTPError) as caught:
             urllib.request.urlopen(url_of(server) + path)
         assert caught.value.code == 404, path
+        caught.value.close()  # an open connection would hold the server up when it stops
 
 
 # ---- no public tunnel -----------------------------------------------------------------------------------------------

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -69,24 +71,30 @@ def assert_same_end(session: Session, found: Diagnosis) -> None:
     assert here.summary() == found.summary()
 
 
-CASES = {
-    "one effect": arm(3, ("backlash", 4.0)),
-    "two effects": arm(5, ("transmission_error", 4.0), ("thermal_growth", 4.0)),
-    "nothing": arm(8),
-    "a wild point beside an effect": with_wild_point(arm(4, ("joint_compliance", 4.0))),
-    "a dent": arm(1, ("joint_dent", 4.0)),
-    "no name, curves": arm(1, ("rough_gear", 5.0)),
-    "depth three times coarser": odd_arm("deep", 2, ["transmission_error"], sigmas=4.0),
-    "a wander like a drift": odd_arm("wandering", 8),
-    "shots that tell the noise": odd_arm("deep", 0, shots=3),
-    "a second arm": arm(9, ("joint_scale", 3.0), ("scanner_drift", 3.0), robot="panda"),
+CASES: dict[str, Callable[[], Dataset]] = {
+    "one effect": lambda: arm(3, ("backlash", 4.0)),
+    "two effects": lambda: arm(5, ("transmission_error", 4.0), ("thermal_growth", 4.0)),
+    "nothing": lambda: arm(8),
+    "a wild point beside an effect": lambda: with_wild_point(arm(4, ("joint_compliance", 4.0))),
+    "a dent": lambda: arm(1, ("joint_dent", 4.0)),
+    "no name, curves": lambda: arm(1, ("rough_gear", 5.0)),
+    "depth three times coarser": lambda: odd_arm("deep", 2, ["transmission_error"], sigmas=4.0),
+    "a wander like a drift": lambda: odd_arm("wandering", 8),
+    "shots that tell the noise": lambda: odd_arm("deep", 0, shots=3),
+    "a second arm": lambda: arm(9, ("joint_scale", 3.0), ("scanner_drift", 3.0), robot="panda"),
 }
+
+
+@cache
+def case(name: str) -> Dataset:
+    return CASES[name]()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_the_advice_followed_to_its_end_is_the_diagnosis(name: str) -> None:
-    assert_same_end(followed(CASES[name]), diagnose(CASES[name]))
+    dataset = case(name)
+    assert_same_end(followed(dataset), diagnose(dataset))
 
 
 @pytest.mark.slow
@@ -99,7 +107,7 @@ def test_the_same_on_the_sample_data(name: str) -> None:
 
 @pytest.mark.slow
 def test_names_added_in_the_order_of_the_search_are_its_model() -> None:
-    dataset = CASES["two effects"]
+    dataset = case("two effects")
     found = diagnose(dataset)
     assert len(found.missing) == 2
     steps = add_in_turn(dataset, found.missing)
@@ -109,7 +117,7 @@ def test_names_added_in_the_order_of_the_search_are_its_model() -> None:
 
 @pytest.mark.slow
 def test_a_wrong_first_choice_is_taken_out_again_on_the_way() -> None:
-    dataset = CASES["two effects"]
+    dataset = case("two effects")
     session = sessions.with_screening(sessions.with_calibration(Session(dataset)))
     assert session.screening is not None
     wrong = next(
