@@ -32,7 +32,7 @@ def idle_app(folder: Path, effects_file: Path | None = None, saved: Opening | No
 
 
 def without_reflections(app: App) -> None:
-    """Lamps alone light the scene: a browser without GPU takes eight seconds to blur the picture of a surrounding hall."""
+    """Lamps alone light the scene: without a GPU a browser takes seconds to blur the picture of a hall around it."""
     app.server.scene.configure_environment_map(None)
 
 

@@ -194,8 +194,12 @@ def in_frame(base_T_frame: Array, vector: Array) -> Array:
 
 def _turn(axis: str, angle_rad: Array) -> Array:
     """(N, 4, 4)"""
+    k = "xyz".index(axis)
+    i, j = (k + 1) % 3, (k + 2) % 3
     out = np.tile(np.eye(4), (len(angle_rad), 1, 1))
-    out[:, :3, :3] = Rotation.from_euler(axis, angle_rad[:, None]).as_matrix()
+    out[:, i, i] = out[:, j, j] = np.cos(angle_rad)
+    out[:, j, i] = np.sin(angle_rad)
+    out[:, i, j] = -out[:, j, i]
     return out
 
 
