@@ -30,7 +30,7 @@ from inspector.session.reopening import Opening
 from inspector.session.scan_cache import ScanCache
 from inspector.session.session_file import Shown
 from inspector.session.user_effects import UserEffects, Watch
-from inspector.session.view import RESIDUALS, VIEWS
+from inspector.session.view import RESIDUALS, SIDES, VIEW_OF_TAB, VIEWS
 
 log = logging.getLogger(__name__)
 
@@ -57,7 +57,7 @@ class App:
             start = next(name for name, folder in named.items() if folder == saved.folder)
         user_effects, scans = UserEffects(effects_file), ScanCache()
         panels = add_panels(server.gui, self, self._known, scans_first=has_scans(folders[0]))
-        self.panels, self.state = panels, PageState()
+        self.panels, self.state = panels, PageState(panels.headline.update)
         self.stage = Stage(server, self.state, scans, panels, on_click=self.select)
         self.model = ModelController(
             self.state, panels, user_effects, {} if saved is None else {start: saved.session},
@@ -73,6 +73,8 @@ class App:
             self.state, lambda: self.stage.view_name, self.worker, panels.downloads, root
         )
         server.requests.on("pose", self.select_id)
+        server.requests.on("tabs", self.tabs)
+        server.requests.on("find", lambda _: self.find(True))
         self.open(start)
 
     def close(self) -> None:
@@ -151,7 +153,22 @@ class App:
     def show_view(self, name: str) -> None:
         """Show the layers of a view and put the camera there."""
         if name in VIEWS:
-            self.worker.submit("view", lambda: self.stage.show_view(name))
+            self.worker.submit("view", lambda: self.stage.choose_view(name))
+
+    def tabs(self, names: str) -> None:
+        """Show what belongs to the tabs that the user has opened, "Review/Learn/What is missing"."""
+        name = next((VIEW_OF_TAB[tab] for tab in reversed(names.split("/")) if tab in VIEW_OF_TAB), None)
+        if name is not None:
+            self.worker.submit("view", lambda: self.stage.follow(name))
+
+    def keep_view(self, keep: bool) -> None:
+        """Whether the 3D view stays as it is when another tab is opened."""
+        self.worker.submit("keep view", lambda: self.stage.keep_view(keep))
+
+    def look_from(self, side: str) -> None:
+        """Look at what is on show from the front, the side, the top, or as at first."""
+        if side in SIDES:
+            self.worker.submit("look", lambda: self.stage.look_from(side))
 
     def layer(self, name: str, visible: bool) -> None:
         """Show or hide one layer."""

@@ -10,7 +10,7 @@ from inspector.markup.parts import elements, numbers
 from inspector.markup.parts.palette import DOUBT, FAILED, ROLE_WORDS, role_colour
 from inspector.panels.base import Actions, ChangedValues, by_page, put
 from inspector.panels.input_checks import clamped, one_of
-from inspector.session.view import FACTORS, POINT_VIEWS, VIEW_LAYERS, VIEWS, View, corner_of
+from inspector.session.view import FACTORS, POINT_VIEWS, RESET, SIDES, VIEW_LAYERS, VIEWS, View, corner_of
 
 LAYER_WORDS = {
     "Scan layers": {
@@ -30,9 +30,12 @@ LAYER_WORDS = {
         "residuals": "Residuals",
         "arm": "Arm",
         "scanner": "Scanner",
+        "floor": "Floor, 100 mm grid",
+        "scale": "Scale",
     },
 }
 NOTHING_OPEN = "No dataset is open: choose another one, or mend this one and start the program again."
+KEYS = "Keys: N next, P previous, 1–7 views, F front, S side, T top, R reset, D dark"
 PREVIOUS, NEXT = "◀ Previous", "Next ▶"
 
 
@@ -52,6 +55,10 @@ class ReviewPanel:
         self.walk = gui.add_button_group("", (PREVIOUS, NEXT), hint="keys: P and N")
         self._status = gui.add_html("")
         self.view = gui.add_button_group("3D view", VIEWS, hint="keys: 1 to 7")
+        self.sides = gui.add_button_group("Look from", SIDES, hint="keys: F, S, T, R")
+        self.keep = gui.add_checkbox(
+            "Keep this view", False, hint="the 3D view stays as it is when another tab is opened"
+        )
         self._legend = gui.add_html("")
         self.layers: dict[str, viser.GuiCheckboxHandle] = {}
         self._folders: dict[str, viser.GuiFolderHandle] = {}
@@ -71,7 +78,7 @@ class ReviewPanel:
                 "Ellipsoids ×", tuple(str(f) for f in FACTORS), initial_value="1000",
                 hint="how many times larger than one standard deviation the uncertainty is drawn",
             )  # fmt: skip
-        gui.add_html(elements.STYLE + elements.note("Keys: N next, P previous, 1–7 views, D dark"))
+        gui.add_html(elements.STYLE + elements.note(KEYS))
         self._connect(gui)
 
     def _connect(self, gui: viser.GuiApi) -> None:
@@ -80,6 +87,8 @@ class ReviewPanel:
         self.pose.on_update(lambda e: self._chosen(str(e.target.value)) if by_page(e) else None)
         self.walk.on_click(lambda e: a.step(1 if e.target.value == NEXT else -1))
         self.view.on_click(lambda e: a.show_view(one_of(e.target.value, VIEWS, VIEWS[0])))
+        self.sides.on_click(lambda e: a.look_from(one_of(e.target.value, SIDES, RESET)))
+        self.keep.on_update(lambda e: a.keep_view(bool(e.target.value)) if by_page(e) else None)
         self.search.on_click(lambda _: a.search(self.search.label != "Stop the search"))
         self.dark.on_update(lambda e: a.dark(bool(e.target.value)) if by_page(e) else None)
         self.grey.on_update(lambda e: a.grey_rejected(bool(e.target.value)) if by_page(e) else None)
@@ -100,6 +109,10 @@ class ReviewPanel:
         for key, name in zip("1234567", VIEWS, strict=True):
             gui.add_command(f"Look at: {name}", hotkey=key, icon=viser.Icon.EYE).on_trigger(  # type: ignore[arg-type]
                 lambda _, name=name: a.show_view(name)  # type: ignore[misc]
+            )
+        for side in SIDES:
+            gui.add_command(f"Look from: {side}", hotkey=side[0], icon=viser.Icon.CAMERA).on_trigger(  # type: ignore[arg-type]
+                lambda _, side=side: a.look_from(side)  # type: ignore[misc]
             )
         gui.add_command("Dark or light", hotkey="D", icon=viser.Icon.MOON).on_trigger(
             lambda _: a.dark(not self.dark.value)

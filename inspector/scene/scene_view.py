@@ -40,6 +40,8 @@ LAYERS = (
     "residuals",
     "arm",
     "scanner",
+    "floor",
+    "scale",
 )
 HALO = "halo"  # a part of the layer of corners
 DOWN = (0.0, 1.0, 0.0)  # in a scanner's frame, which is a camera's: y points down
@@ -124,23 +126,18 @@ class SceneView:
         """Bring this point to the middle of the view."""
         self._root.position = tuple(-to_scene(point_mm).astype(float))
 
-    def aim_camera(
-        self, distance_mm: float, focus_mm: ArrayLike, *, down: ArrayLike = DOWN, beside: ArrayLike = BESIDE
-    ) -> None:
-        """Look at the focus from the scanner's side and a little `beside` it, in every page open or to come."""
-        back, down = -np.asarray(focus_mm, dtype=float), np.asarray(down, dtype=float)
-        length = float(np.linalg.norm(back))
-        back = np.array([0.0, 0.0, -1.0]) if length < 1e-9 else back / length
-        direction = back + np.asarray(beside, dtype=float)
+    def aim_camera(self, distance_mm: float, towards: ArrayLike, *, up: ArrayLike) -> None:
+        """Look at the middle of the view from this side of it (3,), in every page open or to come."""
+        direction, up = np.asarray(towards, dtype=float), np.asarray(up, dtype=float)
         eye = direction / np.linalg.norm(direction) * distance_mm * M_PER_MM
         start = self._server.initial_camera
-        start.position, start.look_at, start.up = tuple(eye), (0.0, 0.0, 0.0), tuple(-down)
+        start.position, start.look_at, start.up = tuple(eye), (0.0, 0.0, 0.0), tuple(up)
         start.near = 0.001
         for client in self._server.get_clients().values():
             with client.atomic():
                 client.camera.position = eye
                 client.camera.look_at = np.zeros(3)
-                client.camera.up_direction = -down
+                client.camera.up_direction = up
 
     def dark(self, dark: bool) -> None:
         """The selected scan stands out from a dark or a light background."""

@@ -65,7 +65,7 @@ class PageRequests:
 
 
 def with_script(page: Response) -> Response:
-    """Viser's page with our script and title."""
+    """Viser's page with our script, style and title."""
     compressed = page.headers.get("Content-Encoding") == "gzip"
     body = _scripted(bytes(page.body), compressed)
     headers = _headers(page.headers["Content-Type"], body, compressed)
@@ -81,6 +81,9 @@ def _scripted(body: bytes, compressed: bool) -> bytes:
     title = f"<title>{TITLE}</title>".encode()
     plain = (
         head.replace(b"<title>Viser</title>", title)
+        + b"<style>"
+        + (SCRIPTS / "page.css").read_bytes()
+        + b"</style>"
         + b'<script src="inspector/page.js"></script>'
         + end
         + rest

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib.array_types import Array
-from calib.calibration.model_versions import Version
+from calib.calibration.model_versions import EFFECTS, LINKS, NOMINAL, Version
 from calib.corners.search import CornerSearch
 from calib.options import RESIDUAL_KINDS
 from inspector.session.session import Session
@@ -15,16 +15,28 @@ from inspector.session.session import Session
 RESIDUALS = RESIDUAL_KINDS
 VIEWS = ("All scans", "Scan", "Planes", "Corner", "All corners", "Distance", "Arm")
 VIEW_LAYERS = {
-    "All scans": {"overview", "scan", "faces", "corner", "corners"},
-    "Scan": {"scan", "faces", "corner"},
-    "Planes": {"faces", "sets", "rejected", "groups"},
-    "Corner": {"faces", "corner"},
-    "All corners": {"corner", "corners", "residuals", "predicted", "scanner"},
-    "Distance": {"distance", "jig"},
-    "Arm": {"corners", "residuals", "predicted", "arm", "scanner"},
+    "All scans": {"overview", "scan", "faces", "corner", "corners", "scale"},
+    "Scan": {"scan", "faces", "corner", "scale"},
+    "Planes": {"faces", "sets", "rejected", "groups", "scale"},
+    "Corner": {"faces", "corner", "scale"},
+    "All corners": {"corner", "corners", "residuals", "predicted", "scanner", "floor", "scale"},
+    "Distance": {"distance", "jig", "scale"},
+    "Arm": {"corners", "residuals", "predicted", "arm", "scanner", "floor", "scale"},
 }
 POINT_VIEWS = ("Arm", "All corners", "Corner")  # where there are no scans
 WIDE_VIEWS = ("All scans", "All corners", "Arm")  # of the whole dataset, not of one pose
+VIEW_OF_TAB = {  # what the 3D view shows when a tab is opened; a tab without one leaves it as it is
+    "Scans": "Scan",
+    "Planes": "Planes",
+    "Corner": "Corner",
+    "Compare": "Arm",
+    "Beside": "Arm",
+    "Fit": "Arm",
+    "What is missing": "Arm",
+    "Where it fails": "Arm",
+}
+FRONT, SIDE, TOP, RESET = "Front", "Side", "Top", "Reset"
+SIDES = (FRONT, SIDE, TOP, RESET)  # where the 3D view is looked at from
 BY_ROLE, BY_ERROR = "by role", "by error"
 COLOURINGS = (BY_ROLE, BY_ERROR)
 FACTORS = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000)  # enlargements of the uncertainty ellipsoids
@@ -66,6 +78,22 @@ class View:
         return next(
             (v for v in self.versions if v.name == self.chosen), self.versions[-1] if self.versions else None
         )
+
+    @property
+    def shown_step(self) -> int | None:
+        """Which model is shown: 0 is the nominal robot, k that after `session.steps[k - 1]`; None where none is."""
+        version = self.version
+        if version is None or version.name == NOMINAL:
+            return None if version is None else 0
+        fits = [step.calibration for step in self.session.steps]
+        return next((k + 1 for k, fit in enumerate(fits) if fit is version.calibration), None)
+
+    def version_of_step(self, number: int) -> str:
+        """Which of the versions the model after a step is; steps counted as in `shown_step`."""
+        steps = self.session.steps
+        if number == 0:
+            return NOMINAL
+        return EFFECTS if steps[number - 1].selected else LINKS
 
     def with_session(self, session: Session) -> View:
         """The same view of another session. What showed the latest version of the model goes on doing so."""

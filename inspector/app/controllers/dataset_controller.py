@@ -22,7 +22,6 @@ from inspector.session import measuring
 from inspector.session.scan_cache import ScanCache
 
 WAITING = "The fit starts when all scans have been searched. Calibrate takes the corners found so far."
-POINTS_VIEW = "Arm"  # where there are no scans to look at
 
 
 class DatasetController:
@@ -46,7 +45,7 @@ class DatasetController:
     # ---- datasets ---------------------------------------------------------------------------------------------------
 
     def open(self, name: str) -> LongWork:
-        """Show a dataset and work through it."""
+        """Show a dataset, at once, and work through it."""
         state, review = self._state, self._panels.review
         review.show_problem("")
         try:
@@ -68,11 +67,8 @@ class DatasetController:
         if session.calibration is not None:
             self._stage.change_arrows(fitting_arrows(state.now))
         self._draw()
-        self._stage.show_view(
-            self._stage.view_name if session.dataset.scan_folder is not None else POINTS_VIEW
-        )
-        yield
-        yield from self.process()
+        self._stage.open_view()
+        return self.process()
 
     def _draw(self) -> None:
         """Everything of a dataset that was just opened."""
@@ -97,7 +93,7 @@ class DatasetController:
             self._show_progress(running=True)
             yield
         self._show_progress(running=False)
-        self._stage.show_view(self._stage.view_name)
+        self._stage.aim_again()
         if self._state.session.calibration is None:
             fit.update(self._state.now, waiting="Calibrating …")
             yield
@@ -129,7 +125,7 @@ class DatasetController:
             draw_overview(stage.scene, view, pose, scan, colour, view.session.scans)
         if first:
             stage.choose_factor()
-            stage.show_view(stage.view_name)
+            stage.aim_again()
         self._panels.scans.update_list(self._state.now)
         if pose == self._state.now.pose:
             self._stage.draw_pose()
@@ -141,6 +137,7 @@ class DatasetController:
         searches = session.searches
         known = [(i, searches[i]) for i in session.dataset.poses.ids if i in searches]
         measured = session.dataset.points is not None
+        self._panels.headline.doing(searching=running and bool(session.needed))
         self._panels.review.show_progress(
             len(searches),
             0 if measured else session.scans,

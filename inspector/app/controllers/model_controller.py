@@ -102,7 +102,7 @@ class ModelController:
 
     def _reopen(self, saved: Saved, residual: str) -> LongWork:
         session = self._session
-        self._panels.missing_effects.say("Opening the saved session …")
+        self._panels.say("Opening the saved session …")
         yield
         try:
             again = yield from self._shown.beside(
@@ -127,6 +127,7 @@ class ModelController:
         """Fit the parameters to this kind of residual, then rank what could be missing."""
         dataset = self._session.dataset
         self._panels.fit.busy(True)
+        self._panels.headline.doing(problem="")
         try:
             if residual == "pose":
                 yield from self._labelling.require()
@@ -135,6 +136,7 @@ class ModelController:
             session = sessions.with_calibration(self._session, residual)
         except CalibError as error:
             self._panels.fit.update(self._state.now, waiting=str(error))
+            self._panels.headline.doing(problem=str(error))
             raise
         finally:
             self._panels.fit.busy(False)
@@ -180,6 +182,10 @@ class ModelController:
         yield
         yield from self.rank()
 
+    def _finding(self, running: bool) -> None:
+        self._panels.missing_effects.finding(running)
+        self._panels.headline.doing(finding=running)
+
     def find(self) -> LongWork:
         """The whole diagnosis, from the link errors alone."""
         session = self._session
@@ -191,7 +197,7 @@ class ModelController:
             said.append(words)
 
         shown = ""
-        self._panels.missing_effects.finding(True)
+        self._finding(True)
         try:
             work = self._shown.beside(
                 lambda: sessions.with_diagnosis(self._ranking.with_user_effects(session), on_step), session
@@ -199,7 +205,7 @@ class ModelController:
             while True:
                 if said[-1] != shown:
                     shown = said[-1]
-                    self._panels.missing_effects.say(f"Looking for what is missing: {shown} …")
+                    self._panels.say(f"Looking for what is missing: {shown} …")
                 try:
                     next(work)
                 except StopIteration as end:
@@ -210,6 +216,6 @@ class ModelController:
                 self._shown.change(sessions.seen_since(found, self._session))
         finally:
             stop.set()
-            self._panels.missing_effects.finding(False)
+            self._finding(False)
             self.show()
         yield from self.rank()  # where another change came in between

@@ -26,12 +26,12 @@ class Ranking:
             self._shown.show()
             yield from self._test_residual()
             return
-        self._panel.say("Ranking what could be missing …")
+        self._shown.panels.say("Ranking what could be missing …")
         yield
         try:
             ranked = yield from self._shown.beside(lambda: self._ranked(session), session)
         except CalibError as error:  # nothing that the user asked for: the tab says it
-            self._panel.say(str(error))
+            self._shown.panels.say(str(error))
             return
         if ranked is None:
             return

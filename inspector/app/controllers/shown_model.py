@@ -63,6 +63,7 @@ class ShownModel:
             self.state.now, undo=len(steps.past), redo=len(steps.future), own=self.user_effects.problem
         )
         self.panels.residuals.update(self.state.now)
+        self.panels.headline.doing(words="")
 
     def change(self, session: Session) -> None:
         """A new model, with the way back to the one before."""

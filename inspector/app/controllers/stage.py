@@ -20,7 +20,9 @@ from inspector.scene.draw_scan import PLANE_LAYERS, draw_planes, draw_pose, fitt
 from inspector.scene.scene_view import SceneView
 from inspector.session.scan_cache import ScanCache
 from inspector.session.session_file import Shown
-from inspector.session.view import FACTORS
+from inspector.session.view import FACTORS, POINT_VIEWS, VIEWS
+
+ALL_SCANS, ARM = "All scans", "Arm"
 
 
 class Stage:
@@ -76,6 +78,7 @@ class Stage:
             self.scene.hide_in_overview(view.pose, lambda i: bool(setups[i] != setups[view.pose]))
             self.comparison.draw_scan(scan, self._camera.visible)
             self.comparison.draw()
+            self._camera.measure(view, self._scans.medians)
         self._panels.review.update(view)
         self._panels.scans.update(view, scan, drawn)
         self._panels.planes.update(view)
@@ -86,8 +89,11 @@ class Stage:
         if first:  # and then no more, so that arrows shrink as the error falls
             self._state.change(arrows=fitting_arrows(self._state.now))
         self.comparison.draw()
-        if first and self._camera.name == "Arm":
+        if first and self._camera.name == ARM and not self._camera.kept:
             self._camera.at(self._state.now, self._scans.medians)
+        if first and not (self._camera.settled or self._camera.kept):
+            self.show_view(ARM)
+        self._camera.measure(self._state.now, self._scans.medians)
 
     def choose_factor(self) -> None:
         """Enlarge the ellipsoids so that the first corner's is about a centimetre large."""
@@ -153,7 +159,48 @@ class Stage:
             draw_planes(self.scene, view, self._camera.visible)
             self.comparison.draw_distance(self._camera.visible)
             self._camera.at(view, self._scans.medians)
+            self._camera.measure(view, self._scans.medians)
             self.show_legend()
+
+    def open_view(self) -> None:
+        """What is looked at first in a dataset that was just opened: the arm, or the scans until there is a model."""
+        self._camera.settled = False
+        view = self._state.now
+        if not self._camera.kept or view.session.dataset.scan_folder is None:
+            scans_first = view.session.dataset.scan_folder is not None and view.version is None
+            self.show_view(ALL_SCANS if scans_first else ARM)
+
+    def aim_again(self) -> None:
+        """Put the camera where the view is seen well now that more is known of it."""
+        if not self._camera.kept:
+            self.show_view(self._camera.name)
+
+    def choose_view(self, name: str) -> None:
+        """What the user wants to look at."""
+        self._camera.settled = True
+        self.show_view(name)
+
+    def follow(self, name: str) -> None:
+        """Show the view of a tab that was opened, where there is something to see in it."""
+        view = self._state.view
+        if view is None or self._camera.kept or name == self._camera.name:
+            return
+        has_scans = view.session.dataset.scan_folder is not None
+        if name not in (VIEWS if has_scans else POINT_VIEWS) or (name == ARM and view.version is None):
+            return
+        self._camera.settled = name != ARM
+        self.show_view(name)
+
+    def keep_view(self, keep: bool) -> None:
+        """Whether the view stays as it is when another tab is opened."""
+        self._camera.kept = keep
+        put(self._panels.review.keep, keep)
+
+    def look_from(self, side: str) -> None:
+        """Look at what is on show from one of SIDES."""
+        view = self._state.view
+        if view is not None:
+            self._camera.at(view, self._scans.medians, side)
 
     @property
     def view_name(self) -> str:

@@ -3,20 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from calib.array_types import Array
 from inspector.panels.review import ReviewPanel
+from inspector.scene.arm_shape import reach_mm
 from inspector.scene.draw_scan import middle_of
-from inspector.scene.scene_view import BESIDE, LAYERS, SceneView
-from inspector.session.view import VIEW_LAYERS, VIEWS, WIDE_VIEWS, View, corner_of
+from inspector.scene.floor import draw_floor, draw_scale
+from inspector.scene.scene_view import BESIDE, DOWN, LAYERS, SceneView
+from inspector.session.view import FRONT, RESET, SIDE, VIEW_LAYERS, VIEWS, WIDE_VIEWS, View, corner_of
 
 VIEW_DISTANCE_MM = {"Scan": 330.0, "Planes": 240.0, "Corner": 170.0, "Distance": 200.0}
 CLOSE_BESIDE = np.array([0.10, -0.08, 0.0])  # of the scanner, near enough to see all that it saw
 WHOLE_SCAN_MM = 600.0  # where no corner tells what to look at
 ARM_DISTANCE = 2.0  # of the radius that holds arm and points
 ARM_BESIDE, ARM_ABOVE = 1.1, 0.45  # where the arm is looked at from: to the scanner's right, and above
+STRAIGHT_DOWN = 0.02  # how far from it a look from the top is, so that it is known what is up
+FIELD = 0.6  # of the camera's distance: the radius of what it sees well
+SCALE_BEFORE = 0.35  # of that radius: how far before the arm's base its scale lies
+SCALE_BELOW = 0.55  # of that radius: how far below the middle of a scan its scale stands
+
+
+@dataclass(frozen=True)
+class Field:
+    """What a view looks at. Directions are unit vectors (3,) in the scanner's frame, where the camera may stand."""
+
+    middle_mm: Array  # (3,)
+    distance_mm: float  # of the camera
+    usual: Array  # towards the camera, at first
+    front: Array
+    side: Array
+    up: Array
+
+    def towards(self, side: str) -> Array:
+        """Where the camera stands for a look from there."""
+        if side == RESET:
+            return self.usual
+        if side == FRONT:
+            return self.front
+        return self.side if side == SIDE else self.up + STRAIGHT_DOWN * self.side
 
 
 class Camera:
@@ -26,6 +53,8 @@ class Camera:
         self._scene, self._review = scene, review
         self.name = VIEWS[0]
         self.visible = set(VIEW_LAYERS[self.name])
+        self.kept = False  # whether the user wants the view still
+        self.settled = False  # whether the user has chosen what to look at in this dataset
         self._show()
 
     def choose(self, name: str) -> None:
@@ -45,36 +74,73 @@ class Camera:
         for name in LAYERS:
             self._scene.show(name, name in self.visible)
 
-    def at(self, view: View, medians: Mapping[int, Array]) -> None:
+    def at(self, view: View, medians: Mapping[int, Array], side: str = RESET) -> None:
         """Put the camera where this view is seen well. medians: the middle (3,) of each scan loaded, by pose, mm."""
+        field = self._field(view, medians)
         self.focus(view, medians)
-        placed = arm_frame(view) if self.name == "Arm" else None
-        if placed is not None:
+        self._scene.aim_camera(field.distance_mm, field.towards(side), up=field.up)
+
+    def _field(self, view: View, medians: Mapping[int, Array]) -> Field:
+        placed = arm_frame(view) if self.name in WIDE_VIEWS else None
+        if placed is not None and self.name == "Arm":
             middle, radius = arm_middle(view, placed, medians)
             up = placed[:3, 2]
-            right = np.cross(-middle, up)
-            right /= max(float(np.linalg.norm(right)), 1e-9)
-            beside = ARM_BESIDE * right + ARM_ABOVE * up
-            self._scene.aim_camera(ARM_DISTANCE * radius, middle, down=-up, beside=beside)
+            distance, beside = ARM_DISTANCE * radius, arm_beside(middle, up)
+        else:
+            middle, radius = middle_of(view, medians)
+            up = -np.array(DOWN) if placed is None else placed[:3, 2]
+            distance = VIEW_DISTANCE_MM.get(self.name, max(450.0, 2.2 * radius + 250.0))
+            if self.name not in WIDE_VIEWS and corner_of(view, view.pose) is None:
+                distance = WHOLE_SCAN_MM
+            beside = np.array(BESIDE) if self.name in WIDE_VIEWS else close_beside(view)
+        back = unit(-middle) if np.linalg.norm(middle) > 0 else np.array([0.0, 0.0, -1.0])
+        usual = unit(back + beside)
+        if placed is not None:  # as the arm itself stands
+            front, right = placed[:3, 0], -placed[:3, 1]
+        else:
+            front, right = unit(back - (back @ up) * up), unit(np.cross(up, back))
+        return Field(middle, distance, usual, front, right, up)
+
+    def measure(self, view: View, medians: Mapping[int, Array]) -> None:
+        """The floor's grid and the bar of known length, where this view can show them."""
+        placed = arm_frame(view)
+        reach = reach_mm(view.session.dataset.robot)
+        draw_floor(self._scene, placed, reach)
+        field = self._field(view, medians)
+        radius = FIELD * field.distance_mm
+        if placed is not None and self.name in WIDE_VIEWS:
+            # On the floor, at the side of the base that the camera stands at.
+            right = unit(np.cross(field.up, field.usual))
+            at_mm = placed[:3, 3] + SCALE_BEFORE * radius * np.cross(right, field.up)
+            draw_scale(self._scene, at_mm, right, field.up, radius)
             return
-        middle, radius = middle_of(view, medians)
-        away = VIEW_DISTANCE_MM.get(self.name, max(450.0, 2.2 * radius + 250.0))
-        if self.name not in WIDE_VIEWS and corner_of(view, view.pose) is None:
-            away = WHOLE_SCAN_MM
-        self._scene.aim_camera(away, middle, beside=BESIDE if self.name in WIDE_VIEWS else close_beside(view))
+        middle = self._middle(view, medians, field)
+        along = unit(np.cross(field.up, field.usual))
+        draw_scale(self._scene, middle - SCALE_BELOW * radius * field.up, along, field.up, radius)
+
+    def _middle(self, view: View, medians: Mapping[int, Array], field: Field) -> Array:
+        """What is in the middle of the view (3,)."""
+        if self.name in WIDE_VIEWS:
+            return field.middle_mm
+        found = corner_of(view, view.pose)
+        if found is not None:
+            return found[0]
+        known = medians.get(view.pose)
+        return known if known is not None and np.isfinite(known).all() else field.middle_mm
 
     def focus(self, view: View, medians: Mapping[int, Array]) -> None:
         """The middle of everything for an overview, else the corner of the selected pose, in the middle of the view."""
-        found = corner_of(view, view.pose)
-        placed = arm_frame(view) if self.name == "Arm" else None
-        if placed is not None:
-            self._scene.focus(arm_middle(view, placed, medians)[0])
-        elif self.name in WIDE_VIEWS:
-            self._scene.focus(middle_of(view, medians)[0])
-        elif found is not None:
-            self._scene.focus(found[0])
-        elif view.pose in medians and np.isfinite(medians[view.pose]).all():
-            self._scene.focus(medians[view.pose])
+        self._scene.focus(self._middle(view, medians, self._field(view, medians)))
+
+
+def unit(vector: Array) -> Array:
+    """The same direction, of length 1."""
+    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-9))
+
+
+def arm_beside(middle_mm: Array, up: Array) -> Array:
+    """Where the arm is looked at from, beside the scanner (3,)."""
+    return np.asarray(ARM_BESIDE * unit(np.cross(-middle_mm, up)) + ARM_ABOVE * up)
 
 
 def close_beside(view: View) -> Array:

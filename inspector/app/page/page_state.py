@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from calib.errors import DatasetError
@@ -12,7 +13,8 @@ from inspector.session.view import View
 class PageState:
     """What the controllers and the stage share. Who changes it draws what depends on it."""
 
-    def __init__(self) -> None:
+    def __init__(self, on_change: Callable[[View], None]) -> None:
+        self._on_change = on_change  # told of every new view
         self.view: View | None = None  # none until a dataset is open
         self.name = ""  # of the dataset on show
         self._sessions: dict[str, Session] = {}  # by dataset, so that returning to one is immediate
@@ -39,12 +41,15 @@ class PageState:
             View(Session(session.dataset)) if self.view is None else replace(self.view, pose=0, failures={})
         )
         self.name, self.view = name, view.with_session(session)
+        self._on_change(self.view)
 
     def keep(self, session: Session) -> None:
         """What is known of the dataset on show from now on."""
         self.view = self.now.with_session(session)
         self._sessions[self.name] = session
+        self._on_change(self.view)
 
     def change(self, **what: object) -> None:
         """Change fields of the view other than its session."""
         self.view = replace(self.now, **what)  # type: ignore[arg-type]
+        self._on_change(self.view)

@@ -11,6 +11,7 @@ import viser
 
 from inspector.panels.base import Actions
 from inspector.panels.downloads import DownloadsPanel
+from inspector.panels.headline import HeadlinePanel
 from inspector.panels.learn.missing_effects import MissingEffectsPanel
 from inspector.panels.learn.residuals import ResidualsPanel
 from inspector.panels.measure.corner import CornerPanel
@@ -42,6 +43,7 @@ LEFT_WIDTH, RIGHT_WIDTH = 290, 440  # pixels
 class Panels:
     """All panels of the page."""
 
+    headline: HeadlinePanel
     review: ReviewPanel
     scans: ScansPanel
     planes: PlanesPanel
@@ -54,6 +56,11 @@ class Panels:
     residuals: ResidualsPanel
     downloads: DownloadsPanel
 
+    def say(self, words: str) -> None:
+        """What is being done with the model, or why it cannot be."""
+        self.missing_effects.say(words)
+        self.headline.doing(words=words)
+
 
 def add_panels(
     gui: viser.GuiApi, actions: Actions, datasets: tuple[str, ...], *, scans_first: bool
@@ -62,6 +69,7 @@ def add_panels(
     left = gui.add_panel()
     with left.add_tab("Review", icon=viser.Icon.LIST_SEARCH):
         review = ReviewPanel(gui, actions, datasets)
+    headline = HeadlinePanel(gui)
     tab = add_tabs(gui, scans_first=scans_first)
     with tab["Scans"]:
         scans = ScansPanel(gui, actions)
@@ -88,6 +96,7 @@ def add_panels(
     gui.main_panel.dock_right()
     gui.main_panel.set_width(RIGHT_WIDTH)
     return Panels(
+        headline,
         review,
         scans,
         planes,

@@ -85,6 +85,11 @@ def asking(name: str, value: object, *, tab: str = "") -> Html:
     return Html(f' data-ask="{text(name)}" data-value="{text(value)}"{opens} role="button" tabindex="0"')
 
 
+def opening(tab: str) -> Html:
+    """Attributes of an element that opens a tab ("Learn/Where it fails") when it is clicked, or chosen by key."""
+    return Html(f' data-tab="{text(tab)}" role="button" tabindex="0"')
+
+
 def pose_link(pose_id: object) -> Html:
     """The name of a pose within a sentence or a cell: a click selects it."""
     return Html(f'<a class="asks"{asking("pose", pose_id)}>{text(pose_id)}</a>')

@@ -19,6 +19,7 @@ GROUP_COLOURS = (
 MODEL_COLOURS = {"nominal": "#E69F00", "link errors": "#0072B2", "with effects": "#CC79A7"}
 BESIDE_COLOURS = ("#0072B2", "#D55E00")  # the calibration on show, and the one beside it
 ARM, JOINT, SLIDE = "#C3C9D1", "#6B7787", "#8C7340"  # links; joints that turn; joints that slide
+MEASURE = "#7F868F"  # the floor's grid and the bar of known length
 HIGHLIGHT = "#E63C3C"  # the selected corner
 REJECTED = "#5F6B7A"  # what the choice of planes left out; darker than face 3, which some colour-blind eyes see as grey
 FILTER_COLOURS = ("#17BECF", "#7E57C2", "#8D6E3F")  # sets that filter 1, 2, 3 rejected; no face has these

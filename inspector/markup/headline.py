@@ -1,0 +1,100 @@
+"""The headline over the 3D view: how far the arm is off, stage by stage, and the four steps of the work, as HTML.
+
+Its classes are styled in `server/client/page.css`; the page's script shows it over the 3D view.
+"""
+
+from __future__ import annotations
+
+from calib.diagnosis.words.headline import ErrorStage, Headline, headline_note, noise_words
+from inspector.markup.parts import elements, numbers
+from inspector.markup.parts.elements import Html, asking, opening
+from inspector.markup.parts.palette import MODEL_COLOURS
+from inspector.session.loop import FIND, FIT, MEASURE, STEPS, TAKE, Doing, Progress
+from inspector.session.session import Session
+from inspector.session.view import View
+
+OFF_BY = "How far the arm is off"
+TABS = {  # where each step is done
+    MEASURE: "Measure/Scans",
+    FIT: "Model/Fit",
+    FIND: "Learn/What is missing",
+    TAKE: "Take away",
+}
+FITTING = "Fitting the arm's links to the measured points …"
+RANKING = "Weighing what could be missing from the model …"
+FOUND = "Take away the calibrated robot, the model or a report."
+TO_FIND = "Let the program find what this arm does that its model lacks."
+NO_DATASET = "No dataset is open."
+
+
+def headline_html(view: View | None, doing: Doing) -> str:
+    """The whole of it; while there is no model, what is being done and what comes next."""
+    if view is None:
+        return f'<div class="headline"><div class="headline-now">{elements.text(NO_DATASET)}</div></div>'
+    session = view.session
+    progress = Progress.of(session, doing)
+    told = session.headline
+    way = "" if told is None else _way(told, view)
+    now = f'<div class="headline-now">{elements.text(_now(session, progress, doing))}</div>'
+    return f'<div class="headline">{way}{_steps(progress, doing)}{now}</div>'
+
+
+def _way(told: Headline, view: View) -> str:
+    """The stages as buttons, with what noise alone leaves."""
+    arrow = '<span class="headline-arrow" aria-hidden="true">→</span>'
+    stages = arrow.join(_stage(told, stage, view) for stage in told.stages)
+    noise = f'<span class="headline-noise">({elements.text(noise_words(told))})</span>'
+    of = f'<span class="headline-of" title="{elements.text(headline_note(told))}">{OFF_BY}</span>'
+    return (
+        f'<div class="headline-title">{of}{noise}</div><div class="headline-way">{stages}</div>'
+        f'<div class="headline-note">{elements.text(headline_note(told))}</div>'
+    )
+
+
+def _stage(told: Headline, stage: ErrorStage, view: View) -> str:
+    step = 0 if stage.step is None else stage.step + 1
+    shown = step == view.shown_step
+    colour = MODEL_COLOURS[view.version_of_step(step)]
+    return (
+        f'<span class="headline-stage" aria-pressed="{str(shown).lower()}" style="--of-version:{colour}"'
+        f'{asking("step", step)} title="Show this model in 3D, tables and plots">'
+        f"<strong>{elements.text(told.shown(stage.error_mm))}</strong><span>{elements.text(stage.name)}</span></span>"
+    )
+
+
+def _steps(progress: Progress, doing: Doing) -> str:
+    """The four steps: those that are done, the next one lit; a click opens its tab."""
+    return f'<div class="headline-steps">{"".join(_step(name, progress, doing) for name in STEPS)}</div>'
+
+
+def _step(name: str, progress: Progress, doing: Doing) -> str:
+    state = "next" if name == progress.next else "done" if name in progress.done else "later"
+    sign = "✓" if name in progress.done else str(STEPS.index(name) + 1)
+    words = {"next": "next", "done": "done", "later": "later"}[state]
+    return (
+        f'<span class="headline-step" data-state="{state}" aria-label="{name}, {words}"{_does(name, progress, doing)}>'
+        f'<i aria-hidden="true">{sign}</i>{elements.text(name)}</span>'
+    )
+
+
+def _does(name: str, progress: Progress, doing: Doing) -> Html:
+    """What a click on a step does: it opens the step's tab, and starts to find where that leads on."""
+    if name == FIND and progress.next == FIND and not doing.finding:
+        return asking("find", "start", tab=TABS[FIND])
+    return opening(TABS[name])
+
+
+def _now(session: Session, progress: Progress, doing: Doing) -> str:
+    """What is being done, or what comes next, in a sentence."""
+    searched, scans = session.scans - len(session.waiting), session.scans
+    if progress.next == MEASURE:
+        if doing.searching:
+            return f"Looking for the jig's corner in each scan: {searched} of {scans}. Then the arm is fitted to them."
+        stopped = f"The search is stopped: {searched} of {numbers.count(scans, 'scan')} searched."
+        return f"{stopped} Go on searching in the panel Review."
+    if progress.next == FIT:
+        return doing.problem or FITTING
+    if progress.next == FIND:
+        waits = session.advice is None
+        return doing.words or (RANKING if waits else f"Next: {TO_FIND}")
+    return doing.words or f"Next: {FOUND}"

@@ -1,0 +1,41 @@
+"""The headline: how far the arm is off, what has been done and what comes next. The page shows it over the 3D view."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import viser
+
+from inspector.markup.headline import headline_html
+from inspector.session.loop import IDLE, Doing
+from inspector.session.view import View
+
+
+class HeadlinePanel:
+    """One piece of HTML, sent again only where it has changed."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._html = gui.add_html("")
+        self._sent = ""
+        self._doing: Doing = IDLE
+        self._view: View | None = None
+
+    def update(self, view: View) -> None:
+        """The session and the version of its model on show."""
+        before, self._view = self._view, view
+        same = before is not None and before.session is view.session and before.chosen == view.chosen
+        if not same:  # another pose changes nothing
+            self._show()
+
+    def doing(self, **what: bool | str) -> None:
+        """What the program is at (fields of `Doing`)."""
+        doing = replace(self._doing, **what)  # type: ignore[arg-type]
+        if doing != self._doing:
+            self._doing = doing
+            self._show()
+
+    def _show(self) -> None:
+        content = f'<div data-over-view="headline">{headline_html(self._view, self._doing)}</div>'
+        if content != self._sent:
+            self._sent = content
+            self._html.content = content

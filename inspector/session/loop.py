@@ -1,0 +1,43 @@
+"""The four steps of the work, and how far a session has come in them: measure, fit, find, take away."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from inspector.session.session import Session
+
+MEASURE, FIT, FIND, TAKE = "Measure", "Fit", "Find", "Take away"
+STEPS = (MEASURE, FIT, FIND, TAKE)
+
+
+@dataclass(frozen=True)
+class Doing:
+    """What the program is at, beside what the session knows."""
+
+    searching: bool = False  # scan after scan
+    finding: bool = False  # the whole diagnosis
+    words: str = ""  # what is being done, as the page says it
+    problem: str = ""  # why there is no fit
+
+
+IDLE = Doing()
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a session has come."""
+
+    done: frozenset[str]  # of STEPS
+    next: str  # of STEPS: what is being done, or what leads on
+
+    @classmethod
+    def of(cls, session: Session, doing: Doing = IDLE) -> Progress:
+        """The step after those that are done; what is done is done for the model on show."""
+        done = []
+        if not session.needed:
+            done.append(MEASURE)
+        if session.calibration is not None:
+            done.append(FIT)
+        if session.diagnosis is not None and not doing.finding:
+            done.append(FIND)
+        return cls(frozenset(done), next(step for step in STEPS if step not in done))

@@ -1,0 +1,99 @@
+"""The headline over the 3D view: what it says at each stage of the work, and what its parts ask for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from inspector.app.app import App
+from inspector.app.serving import serving
+from inspector.markup.headline import RANKING, TO_FIND, headline_html
+from inspector.session.loop import FIND, FIT, MEASURE, TAKE, Doing, Progress
+from inspector.session.session import Session
+from inspector.session.view import View
+from tests.support.app import IDLE_S, idle_app, plain
+from tests.support.hidden_dataset import HIDDEN, write_hidden
+from tests.support.tiny_dataset import write_tiny
+from tests.support.wire_client import WireClient
+
+pytestmark = pytest.mark.slow  # a whole app, running
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
+    with idle_app(write_hidden(tmp_path_factory.mktemp("headline") / "hidden")) as app:
+        yield app
+
+
+@pytest.fixture
+def app(running: App) -> App:
+    """With the link errors alone in the model, seen as it opens."""
+    while running.state.session.effects:
+        running.move(-1)
+        assert running.worker.wait_idle(IDLE_S)
+    return running
+
+
+def steps_of(html: str) -> dict[str, str]:
+    """The state of each step of the work, by its name."""
+    return {name: state for state, name in re.findall(r'data-state="(\w+)" aria-label="([\w ]+), \w+"', html)}
+
+
+def test_the_stages_stand_over_the_view_with_their_units(app: App) -> None:
+    told = app.state.session.headline
+    assert told is not None
+    with WireClient(app.server.get_port()) as page:
+        said = plain(page)
+        for stage in told.stages:
+            assert told.shown(stage.error_mm) in said
+            assert stage.name in said
+        assert re.search(r"\(noise [\d.]+ (mm|µm)\)", said)
+        assert TO_FIND in said
+        assert 'data-over-view="headline"' in page.text()
+
+
+def test_the_next_step_is_lit_and_starts_to_find(app: App) -> None:
+    html = headline_html(app.state.now, Doing())
+    assert steps_of(html) == {MEASURE: "done", FIT: "done", FIND: "next", TAKE: "later"}
+    assert 'data-ask="find"' in html
+    assert 'data-tab="Learn/What is missing"' in html
+    assert 'data-ask="find"' not in headline_html(app.state.now, Doing(finding=True, words="Looking …"))
+    assert "Looking …" in headline_html(app.state.now, Doing(finding=True, words="Looking …"))
+
+
+def test_what_was_found_is_a_stage_and_taking_away_is_next(app: App) -> None:
+    with WireClient(app.server.get_port()) as page:
+        app.find(True)
+        assert app.worker.wait_idle(IDLE_S)
+        page.wait(lambda p: f"with {HIDDEN}" in plain(p))
+        assert steps_of(page.text())[TAKE] == "next"
+        assert steps_of(page.text())[FIND] == "done"
+    told = app.state.session.headline
+    assert told is not None
+    assert len(told.stages) == 3
+
+
+def test_before_there_is_a_model_it_says_what_is_done_and_what_comes_next(app: App, tmp_path: Path) -> None:
+    unfitted = Session(app.state.session.dataset)
+    html = headline_html(View(unfitted), Doing())
+    assert steps_of(html)[FIT] == "next"
+    assert "Fitting the arm" in html
+    assert "too few points" in headline_html(View(unfitted), Doing(problem="too few points"))
+    assert Progress.of(unfitted).next == FIT
+    with serving(write_tiny(tmp_path), port=0) as searching, WireClient(searching.server.get_port()) as page:
+        page.wait(lambda p: re.search(r"Looking for the jig's corner in each scan: \d of \d+", plain(p)))
+        assert steps_of(page.text())[MEASURE] == "next"
+        assert searching.stage.view_name == "All scans"  # what is being searched
+        assert searching.worker.wait_idle(IDLE_S)
+        assert searching.stage.view_name == "Arm"  # and then the model, where nobody chose anything else
+        page.wait(lambda p: "as delivered" in plain(p))
+
+
+def test_a_fit_that_is_not_ranked_yet_is_said_to_be_weighed(app: App) -> None:
+    from dataclasses import replace
+
+    session = replace(app.state.session, advice=None, diagnosis=None)
+    assert RANKING in headline_html(View(session), Doing())

@@ -1,0 +1,114 @@
+"""The 3D view follows the tabs, may be kept still, and is looked at from the sides of the arm."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from calib.array_types import Array
+from inspector.app.app import App
+from inspector.scene.scene_view import ROOT
+from inspector.session.view import FRONT, RESET, SIDE, TOP
+from tests.support.app import IDLE_S, idle_app
+from tests.support.tiny_dataset import write_tiny
+from tests.support.wire_client import WireClient
+
+pytestmark = pytest.mark.slow  # a whole app, running
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
+    with idle_app(write_tiny(tmp_path_factory.mktemp("views"))) as app:
+        yield app
+
+
+@pytest.fixture
+def app(running: App) -> App:
+    running.keep_view(False)
+    running.open("cell")
+    assert running.worker.wait_idle(IDLE_S)
+    return running
+
+
+def after(app: App, tabs: str) -> str:
+    """The view on show once these tabs are open."""
+    app.tabs(tabs)
+    assert app.worker.wait_idle(IDLE_S)
+    return app.stage.view_name
+
+
+def test_each_tab_shows_what_it_is_about(app: App) -> None:
+    assert app.stage.view_name == "Arm"
+    for tabs, view in (
+        ("Review/Measure/Scans", "Scan"),
+        ("Review/Measure/Planes", "Planes"),
+        ("Review/Model/Redundancy", "Planes"),  # it is about no place
+        ("Review/Measure/Corner", "Corner"),
+        ("Review/Learn/What is missing", "Arm"),
+        ("Measure/Planes", "Planes"),  # on a phone
+        ("Review/Model/Fit", "Arm"),
+        ("", "Arm"),
+    ):
+        assert after(app, tabs) == view
+
+
+def test_a_view_that_is_kept_follows_no_tab(app: App) -> None:
+    with WireClient(app.server.get_port()) as page:
+        page.set("Keep this view", True)
+        page.wait(lambda _: app.stage._camera.kept)
+        assert after(app, "Review/Measure/Planes") == "Arm"
+        page.set("3D view", "Corner")  # what the user asks for himself is shown
+        page.wait(lambda _: app.stage.view_name == "Corner")
+        page.set("Keep this view", False)
+        page.wait(lambda _: not app.stage._camera.kept)
+        assert after(app, "Review/Measure/Planes") == "Planes"
+
+
+def test_points_without_scans_have_no_scan_to_follow_to(app: App) -> None:
+    app.open("points")
+    assert app.worker.wait_idle(IDLE_S)
+    assert after(app, "Review/Measure/Scans") == "Arm"
+    assert after(app, "Review/Measure/Corner") == "Corner"
+
+
+def eye(app: App) -> tuple[Array, Array]:
+    """Where the camera stands, seen from what it looks at, in the base's frame; and what is up there."""
+    version = app.state.now.version
+    assert version is not None
+    base = next(iter(version.evaluation.scanner_T_base.values()))[:3, :3]
+    camera = app.server.initial_camera
+    position = base.T @ np.array(camera.position)
+    return position / np.linalg.norm(position), base.T @ np.array(camera.up)
+
+
+def test_the_arm_is_looked_at_from_its_front_its_side_and_above(app: App) -> None:
+    usual, _ = eye(app)
+    for side, towards in ((FRONT, (1, 0, 0)), (SIDE, (0, -1, 0)), (TOP, (0, 0, 1))):
+        app.look_from(side)
+        assert app.worker.wait_idle(IDLE_S)
+        at, up = eye(app)
+        np.testing.assert_allclose(at, towards, atol=0.03)
+        np.testing.assert_allclose(up, (0, 0, 1), atol=1e-9)
+    app.look_from(RESET)
+    assert app.worker.wait_idle(IDLE_S)
+    np.testing.assert_allclose(eye(app)[0], usual, atol=1e-9)
+
+
+def test_a_floor_and_a_bar_of_the_length_that_it_says(app: App) -> None:
+    with WireClient(app.server.get_port()) as page:
+        for tab, words in (("Model/Fit", " mm"), ("Measure/Scans", " mm")):
+            after(app, tab)
+            page.wait(lambda p, words=words: words in p.scene[f"{ROOT}/scale/label"]["props"]["text"])  # type: ignore[misc]
+            said = page.scene[f"{ROOT}/scale/label"]["props"]["text"]
+            bar = np.asarray(page.scene[f"{ROOT}/scale/bar"]["props"]["points"], dtype=float).reshape(
+                -1, 2, 3
+            )[0]
+            assert 1000 * np.linalg.norm(bar[1] - bar[0]) == pytest.approx(float(said.split()[0]), rel=1e-4)
+        after(app, "Model/Fit")
+        grid = page.scene[f"{ROOT}/floor/grid"]
+        assert grid["props"]["cell_size"] == pytest.approx(0.1)
+        page.wait(lambda p: p.scene[f"{ROOT}/floor"]["visible"])
+        after(app, "Measure/Scans")
+        page.wait(lambda p: not p.scene[f"{ROOT}/floor"]["visible"])
