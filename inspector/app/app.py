@@ -14,6 +14,7 @@ from pathlib import Path
 
 import viser
 
+from calib.array_types import Array
 from calib.errors import CalibError
 from inspector.app.controllers.dataset_controller import DatasetController
 from inspector.app.controllers.downloads import Downloads
@@ -22,6 +23,7 @@ from inspector.app.controllers.side_by_side_controller import SideBySideControll
 from inspector.app.controllers.stage import Stage
 from inspector.app.page.dataset_list import has_scans, names_of
 from inspector.app.page.page_state import PageState
+from inspector.app.page.playback import Playback
 from inspector.app.page.tabs import add_panels
 from inspector.scene.scene_view import LAYERS
 from inspector.server.viser_server import InspectorServer, tell
@@ -68,6 +70,10 @@ class App:
         )
         self.side_by_side = SideBySideController(named, self.state, panels.side_by_side)
         self.worker = Worker(self._failed)
+        self._playback = Playback(
+            panels.review.timeline, times=self._times, wanted=lambda: self._wanted,
+            select=self.select, drawing=lambda: self.worker.running("select"),
+        )  # fmt: skip
         self._watch = Watch(user_effects, self.effects)
         self.downloads = Downloads(
             self.state, lambda: self.stage.view_name, self.worker, panels.downloads, root
@@ -80,6 +86,7 @@ class App:
     def close(self) -> None:
         """End the work and the server."""
         self._watch.stop()
+        self._playback.stop()
         self.worker.stop()
         self.downloads.close()
         self.model.close()
@@ -106,6 +113,7 @@ class App:
     def _opened(self) -> None:
         with self._asking:
             self._wanted = 0  # another dataset starts at its first pose
+        self._playback.stop()
         self.beside()
         saved = self.model.saved.get(self.state.name)
         if saved is not None:
@@ -141,6 +149,21 @@ class App:
     def step(self, by: int) -> None:
         """Go on to the next poses or back; each press counts."""
         self._want(lambda current: current + by)
+
+    def at_time(self, seconds: float) -> None:
+        """Select the pose that was measured nearest to this time."""
+        self._playback.at_time(seconds)
+
+    def play(self, start: bool) -> None:
+        """Walk through the poses in the order of their time; or stop."""
+        if start:
+            self._playback.play()
+        else:
+            self._playback.stop()
+
+    def _times(self) -> Array | None:
+        view = self.state.view
+        return None if view is None else view.session.dataset.poses.time_s
 
     def _want(self, pose: Callable[[int], int]) -> None:
         view = self.state.view

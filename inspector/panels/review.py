@@ -10,6 +10,7 @@ from inspector.markup.parts import elements, numbers
 from inspector.markup.parts.palette import DOUBT, FAILED, ROLE_WORDS, role_colour
 from inspector.panels.base import Actions, ChangedValues, by_page, put
 from inspector.panels.input_checks import clamped, one_of
+from inspector.panels.timeline import TimelinePanel
 from inspector.session.view import FACTORS, POINT_VIEWS, RESET, SIDES, VIEW_LAYERS, VIEWS, View, corner_of
 
 LAYER_WORDS = {
@@ -54,6 +55,7 @@ class ReviewPanel:
         self.pose = gui.add_dropdown("Pose", ("–",))
         self.walk = gui.add_button_group("", (PREVIOUS, NEXT), hint="keys: P and N")
         self._status = gui.add_html("")
+        self.timeline = TimelinePanel(gui, actions)
         self.view = gui.add_button_group("3D view", VIEWS, hint="keys: 1 to 7")
         self.sides = gui.add_button_group("Look from", SIDES, hint="keys: F, S, T, R")
         self.keep = gui.add_checkbox(
@@ -156,6 +158,7 @@ class ReviewPanel:
         )
         self._changed.put(self.pose, self.pose.options[view.pose])
         self._status.content = self._pose_status(view)
+        self.timeline.update(view)
 
     def _pose_status(self, view: View) -> str:
         role = str(view.session.dataset.poses.role[view.pose])
