@@ -8,7 +8,6 @@ beside itself.
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
 
@@ -21,23 +20,24 @@ from inspector.app.controllers.downloads import Downloads
 from inspector.app.controllers.model_controller import ModelController
 from inspector.app.controllers.side_by_side_controller import SideBySideController
 from inspector.app.controllers.stage import Stage
+from inspector.app.model_requests import ModelRequests
 from inspector.app.page.dataset_list import has_scans, names_of
 from inspector.app.page.page_state import PageState
 from inspector.app.page.playback import Playback
 from inspector.app.page.tabs import add_panels
 from inspector.scene.scene_view import LAYERS
 from inspector.server.viser_server import InspectorServer, tell
-from inspector.server.worker import LongWork, Worker
+from inspector.server.worker import Worker
 from inspector.session.reopening import Opening
 from inspector.session.scan_cache import ScanCache
 from inspector.session.session_file import Shown
 from inspector.session.user_effects import UserEffects, Watch
-from inspector.session.view import RESIDUALS, SIDES, VIEW_OF_TAB, VIEWS
+from inspector.session.view import SIDES, VIEW_OF_TAB, VIEWS
 
 log = logging.getLogger(__name__)
 
 
-class App:
+class App(ModelRequests):
     """The page with its thread; `serving` makes one."""
 
     def __init__(
@@ -48,12 +48,11 @@ class App:
         saved: Opening | None = None,
         root: Path = Path(),
     ) -> None:
+        super().__init__()
         self.server = server
         named = dict(zip(names_of(folders), folders, strict=True))
         self._known = tuple(named)
-        self._asking = threading.Lock()
         self._wanted = 0  # the pose asked for last
-        self._moves = 0  # changes of the model to go back (below 0) or forward
         start = self._known[0]
         if saved is not None:
             start = next(name for name, folder in named.items() if folder == saved.folder)
@@ -223,15 +222,6 @@ class App:
         """Colour the measured points by their pose's role or by their error."""
         self.worker.submit("colouring", lambda: self.stage.comparison.colour_by(by))
 
-    def beside(self) -> None:
-        """Show what is chosen now beside the calibration on show."""
-        if self.state.view is not None:
-            self.worker.submit("beside", self.side_by_side.show)
-
-    def failure(self) -> None:
-        """Plot the residual against the input that is chosen now."""
-        self.worker.submit("failure", lambda: self.panels.residuals.update(self.state.now))
-
     def grey_rejected(self, grey: bool) -> None:
         """Grey for the plane groups that were not chosen, or each in its own colour."""
         self.worker.submit("grey", lambda: self.stage.change(grey_rejected=grey))
@@ -246,56 +236,3 @@ class App:
             self.worker.submit("open", self.dataset.process)
         elif self.worker.cancel("open"):
             self.worker.submit("stopped", self.dataset.stopped)
-
-    def redundancy(self, residual: str) -> None:
-        """Analyse the parameters for distances or positions."""
-        if residual in RESIDUALS:
-            self.worker.submit("redundancy", lambda: self.dataset.analyse(residual))
-
-    def correlation(self) -> None:
-        """Show the part of the correlation matrix that is chosen now."""
-        self.worker.submit("correlation", lambda: self.panels.redundancy.update(self.state.now))
-
-    def calibrate(self, residual: str) -> None:
-        """Fit the robot's parameters to distances or positions."""
-        if residual in RESIDUALS:
-            self.worker.submit("calibrate", lambda: self.model.calibrate(residual))
-
-    def find(self, start: bool) -> None:
-        """Run the whole diagnosis; or stop it."""
-        if start:
-            self.worker.submit("find", lambda: self.model.find())
-        else:
-            self.worker.cancel("find")
-
-    def effects(self) -> None:
-        """Rank again, with the user's own effects as their file has them now."""
-        if self.state.view is not None:
-            self.worker.submit("effects", lambda: self.model.rank())
-
-    def candidate(self) -> None:
-        """Show what is known of the candidate that is chosen now."""
-        self.worker.submit("candidate", lambda: self.model.compare())
-
-    def follow(self) -> None:
-        """Do what the advice says."""
-        self.worker.submit("follow", lambda: self.model.follow())
-
-    def add_effect(self, name: str) -> None:
-        """Add an effect to the model; a second press for the same effect adds nothing."""
-        self.worker.submit(("add", name), lambda: self.model.add(name))
-
-    def remove_effect(self, name: str) -> None:
-        """Take an effect out of the model."""
-        self.worker.submit(("remove", name), lambda: self.model.remove(name))
-
-    def move(self, by: int) -> None:
-        """Undo changes of the model, or redo them; each press counts."""
-        with self._asking:
-            self._moves += by
-        self.worker.submit("move", self._move)
-
-    def _move(self) -> LongWork:
-        with self._asking:
-            by, self._moves = self._moves, 0
-        return self.model.move(by)

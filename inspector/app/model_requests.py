@@ -1,0 +1,90 @@
+"""What widgets ask for about the model: each call returns at once, the worker does the work."""
+
+from __future__ import annotations
+
+import threading
+
+from inspector.app.controllers.dataset_controller import DatasetController
+from inspector.app.controllers.model_controller import ModelController
+from inspector.app.controllers.side_by_side_controller import SideBySideController
+from inspector.app.page.page_state import PageState
+from inspector.app.page.tabs import Panels
+from inspector.server.worker import LongWork, Worker
+from inspector.session.view import RESIDUALS
+
+
+class ModelRequests:
+    """The part of `App` about fits, effects and what is beside them."""
+
+    state: PageState
+    panels: Panels
+    worker: Worker
+    dataset: DatasetController
+    model: ModelController
+    side_by_side: SideBySideController
+
+    def __init__(self) -> None:
+        self._asking = threading.Lock()
+        self._moves = 0  # changes of the model to go back (below 0) or forward
+
+    def failure(self) -> None:
+        """Plot the residual against the input that is chosen now."""
+        self.worker.submit("failure", lambda: self.panels.residuals.update(self.state.now))
+
+    def beside(self) -> None:
+        """Show what is chosen now beside the calibration on show."""
+        if self.state.view is not None:
+            self.worker.submit("beside", self.side_by_side.show)
+
+    def redundancy(self, residual: str) -> None:
+        """Analyse the parameters for distances or positions."""
+        if residual in RESIDUALS:
+            self.worker.submit("redundancy", lambda: self.dataset.analyse(residual))
+
+    def correlation(self) -> None:
+        """Show the part of the correlation matrix that is chosen now."""
+        self.worker.submit("correlation", lambda: self.panels.redundancy.update(self.state.now))
+
+    def calibrate(self, residual: str) -> None:
+        """Fit the robot's parameters to distances or positions."""
+        if residual in RESIDUALS:
+            self.worker.submit("calibrate", lambda: self.model.calibrate(residual))
+
+    def find(self, start: bool) -> None:
+        """Run the whole diagnosis; or stop it."""
+        if start:
+            self.worker.submit("find", lambda: self.model.find())
+        else:
+            self.worker.cancel("find")
+
+    def effects(self) -> None:
+        """Rank again, with the user's own effects as their file has them now."""
+        if self.state.view is not None:
+            self.worker.submit("effects", lambda: self.model.rank())
+
+    def candidate(self) -> None:
+        """Show what is known of the candidate that is chosen now."""
+        self.worker.submit("candidate", lambda: self.model.compare())
+
+    def follow(self) -> None:
+        """Do what the advice says."""
+        self.worker.submit("follow", lambda: self.model.follow())
+
+    def add_effect(self, name: str) -> None:
+        """Add an effect to the model; a second press for the same effect adds nothing."""
+        self.worker.submit(("add", name), lambda: self.model.add(name))
+
+    def remove_effect(self, name: str) -> None:
+        """Take an effect out of the model."""
+        self.worker.submit(("remove", name), lambda: self.model.remove(name))
+
+    def move(self, by: int) -> None:
+        """Undo changes of the model, or redo them; each press counts."""
+        with self._asking:
+            self._moves += by
+        self.worker.submit("move", self._move)
+
+    def _move(self) -> LongWork:
+        with self._asking:
+            by, self._moves = self._moves, 0
+        return self.model.move(by)
