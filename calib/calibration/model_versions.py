@@ -53,10 +53,10 @@ def versions(calibration: Calibration, links: Calibration | None = None) -> tupl
     at_zero = np.zeros(len(nominal.parameters))
     out = [Version(NOMINAL, nominal, at_zero, calibration.before, calibration)]
     if not calibration.model.family_names:
-        return (*out, _fitted(LINKS, calibration))
+        return (*out, fitted_version(LINKS, calibration))
     if links is None or not fits_same_points(links, calibration):
         links = calibrate(calibration.dataset, options_for_links(calibration))
-    return (*out, _fitted(LINKS, links), _fitted(EFFECTS, calibration))
+    return (*out, fitted_version(LINKS, links), fitted_version(EFFECTS, calibration))
 
 
 def fits_same_points(one: Calibration, other: Calibration) -> bool:
@@ -74,5 +74,6 @@ def options_for_links(calibration: Calibration) -> FitOptions:
     return calibration.options.for_parameters(calibration.model.geometry_names)
 
 
-def _fitted(name: str, calibration: Calibration) -> Version:
+def fitted_version(name: str, calibration: Calibration) -> Version:
+    """A fit as a version of this name."""
     return Version(name, calibration.model, calibration.fit.x, calibration.after, calibration)

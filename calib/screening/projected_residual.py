@@ -49,6 +49,12 @@ class ProjectedResidual:
         return next(iter(self.states.values()))
 
     @property
+    def row_poses(self) -> tuple[str, ...]:
+        """(R,) the id of the pose that each row is of."""
+        poses, row = self.residuals.observed.used_poses
+        return tuple(poses.ids[i] for i in row for _ in range(3))
+
+    @property
     def sigma(self) -> float:
         """Residual sigma over the declared one."""
         return float(np.sqrt(self.residual @ self.residual / self.freedom))

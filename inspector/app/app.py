@@ -18,6 +18,7 @@ from calib.errors import CalibError
 from inspector.app.controllers.dataset_controller import DatasetController
 from inspector.app.controllers.downloads import Downloads
 from inspector.app.controllers.model_controller import ModelController
+from inspector.app.controllers.selection import Selection
 from inspector.app.controllers.side_by_side_controller import SideBySideController
 from inspector.app.controllers.stage import Stage
 from inspector.app.model_requests import ModelRequests
@@ -25,6 +26,7 @@ from inspector.app.page.dataset_list import has_scans, names_of
 from inspector.app.page.page_state import PageState
 from inspector.app.page.playback import Playback
 from inspector.app.page.tabs import add_panels
+from inspector.panels.input_checks import whole_number
 from inspector.scene.scene_view import LAYERS
 from inspector.server.viser_server import InspectorServer, tell
 from inspector.server.worker import Worker
@@ -59,7 +61,10 @@ class App(ModelRequests):
         user_effects, scans = UserEffects(effects_file), ScanCache()
         panels = add_panels(server.gui, self, self._known, scans_first=has_scans(folders[0]))
         self.panels, self.state = panels, PageState(panels.headline.update)
-        self.stage = Stage(server, self.state, scans, panels, on_click=self.select)
+        self.stage = Stage(
+            server, self.state, scans, panels, on_click=self.select, on_joint=self.select_joint
+        )
+        self.selection = Selection(self.state, panels, self.stage)
         self.model = ModelController(
             self.state, panels, user_effects, {} if saved is None else {start: saved.session},
             redraw=self._draw_model, draw_as=self.stage.draw_as,
@@ -80,6 +85,8 @@ class App(ModelRequests):
         server.requests.on("pose", self.select_id)
         server.requests.on("tabs", self.tabs)
         server.requests.on("find", lambda _: self.find(True))
+        server.requests.on("joint", lambda number: self.select_joint(whole_number(number)))
+        server.requests.on("step", lambda number: self.show_step(whole_number(number)))
         self.open(start)
 
     def close(self) -> None:
@@ -144,6 +151,15 @@ class App(ModelRequests):
         view = self.state.view
         if view is not None and pose_id in view.session.dataset.poses.ids:
             self.select(view.session.dataset.poses.index(pose_id))
+
+    def select_joint(self, number: int | None) -> None:
+        """Select a joint, counted from 1; the same again, or None, lets it go."""
+        self.worker.submit("joint", lambda: self.selection.joint(number))
+
+    def show_step(self, number: int | None) -> None:
+        """Show the model as it was after a step: 0 is the nominal robot."""
+        if number is not None:
+            self.worker.submit("version", lambda: self.selection.step(number))
 
     def step(self, by: int) -> None:
         """Go on to the next poses or back; each press counts."""

@@ -15,7 +15,7 @@ import plotly.graph_objects as go
 from calib.array_types import Array, BoolArray
 from calib.kinematics.robot import Robot
 from calib.screening.curves.fitted_curves import FittedCurve
-from inspector.figures.style import figure, ink
+from inspector.figures.style import figure, ink, selects_joint, strong_ink
 from inspector.markup.learn.curves import input_label, shown_unit
 
 CURVE, BAND, OUTSIDE, MEASURED = "fitted curve", "± 2 sigma", "not measured", "training poses"
@@ -36,9 +36,17 @@ def height_px(panels: int, columns: int = 1) -> int:
 
 
 def joint_curves(
-    curves: Sequence[FittedCurve], robot: Robot, *, columns: int = 1, dark: bool = False
+    curves: Sequence[FittedCurve],
+    robot: Robot,
+    *,
+    columns: int = 1,
+    selected: int | None = None,
+    dark: bool = False,
 ) -> go.Figure:
-    """Each curve's error over its input, a panel each, `columns` beside each other."""
+    """Each curve's error over its input, a panel each, `columns` beside each other.
+
+    selected: the joint, from 0, whose panels have an outline.
+    """
     rows = -(-len(curves) // columns)
     inner_px = height_px(len(curves), columns) - _TOP_PX - _BOTTOM_PX
     traces: list[dict[str, Any]] = []
@@ -55,9 +63,12 @@ def joint_curves(
         x, low, high = curve.input_scale * curve.u, *_range(curve)
         traces += _traces(curve, f"x{name}", f"y{name}", low + 0.05 * (high - low), dark, first=k == 0)
         shapes += _unmeasured(curve, f"x{name}", f"y{name}")
+        if curve.joint == selected:
+            shapes.append(_outline(f"x{name}", f"y{name}", dark))
         titles.append(
             {
-                "text": f"<b>Joint {curve.joint + 1}</b>", "xref": f"x{name} domain", "yref": f"y{name} domain",
+                "text": f"<b>Joint {curve.joint + 1}</b>", "name": str(curve.joint + 1), "captureevents": True,
+                "xref": f"x{name} domain", "yref": f"y{name} domain",
                 "x": 0.0, "y": 1.0, "xanchor": "left", "yanchor": "bottom", "showarrow": False, "yshift": 1,
                 "font": {"size": 12, "color": ink(dark)},
             }
@@ -105,7 +116,7 @@ def _traces(
     x, y = curve.input_scale * curve.u, curve.scale * curve.value
     half = 2.0 * curve.scale * curve.sigma
     inside = curve.inside
-    axes = {"xaxis": xaxis, "yaxis": yaxis, "showlegend": first}
+    axes = {"xaxis": xaxis, "yaxis": yaxis, "showlegend": first, "meta": selects_joint(curve.joint + 1)}
     line = {"type": "scatter", "mode": "lines", **axes, "x": _short(x)}
     no_line = {"color": "rgba(0,0,0,0)", "width": 0}
     hover = (
@@ -154,6 +165,14 @@ def _unmeasured(curve: FittedCurve, xaxis: str, yaxis: str) -> list[dict[str, An
         }
         for x0, x1 in ((u[0], first[0]), (last[0], u[-1]))
     ]  # fmt: skip
+
+
+def _outline(xaxis: str, yaxis: str, dark: bool) -> dict[str, Any]:
+    """Around a panel."""
+    return {
+        "type": "rect", "xref": f"{xaxis} domain", "yref": f"{yaxis} domain", "x0": 0, "x1": 1, "y0": 0, "y1": 1,
+        "line": {"width": 2.5, "color": strong_ink(dark)}, "fillcolor": "rgba(0,0,0,0)",
+    }  # fmt: skip
 
 
 def _closed(outside: BoolArray) -> BoolArray:

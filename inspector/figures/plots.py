@@ -5,7 +5,7 @@ Plain arrays in, plotly figures out; nothing is computed here. Style and labels 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -14,7 +14,16 @@ import plotly.graph_objects as go
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array
-from inspector.figures.style import SELECTS_POSE, SIGNED_SCALE, distinct_labels, figure, shortened, strong_ink
+from inspector.figures.style import (
+    SELECTS_POSE,
+    SHOWS_STEP,
+    SIGNED_SCALE,
+    distinct_labels,
+    figure,
+    selects_joint_of_row,
+    shortened,
+    strong_ink,
+)
 from inspector.markup.parts.numbers import parameter_label
 from inspector.markup.parts.palette import ROLE_COLOURS, ROLE_WORDS, UNKNOWN, role_colour
 
@@ -22,12 +31,21 @@ MOST_TICKS = 16
 
 
 def correlation_heatmap(
-    names: Sequence[str], pearson: ArrayLike, *, dark: bool = False, no_influence: Sequence[str] = ()
+    names: Sequence[str],
+    pearson: ArrayLike,
+    *,
+    dark: bool = False,
+    no_influence: Sequence[str] = (),
+    joints: Mapping[str, int] | None = None,
 ) -> go.Figure:
-    """Pearson's r of all pairs. pearson  # (P, P); NaN where a parameter has no influence: those cells are grey."""
+    """Pearson's r of all pairs. pearson  # (P, P); NaN where a parameter has no influence: those cells are grey.
+
+    joints: the joint, from 1, of each parameter that belongs to one; a click on its row picks it.
+    """
     r = np.asarray(pearson, dtype=float)
     labels = [parameter_label(name) for name in names]
     missing = np.isnan(r)
+    picks = selects_joint_of_row({parameter_label(n): j for n, j in (joints or {}).items()})
     without = [name for name in names if name in set(no_influence)] or [
         name for i, name in enumerate(names) if missing[i].all()
     ]
@@ -36,7 +54,7 @@ def correlation_heatmap(
         traces.append(
             {
                 "type": "heatmap", "z": np.where(missing, 0.0, np.nan).tolist(), "x": labels, "y": labels,
-                "showscale": False, "xgap": 1, "ygap": 1, "zmin": -1, "zmax": 1,
+                "showscale": False, "meta": picks, "xgap": 1, "ygap": 1, "zmin": -1, "zmax": 1,
                 "colorscale": [(0, UNKNOWN), (1, UNKNOWN)],
                 "hoverongaps": False, "customdata": _why_missing(names, without),
                 "hovertemplate": "%{y} – %{x}<br>no influence: %{customdata}<extra></extra>",
@@ -45,6 +63,7 @@ def correlation_heatmap(
     traces.append(
         {
             "type": "heatmap", "z": r.tolist(), "x": labels, "y": labels, "zmin": -1, "zmax": 1,
+            "meta": picks,
             "colorscale": SIGNED_SCALE, "xgap": 1, "ygap": 1, "hoverongaps": False,
             "hovertemplate": "%{y} – %{x}<br>r = %{z:.4f}<extra></extra>",
             "colorbar": {
@@ -199,7 +218,10 @@ def error_history(
             continue
         shown += y[np.isfinite(y)].tolist()
         hover = "%{customdata}<br>" + ROLE_WORDS[role] + " 3D RMSE %{y:.4g} mm<extra></extra>"
-        traces.append(_curve(role, steps, y) | {"customdata": names, "hovertemplate": hover})
+        traces.append(
+            _curve(role, steps, y)
+            | {"customdata": names, "hovertemplate": hover, "ids": list(map(str, steps)), "meta": SHOWS_STEP}
+        )
     if floor_mm is not None and len(labels):
         shown.append(floor_mm)
         traces.append(

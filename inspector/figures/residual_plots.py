@@ -174,18 +174,23 @@ def select(fig: go.Figure, pose_id: str | None) -> go.Figure:
     return fig
 
 
-def added_variable(explained: ArrayLike, residual: ArrayLike, name: str, *, dark: bool = False) -> go.Figure:
+def added_variable(
+    explained: ArrayLike, residual: ArrayLike, name: str, ids: Sequence[str] = (), *, dark: bool = False
+) -> go.Figure:
     """Added-variable plot of an effect: residual against what the effect explains, with the line of agreement.
 
-    explained, residual  # (R,) in sigmas of the noise
+    explained, residual  # (R,) in sigmas of the noise; ids: the pose of each of them
     """
     x, y = np.asarray(explained, dtype=float), np.asarray(residual, dtype=float)
     ends = [float(x.min(initial=0.0)), float(x.max(initial=0.0))]
+    names = list(map(escape, ids))
     traces = [
         {
             "type": "scatter", "mode": "markers", "name": "a coordinate of a training point", "x": x.tolist(),
             "y": y.tolist(), "marker": {"size": 5, "color": ROLE_COLOURS["train"], "opacity": 0.8},
-            "hovertemplate": f"{escape(name)} makes %{{x:.2f}} σ<br>left over %{{y:.2f}} σ<extra></extra>",
+            "meta": {**SELECTS_POSE, "values": names}, "customdata": names,
+            "hovertemplate": f"pose %{{customdata}}<br>{escape(name)} makes %{{x:.2f}} σ<br>"
+            "left over %{y:.2f} σ<extra></extra>",
         },
         {
             "type": "scatter", "mode": "lines", "name": "agreement", "x": ends, "y": ends, "hoverinfo": "skip",

@@ -20,8 +20,20 @@ SIGNED_SCALE = (
     (0.75, "#F4A582"),
     (1.0, "#B2182B"),
 )
-# Of a trace whose points' `ids` are poses, escaped: a click on one selects it (server/client/page.js).
+# Of a trace whose points' `ids` are poses, escaped: a click on one selects it (server/client/plots.js). Where points
+# share a pose, which ids may not, `values` in the trace's `meta` has a value for each point.
 SELECTS_POSE = {"ask": "pose"}
+SHOWS_STEP = {"ask": "step"}  # the same of points whose `ids` are steps of the model
+
+
+def selects_joint(joint: int) -> dict[str, object]:
+    """Of a trace that is about one joint, from 1: a click on any of its points picks that."""
+    return {"ask": "joint", "value": joint}
+
+
+def selects_joint_of_row(joints: Mapping[str, int]) -> dict[str, object]:
+    """Of a heatmap: a click on a cell picks the joint, from 1, of the label of its row."""
+    return {"ask": "joint", "rows": dict(joints)}
 
 
 def ink(dark: bool) -> str:

@@ -22,3 +22,8 @@ def clamped(value: object, low: float, high: float, default: float) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         return default
     return min(max(float(value), low), high)
+
+
+def whole_number(text: str) -> int | None:
+    """What a text says where that is a number from 0 on, of a few digits; else None."""
+    return int(text) if text.isascii() and text.isdigit() and len(text) < 5 else None

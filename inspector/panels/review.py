@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import viser
 
 from inspector.markup.parts import elements, numbers
+from inspector.markup.parts.links import Names, linked
 from inspector.markup.parts.palette import DOUBT, FAILED, ROLE_WORDS, role_colour
 from inspector.panels.base import Actions, ChangedValues, by_page, put
 from inspector.panels.input_checks import clamped, one_of
@@ -46,6 +47,7 @@ class ReviewPanel:
     def __init__(self, gui: viser.GuiApi, actions: Actions, datasets: tuple[str, ...]) -> None:
         self._actions = actions
         self._changed = ChangedValues()
+        self._names = Names()  # of the dataset on show
         self.dataset = gui.add_dropdown("Dataset", datasets, disabled=len(datasets) < 2)
         self._problem = gui.add_html("")  # here it is seen, whatever the height of the screen
         self._about = gui.add_html("")
@@ -129,7 +131,7 @@ class ReviewPanel:
 
     def set_poses(self, view: View) -> None:
         """The list of poses of a dataset that was just opened, and the views that there is something to see in."""
-        poses = view.session.dataset.poses
+        poses, self._names = view.session.dataset.poses, Names.of(view.session.dataset)
         has_scans = view.session.dataset.scan_folder is not None
         self._folders["Scan layers"].visible = has_scans
         self.view.options = VIEWS if has_scans else POINT_VIEWS
@@ -152,12 +154,12 @@ class ReviewPanel:
             ]
         ) + "".join(
             [
-                *(elements.alert(w, colour="#E69F00") for w in dataset.warnings),
-                *(elements.note(n) for n in dataset.notes),
+                *(elements.alert(linked(w, self._names), colour="#E69F00") for w in dataset.warnings),
+                *(elements.note(linked(n, self._names)) for n in dataset.notes),
             ]
         )
         self._changed.put(self.pose, self.pose.options[view.pose])
-        self._status.content = self._pose_status(view)
+        self._status.content = self._pose_status(view) + elements.joint_style(view.joint)
         self.timeline.update(view)
 
     def _pose_status(self, view: View) -> str:
@@ -167,6 +169,8 @@ class ReviewPanel:
         setup = str(view.session.dataset.poses.setup[view.pose])
         if setup:
             rows.append(("scanner placement", setup))
+        if view.joint is not None:
+            rows.append(("joint", elements.joint_link(view.joint + 1, f"{view.joint + 1}, Esc lets it go")))
         found, search = corner_of(view, view.pose), view.search
         alert = ""
         if search is not None and search.failure:
@@ -214,8 +218,9 @@ class ReviewPanel:
             took = f" in {seconds:.0f} s" if seconds is not None else ""
             text = f"{done - len(failed)} of {total} corners found{took}{failures}"
         colour = FAILED if failed else DOUBT if doubtful else ""
+        said = elements.Html(text)  # of numbers and links alone
         self.progress_text.content = (
-            elements.alert(text, colour=colour) if colour and not running else elements.note(text)
+            elements.alert(said, colour=colour) if colour and not running else elements.note(said)
         )
         put(self.progress, 100.0 * done / total)
         self.progress.animated = running
@@ -234,13 +239,15 @@ class ReviewPanel:
 
     def show_problem(self, text: str) -> None:
         """The last error, which stays after its notification has gone."""
-        self._problem.content = elements.alert(text) if text else ""
+        self._problem.content = elements.alert(linked(text, self._names)) if text else ""
 
 
 def few(names: Sequence[str], most: int = 3) -> str:
-    """ "p1, p2, p3 …": the first of many, each short."""
+    """ "p1, p2, p3 …": the first of many, each short and a link to its pose, as HTML."""
     shown = [
-        name if len(name) <= elements.LONG_NAME else f"{name[: elements.LONG_NAME - 1]}…"
+        elements.pose_link(
+            name, name if len(name) <= elements.LONG_NAME else f"{name[: elements.LONG_NAME - 1]}…"
+        )
         for name in names[:most]
     ]
     return ", ".join(shown) + (" …" if len(names) > most else "")

@@ -22,9 +22,9 @@ from calib.screening.residual_tests import InputTest
 from inspector.figures.curve_plots import height_px, joint_curves
 from inspector.figures.plots import correlation_heatmap, pose_residuals
 from inspector.figures.residual_plots import SELECTED, residual_against
+from inspector.markup.learn.candidate import value_row
 from inspector.markup.learn.curves import BAND_NOTE, curve_rows, formulas
 from inspector.markup.learn.curves import COLUMNS as CURVE_COLUMNS
-from inspector.markup.learn.effects import value_row
 from inspector.markup.learn.residuals import AXES, band_note, input_title, joint_title, shown, turned
 from inspector.markup.model.fit import PARAMETER_COLUMNS, parameter_rows
 from inspector.markup.parts import numbers

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 import viser
 
-from calib.array_types import Array, ByteArray
+from calib.array_types import Array, ByteArray, IndexArray
 from calib.calibration.model_versions import Version
 from calib.corners.jig_distance import face_distances, jig_outline
 from calib.dataset.dataset import Dataset
@@ -16,7 +17,7 @@ from calib.fitting.observations import Observations
 from calib.scans.scan import Scan
 from inspector.markup.model.comparison import distance_limit_mm, error_limit_mm
 from inspector.markup.parts import colour_scale, numbers
-from inspector.markup.parts.palette import FACE_COLOURS, MODEL_COLOURS, rgb, role_colour
+from inspector.markup.parts.palette import ARM, FACE_COLOURS, HIGHLIGHT, MODEL_COLOURS, rgb, role_colour
 from inspector.scene import corner_nodes, model_nodes
 from inspector.scene.arm_shape import arm_of
 from inspector.scene.link_mesh import load_link_mesh
@@ -38,52 +39,67 @@ def pose_colours(view: View) -> ByteArray:
     return np.array([rgb(role_colour(str(role))) for role in roles], dtype=np.uint8)
 
 
+Predictions = tuple[Array, Array, IndexArray]  # measured points (K, 3), errors there (K, 3), their poses (K,)
+
+
 # ---- predictions ----------------------------------------------------------------------------------------------------
 
 
-def draw_residuals(scene: SceneView, view: View) -> None:
-    """From each measured point an arrow to where each compared version predicts it, `view.arrows` times too long."""
+def draw_residuals(scene: SceneView, view: View, on_click: Callable[[int], None]) -> None:
+    """From each measured point an arrow to where each compared version predicts it, `view.arrows` times too long.
+
+    A click on an arrow or on a predicted point tells the index of its pose.
+    """
     shown = [version for version in view.versions if version.name in view.compared]
     drawn = {version.name: _predictions(version, view) for version in shown}
-    everything = [start for start, _ in drawn.values()]
+    everything = [start for start, _, _ in drawn.values()]
     start = np.concatenate(everything) if everything else np.zeros((0, 3))
     if not len(start):
         for layer in ("residuals", "predicted"):
             scene.draw(layer, lambda api, name: [])
         return
-    tips = {name: at + view.arrows * error for name, (at, error) in drawn.items()}
-    arrows, colours = _arrows(drawn, tips)
+    tips = {name: at + view.arrows * error for name, (at, error, _) in drawn.items()}
+    arrows, colours, pose = _arrows(drawn, tips)
+    of_tip = np.concatenate([pose for _, _, pose in drawn.values()])
     field_mm = float(np.linalg.norm(np.ptp(start, axis=0))) + 50.0
-    longest = {name: float(np.linalg.norm(e, axis=1).max(initial=0.0)) for name, (_, e) in drawn.items()}
+    longest = {name: float(np.linalg.norm(e, axis=1).max(initial=0.0)) for name, (_, e, _) in drawn.items()}
     text = residual_words(view.arrows, longest)
     top = np.array([start[:, 0].mean(), start[:, 1].min() - ABOVE_MM, start[:, 2].mean()])
     scene.draw(
         "residuals",
         lambda api, name: model_nodes.residuals(
-            api, name, arrows, colours, ARROW_SHARE * field_mm, text, top
+            api, name, arrows, colours, ARROW_SHARE * field_mm, text, top, lambda k: on_click(int(pose[k]))
         ),
     )
     size_mm = TIP_SHARE * corner_nodes.dot_mm(start)
-    scene.draw("predicted", lambda api, name: model_nodes.predicted(api, name, tips, MODEL_COLOURS, size_mm))
+    scene.draw(
+        "predicted",
+        lambda api, name: model_nodes.predicted(
+            api, name, tips, MODEL_COLOURS, size_mm, lambda k: on_click(int(of_tip[k]))
+        ),
+    )
 
 
-def _predictions(version: Version, view: View) -> tuple[Array, Array]:
-    """The measured points seen from the selected pose's scanner placement (K, 3), and the errors there (K, 3)."""
+def _predictions(version: Version, view: View) -> Predictions:
+    """The measured points seen from the selected pose's scanner placement, and the errors there."""
     dataset = version.calibration.dataset
     poses = dataset.poses
     measured = Observations.of(dataset, np.ones(len(poses), dtype=bool)).points
     here = poses.setup[measured.pose] == poses.setup[view.pose]
-    return measured.xyz_mm[here], version.evaluation.error_mm[here]
+    return measured.xyz_mm[here], version.evaluation.error_mm[here], measured.pose[here]
 
 
-def _arrows(drawn: Mapping[str, tuple[Array, Array]], tips: Mapping[str, Array]) -> tuple[Array, ByteArray]:
-    """Arrows (K, 2, 3) that have a length, and their colours (K, 3)."""
-    arrows, colours = [], []
-    for name, (start, error) in drawn.items():
+def _arrows(
+    drawn: Mapping[str, Predictions], tips: Mapping[str, Array]
+) -> tuple[Array, ByteArray, IndexArray]:
+    """Arrows (K, 2, 3) that have a length, their colours (K, 3) and poses (K,)."""
+    arrows, colours, poses = [], [], []
+    for name, (start, error, pose) in drawn.items():
         seen = np.linalg.norm(error, axis=1) > 0
         arrows.append(np.stack([start, tips[name]], axis=1)[seen])
         colours.append(np.tile(np.array(rgb(MODEL_COLOURS[name]), dtype=np.uint8), (int(seen.sum()), 1)))
-    return np.concatenate(arrows), np.concatenate(colours)
+        poses.append(pose[seen])
+    return np.concatenate(arrows), np.concatenate(colours), np.concatenate(poses)
 
 
 def residual_words(factor: float, longest_mm: Mapping[str, float]) -> str:
@@ -99,13 +115,16 @@ def residual_words(factor: float, longest_mm: Mapping[str, float]) -> str:
 
 
 class ArmDrawing:
-    """The arm at the selected pose. Meshes are sent once a dataset; another pose only moves them."""
+    """The arm at the selected pose. Meshes are sent once a dataset; another pose only moves them.
 
-    def __init__(self, scene: SceneView) -> None:
-        self._scene = scene
+    on_joint: told of a click on a joint or its link, counted from 1.
+    """
+
+    def __init__(self, scene: SceneView, on_joint: Callable[[int], None]) -> None:
+        self._scene, self._on_joint = scene, on_joint
         self._of: object = None  # what the meshes were loaded for
         self._meshes: dict[int, viser.MeshHandle] = {}  # by joint
-        self._solids = model_nodes.Solids()
+        self._solids = model_nodes.Solids(on_joint)
         self.problems: tuple[str, ...] = ()  # meshes that cannot be drawn, and why
 
     def draw(self, view: View) -> None:
@@ -114,7 +133,7 @@ class ArmDrawing:
         arm = None if version is None else arm_of(version, view.pose)
         if version is None or arm is None:
             self._scene.draw("arm", lambda api, name: [])
-            self._of, self._meshes, self._solids = None, {}, model_nodes.Solids()
+            self._of, self._meshes, self._solids = None, {}, model_nodes.Solids(self._on_joint)
             return
         dataset = view.session.dataset
         setup = str(dataset.poses.setup[view.pose])
@@ -125,9 +144,11 @@ class ArmDrawing:
             self._load(api, dataset)
             for joint, handle in self._meshes.items():
                 handle.wxyz, handle.position = model_nodes.pose_of(arm.base_T_link[joint])
+                handle.color = rgb(HIGHLIGHT if joint == view.joint else ARM)
             colour, meshed = MODEL_COLOURS[version.name], tuple(self._meshes)
             return [
-                *model_nodes.arm(api, name, self._solids, arm, colour, text, meshed),
+                *model_nodes.arm(api, name, self._solids, arm, colour, text, meshed, view.joint),
+                *model_nodes.joint_axis(api, name, arm, view.joint),
                 *model_nodes.base(api, name, placed),
                 *self._meshes.values(),
             ]
@@ -145,7 +166,9 @@ class ArmDrawing:
                 problems.append(str(error))
                 continue
             if mesh is not None:
-                self._meshes[joint] = model_nodes.link_mesh(api, f"{ROOT}/arm/mesh{joint}", mesh)
+                self._meshes[joint] = model_nodes.link_mesh(
+                    api, f"{ROOT}/arm/mesh{joint}", mesh, partial(self._on_joint, joint + 1)
+                )
         self.problems = tuple(problems)
 
 

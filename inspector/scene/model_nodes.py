@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,13 +10,16 @@ import viser
 import viser.transforms
 
 from calib.array_types import Array, ByteArray, IndexArray
-from inspector.markup.parts.palette import ARM, JOINT, SLIDE, rgb
+from inspector.markup.parts.palette import ARM, HIGHLIGHT, JOINT, SLIDE, rgb
 from inspector.scene.arm_shape import ArmShape
 from inspector.scene.link_mesh import LinkMesh
 from inspector.scene.scene_view import M_PER_MM, cloud, to_scene
 from inspector.scene.shapes import facing, unit_cylinder, unit_sphere
 
 AXIS_MM = 150.0  # length of the base's axes
+AXIS_OVER = 1.2  # of a joint's length: how far the selected one's axis stands out on either side
+TOUCH = 3.0  # of what is drawn: how much wider is what takes its clicks, which is not seen
+UNSEEN = 0.004  # opacity: what is not drawn at all takes no clicks
 PARTS = {"revolute": JOINT, "prismatic": SLIDE, "link": ARM}
 
 
@@ -25,8 +28,13 @@ class Solids:
     """The nodes of an arm's cylinders and balls, kept from pose to pose: those of one arm only change place.
 
     Adding a batch again under its name makes pages build it anew, and now and then they then draw nothing of it.
+
+    on_joint: told of a click on a solid, by the joint, from 1, that moves it; the tool belongs to none.
     """
 
+    on_joint: Callable[[int], None]
+    joints: int = 0
+    links: dict[str, Sequence[int]] = field(default_factory=dict)  # of each node's solids
     nodes: dict[str, viser.BatchedMeshHandle] = field(default_factory=dict)
 
     def put(
@@ -38,8 +46,10 @@ class Solids:
         at_mm: Array,
         size_mm: Array,
         colours: ByteArray,
+        links: Sequence[int],
     ) -> list[viser.SceneNodeHandle]:
-        """K of a shape (vertices, faces) at wxyz (K, 4), places (K, 3), scaled (K, 3), in colours (K, 3)."""
+        """K of a shape (vertices, faces), wxyz (K, 4), places (K, 3), scales (K, 3), colours (K, 3), links (K,)."""
+        self.links[name] = links
         node = self.nodes.get(name)
         if node is not None and len(np.reshape(node.batched_positions, (-1, 3))) == len(at_mm):
             node.batched_wxyzs, node.batched_positions = wxyz.astype(np.float32), to_scene(at_mm)
@@ -52,7 +62,13 @@ class Solids:
             name, *shape, wxyz, to_scene(at_mm), batched_scales=to_scene(size_mm), batched_colors=colours,
             lod="off", cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
+        self.nodes[name].on_click(lambda event: self._clicked(name, event.instance_index))
         return [self.nodes[name]]
+
+    def _clicked(self, name: str, instance: int | None) -> None:
+        links = self.links[name]
+        if instance is not None and 0 <= instance < len(links) and links[instance] < self.joints:
+            self.on_joint(links[instance] + 1)
 
 
 def arm(
@@ -63,30 +79,61 @@ def arm(
     tool_colour: str,
     text: str,
     meshed: Sequence[int] = (),
+    selected: int | None = None,
 ) -> list[viser.SceneNodeHandle]:
     """The solids of an arm in the scanner's frame, without the links that are drawn as meshes; a label at its tip.
+
+    selected: the joint, from 0, that stands out.
 
     All cylinders are one node and all balls another: another pose costs a few hundred numbers.
     """
     shown = ~np.isin(shape.link, meshed)
     along = (shape.end_mm - shape.start_mm)[shown]
     length, radius = np.linalg.norm(along, axis=1), shape.radius_mm[shown]
-    colours = [rgb(PARTS.get(str(part), tool_colour)) for part in shape.part[shown]]
+    solids.joints = len(shape.base_T_link)
+    link = shape.link[shown]
+    stands_out = (link == selected) & np.isin(shape.part[shown], ("revolute", "prismatic"))
+    colours = [
+        rgb(HIGHLIGHT if out else PARTS.get(str(part), tool_colour))
+        for part, out in zip(shape.part[shown], stands_out, strict=True)
+    ]
     balls = ~np.isin(shape.ball_link, meshed)
     size = np.repeat(shape.ball_radius_mm[balls][:, None], 3, axis=1)
     return [
         *solids.put(
             api, f"{name}/cylinders", unit_cylinder(), facing(along / length[:, None]),
             0.5 * (shape.start_mm + shape.end_mm)[shown], np.stack([radius, radius, length], axis=1),
-            np.array(colours, dtype=np.uint8).reshape(-1, 3),
+            np.array(colours, dtype=np.uint8).reshape(-1, 3), link.tolist(),
         ),
         *solids.put(
             api, f"{name}/balls", unit_sphere(10, 16), np.tile([1.0, 0, 0, 0], (len(size), 1)),
             shape.ball_mm[balls], size, np.tile(np.array(rgb(ARM), dtype=np.uint8), (len(size), 1)),
+            shape.ball_link[balls].tolist(),
         ),
         api.add_label(
             f"{name}/label", text, position=tuple(to_scene(shape.tip_mm).astype(float)), font_screen_scale=0.85,
             anchor="top-center",
+        ),
+    ]  # fmt: skip
+
+
+def joint_axis(
+    api: viser.SceneApi, name: str, shape: ArmShape, joint: int | None
+) -> list[viser.SceneNodeHandle]:
+    """The axis of the selected joint, from 0, through the arm, and its name; nothing where none is selected."""
+    at = np.flatnonzero((shape.link == joint) & np.isin(shape.part, ("revolute", "prismatic")))
+    if joint is None or not len(at):
+        return []
+    start, end = shape.start_mm[at[0]], shape.end_mm[at[0]]
+    reach = AXIS_OVER * (end - start)
+    return [
+        api.add_line_segments(
+            f"{name}/axis", to_scene(np.array([[start - reach, end + reach]])), rgb(HIGHLIGHT), thickness=3.0,
+            thickness_units="screen",
+        ),
+        api.add_label(
+            f"{name}/axis_label", f"joint {joint + 1}", position=tuple(to_scene(end + reach).astype(float)),
+            font_screen_scale=0.85, anchor="bottom-left",
         ),
     ]  # fmt: skip
 
@@ -110,12 +157,16 @@ def pose_of(transform: Array) -> tuple[Array, Array]:
     return np.asarray(wxyz, dtype=float), to_scene(transform[:3, 3]).astype(np.float64)
 
 
-def link_mesh(api: viser.SceneApi, name: str, mesh: LinkMesh) -> viser.MeshHandle:
+def link_mesh(
+    api: viser.SceneApi, name: str, mesh: LinkMesh, on_click: Callable[[], None]
+) -> viser.MeshHandle:
     """A link that has a mesh, in its own frame."""
-    return api.add_mesh_simple(
+    handle = api.add_mesh_simple(
         name, to_scene(mesh.vertices_mm), mesh.triangles.astype(np.uint32), color=rgb(ARM), side="double",
         cast_shadow=False, receive_shadow=False,
     )  # fmt: skip
+    handle.on_click(lambda _: on_click())
+    return handle
 
 
 def predicted(
@@ -124,13 +175,43 @@ def predicted(
     points_mm: Mapping[str, Array],
     colours: Mapping[str, str],
     size_mm: float,
+    on_click: Callable[[int], None],
 ) -> list[viser.SceneNodeHandle]:
-    """The predicted points (M, 3) of each model, in its colour."""
+    """The predicted points (M, 3) of each model, in its colour; a click tells which of all of them."""
+    everything = np.concatenate(list(points_mm.values()))
+    size = np.full((len(everything), 3), TOUCH / 2 * size_mm)
+    upright = np.tile([1.0, 0, 0, 0], (len(everything), 1))
     return [
-        cloud(api, f"{name}/{number}", points_mm[model], rgb(colours[model]), size_mm)
-        for number, model in enumerate(points_mm)
-        if len(points_mm[model])
+        *(
+            cloud(api, f"{name}/{number}", points_mm[model], rgb(colours[model]), size_mm)
+            for number, model in enumerate(points_mm)
+            if len(points_mm[model])
+        ),
+        _touched(api, f"{name}/touch", unit_sphere(6, 8), upright, everything, size, on_click),
     ]
+
+
+def _touched(
+    api: viser.SceneApi,
+    name: str,
+    shape: tuple[Array, IndexArray],
+    wxyz: Array,
+    at_mm: Array,
+    size_mm: Array,
+    on_click: Callable[[int], None],
+) -> viser.SceneNodeHandle:
+    """K unseen solids that take the clicks for what cannot take them itself, points and arrows; a click tells which."""
+    node = api.add_batched_meshes_simple(
+        name, *shape, wxyz, to_scene(at_mm), batched_scales=to_scene(size_mm), opacity=UNSEEN, lod="off",
+        cast_shadow=False, receive_shadow=False,
+    )  # fmt: skip
+
+    @node.on_click
+    def _(event: viser.SceneNodePointerEvent[viser.BatchedMeshHandle]) -> None:
+        if event.instance_index is not None and 0 <= event.instance_index < len(at_mm):
+            on_click(event.instance_index)
+
+    return node
 
 
 def residuals(
@@ -141,15 +222,23 @@ def residuals(
     size_mm: float,
     text: str,
     at_mm: Array,
+    on_click: Callable[[int], None],
 ) -> list[viser.SceneNodeHandle]:
-    """Arrows (K, 2, 3) from measured to predicted, in colours (K, 3), and what they are in words."""
+    """Arrows (K, 2, 3) from measured to predicted, in colours (K, 3), and what they are; a click tells which."""
     if not len(arrows_mm):
         return []
     size = size_mm * M_PER_MM
+    along = arrows_mm[:, 1] - arrows_mm[:, 0]
+    length = np.linalg.norm(along, axis=1)
+    width = np.full_like(length, TOUCH * size_mm)
     return [
         api.add_arrows(
             f"{name}/arrows", to_scene(arrows_mm), colours, shaft_radius=size, head_radius=2.5 * size,
             head_length=5.0 * size,
+        ),
+        _touched(
+            api, f"{name}/touch", unit_cylinder(), facing(along / length[:, None]), arrows_mm.mean(axis=1),
+            np.stack([width, width, length], axis=1), on_click,
         ),
         api.add_label(
             f"{name}/label", text, position=tuple(to_scene(at_mm).astype(float)), font_screen_scale=0.85,

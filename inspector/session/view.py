@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib.array_types import Array
-from calib.calibration.model_versions import EFFECTS, LINKS, NOMINAL, Version
+from calib.calibration.model_versions import EFFECTS, LINKS, NOMINAL, Version, fitted_version
 from calib.corners.search import CornerSearch
 from calib.options import RESIDUAL_KINDS
 from inspector.session.session import Session
@@ -56,6 +56,10 @@ class View:
     chosen: str = ""  # the version whose arm and errors are shown; the last where there is none of this name
     compared: frozenset[str] = frozenset()  # the versions whose predictions are shown
     colouring: str = BY_ROLE  # of the measured points
+    joint: int | None = None  # the selected one, from 0
+    step: int | None = (
+        None  # of `session.steps`, before the last, that the version with effects is shown after
+    )
 
     @property
     def pose_id(self) -> str:
@@ -69,8 +73,12 @@ class View:
 
     @property
     def versions(self) -> tuple[Version, ...]:
-        """The versions of the session's model; none before it is calibrated."""
-        return self.session.versions
+        """The versions of the session's model, as far as the step on show; none before it is calibrated."""
+        known = self.session.versions
+        if self.step is None or not known or self.step >= len(self.session.steps):
+            return known
+        others = (version for version in known if version.name != EFFECTS)
+        return (*others, fitted_version(EFFECTS, self.session.steps[self.step].calibration))
 
     @property
     def version(self) -> Version | None:
@@ -95,15 +103,34 @@ class View:
             return NOMINAL
         return EFFECTS if steps[number - 1].selected else LINKS
 
+    def at_step(self, number: int) -> View:
+        """The same view of the model after a step, with its arrows: 0 is the nominal robot, k `session.steps[k - 1]`.
+
+        Nothing changes where there is no such step.
+        """
+        steps = self.session.steps
+        if not 0 <= number <= len(steps) or not self.session.versions:
+            return self
+        chosen = self.version_of_step(number)
+        step = number - 1 if chosen == EFFECTS and number < len(steps) else None
+        return replace(self, step=step, chosen=chosen, compared=frozenset({chosen}))
+
     def with_session(self, session: Session) -> View:
         """The same view of another session. What showed the latest version of the model goes on doing so."""
         newest = session.versions[-1].name if session.versions else ""
-        before = self.versions[-1].name if self.versions else ""
+        before = self.session.versions[-1].name if self.session.versions else ""
         chosen, compared = self.chosen, self.compared
         if newest not in ("", before):
             chosen = newest if chosen in (before, "") else chosen
             compared = compared - {before} | {newest} if before in compared or not before else compared
-        return replace(self, session=session, chosen=chosen, compared=compared)
+        step = self.step if _same_fits(session, self.session) else None
+        return replace(self, session=session, chosen=chosen, compared=compared, step=step)
+
+
+def _same_fits(one: Session, other: Session) -> bool:
+    """Whether the same changes of the model led to both."""
+    pairs = zip(one.steps, other.steps, strict=False)
+    return len(one.steps) == len(other.steps) and all(a.calibration is b.calibration for a, b in pairs)
 
 
 def corner_of(view: View, pose: int) -> tuple[Array, Array | None] | None:

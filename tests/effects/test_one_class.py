@@ -25,7 +25,7 @@ from calib.screening.candidates import screen
 from calib.screening.projected_residual import project_residual
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
-from inspector.markup.learn.effects import chosen_html, fitted_html
+from inspector.markup.learn.candidate import chosen_html, fitted_html
 from tests.support import ROOT
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")

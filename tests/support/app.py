@@ -38,7 +38,8 @@ def without_reflections(app: App) -> None:
 
 def plain(page: WireClient) -> str:
     """The page's words without markup."""
-    return html.unescape(re.sub(r"<[^>]+>", " ", page.text()))
+    without_links = re.sub(r"</?a\b[^>]*>", "", page.text())
+    return html.unescape(re.sub(r"<[^>]+>", " ", without_links))
 
 
 def shows(page: WireClient, *parts: str) -> None:

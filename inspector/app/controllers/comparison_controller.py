@@ -25,11 +25,12 @@ class ComparisonController:
         panel: ComparePanel,
         *,
         on_click: Callable[[int], None],
+        on_joint: Callable[[int], None],
         show_legend: Callable[[], None],
     ) -> None:
         self._state, self._scene, self._panel = state, scene, panel
         self._on_click, self._show_legend = on_click, show_legend
-        self._arm = ArmDrawing(scene)
+        self._arm = ArmDrawing(scene, on_joint)
         self._scan: Scan | None = None  # the selected pose's
         self._distances_mm: Array | None = None  # of its points to the jig
         self._drawn = False  # whether they are in the scene
@@ -39,7 +40,7 @@ class ComparisonController:
         view = self._state.now
         with self._scene.atomic():
             draw_corners(self._scene, view, self._on_click)
-            draw_residuals(self._scene, view)
+            draw_residuals(self._scene, view, self._on_click)
             self._arm.draw(view)
         self._panel.update(view, self._arm.problems)
         self._show_legend()
@@ -65,7 +66,7 @@ class ComparisonController:
         """(N,) of the selected pose's scan to the jig, nan beside it; None where there is no corner."""
         return self._distances_mm
 
-    def change(self, **what: float | str | frozenset[str]) -> None:
+    def change(self, **what: float | str | frozenset[str] | None) -> None:
         """Change how the model is shown (`View.arrows`, `chosen`, `compared`, `colouring`)."""
         self._state.change(**what)
         self.draw()
@@ -73,7 +74,7 @@ class ComparisonController:
     def choose(self, name: str) -> None:
         """Show the arm and the errors of a version, where there is one of this name."""
         if name in [version.name for version in self._state.now.versions]:
-            self.change(chosen=name)
+            self.change(chosen=name, step=None)
 
     def show(self, name: str, shown: bool) -> None:
         """Show or hide what a version predicts."""

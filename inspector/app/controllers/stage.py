@@ -36,13 +36,15 @@ class Stage:
         panels: Panels,
         *,
         on_click: Callable[[int], None],
+        on_joint: Callable[[int], None],
     ) -> None:
         self._server, self._state, self._scans, self._panels = server, state, scans, panels
         self.on_click = on_click
         self.scene = SceneView(server)
         self.comparison = ComparisonController(
-            state, self.scene, panels.compare, on_click=on_click, show_legend=self.show_legend
-        )
+            state, self.scene, panels.compare,
+            on_click=on_click, on_joint=on_joint, show_legend=self.show_legend,
+        )  # fmt: skip
         self._camera = Camera(self.scene, panels.review)
         self.theme(dark=False)
 

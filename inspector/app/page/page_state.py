@@ -37,10 +37,9 @@ class PageState:
 
     def open(self, name: str, session: Session) -> None:
         """Show a dataset at its first pose, drawn as the one before."""
-        view = (
-            View(Session(session.dataset)) if self.view is None else replace(self.view, pose=0, failures={})
-        )
-        self.name, self.view = name, view.with_session(session)
+        view = View(Session(session.dataset)) if self.view is None else self.view
+        first = replace(view, pose=0, joint=None, step=None, failures={})
+        self.name, self.view = name, first.with_session(session)
         self._on_change(self.view)
 
     def keep(self, session: Session) -> None:

@@ -10,6 +10,7 @@ from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.curves.smooth_joint_error import LEARNED, CurveModes
 from inspector.markup.learn.residuals import input_title
 from inspector.markup.parts import elements
+from inspector.markup.parts.links import joint_asks
 
 COLUMNS = ("joint", "over", "rms", "largest", "at", "known")
 BAND_NOTE = (
@@ -56,7 +57,8 @@ def formulas(calibration: Calibration) -> list[str]:
 
 def curves_table_html(calibration: Calibration) -> str:
     """The learned curves of a fit as a table."""
-    return elements.table(COLUMNS, curve_rows(calibration), left=2)
+    rows = curve_rows(calibration)
+    return elements.table(COLUMNS, rows, left=2, asks=joint_asks(int(row[0]) for row in rows))
 
 
 def learned_html(calibration: Calibration) -> str:
@@ -88,7 +90,12 @@ def offered_html(curves: LearnedCurves) -> str:
     return (
         elements.heading(f"Effect {LEARNED}")
         + elements.facts(facts)
-        + elements.table(("joint", "over", "learned"), rows, left=3)
+        + elements.table(
+            ("joint", "over", "learned"),
+            rows,
+            left=3,
+            asks=joint_asks(member.joint + 1 for member in curves.members),
+        )
         + elements.note(
             "No named effect explains what is left. The curves name no cause; add them to see them."
         )

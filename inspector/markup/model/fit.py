@@ -12,6 +12,7 @@ from calib.screening.curves.fitted_curves import learned_members, without_curves
 from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.markup.learn.curves import curves_table_html
 from inspector.markup.parts import elements, numbers
+from inspector.markup.parts.links import Names, joint_asks, joints_by_parameter, linked
 from inspector.markup.parts.numbers import parameter_label
 from inspector.markup.parts.palette import ROLE_COLOURS
 from inspector.session.measuring import no_full_poses
@@ -57,7 +58,9 @@ def state_html(result: Calibration) -> str:
     ]
     if np.isfinite(result.sigma_mm):
         rows.append(("residual sigma, one axis", numbers.length(result.sigma_mm)))
-    return elements.facts(rows) + "".join(elements.alert(w, colour="#E69F00") for w in result.warnings)
+    return elements.facts(rows) + "".join(
+        elements.alert(linked(w, Names.of(result.dataset)), colour="#E69F00") for w in result.warnings
+    )
 
 
 def before_and_after(result: Calibration) -> list[tuple[str, str, float, float]]:
@@ -146,15 +149,21 @@ def parameters_html(result: Calibration) -> str:
     """The parameters as a table; what the data do not know is said."""
     rows = parameter_rows(result)
     links = [row for row in rows if "." not in row[0]]
+    of_joint = joints_by_parameter(result.model.robot, result.model.added_effects)
+    names = without_curves(result.to_frame())["name"]  # as the fit calls them, a row each
+    asks = joint_asks(of_joint.get(str(name)) for name in names)
     effects: dict[str, list[tuple[object, ...]]] = {}
-    for name, _, fitted, _, sigma, unit in rows[len(links) :]:
+    asks_of: dict[str, list[elements.Html]] = {}
+    for (name, _, fitted, _, sigma, unit), ask in zip(rows[len(links) :], asks[len(links) :], strict=True):
         effect, _, short = name.partition(".")
         effects.setdefault(effect, []).append((elements.wrapping(short), fitted, sigma, unit))
+        asks_of.setdefault(effect, []).append(ask)
     return (
         elements.heading("Parameters")
-        + elements.table(PARAMETER_COLUMNS, links, height="420px")
+        + elements.table(PARAMETER_COLUMNS, links, height="420px", asks=asks[: len(links)])
         + "".join(
-            elements.heading(f"Effect {effect}") + elements.table(EFFECT_COLUMNS, of_it, height="260px")
+            elements.heading(f"Effect {effect}")
+            + elements.table(EFFECT_COLUMNS, of_it, height="260px", asks=asks_of[effect])
             for effect, of_it in effects.items()
         )
         + (

@@ -11,6 +11,7 @@ from html import escape
 _CELL = "padding:2px 6px;white-space:nowrap;"
 _BREAK = "overflow-wrap:anywhere;"  # names from outside may be one long word
 LONG_NAME = 22  # characters of a word that stays in one line
+MARK = "rgba(86,180,233,0.22)"  # behind a row that is selected
 _LINE = "border-bottom:1px solid rgba(128,128,128,0.28);"
 
 
@@ -23,6 +24,14 @@ STYLE = (
     "a.asks{text-decoration:underline dotted;text-underline-offset:2px}a.asks:hover{text-decoration:underline}"
     "[data-ask]:focus-visible{outline:2px solid #56B4E9;outline-offset:-1px}</style>"
 )
+
+
+def joint_style(joint: int | None) -> str:
+    """The page's style that marks every row and link of the selected joint, counted from 0."""
+    if joint is None:
+        return ""
+    mine = f'[data-ask="joint"][data-value="{joint + 1}"]'
+    return f"<style>tr{mine}{{background:{MARK}}}a{mine}{{font-weight:600}}</style>"
 
 
 class Html(str):
@@ -64,7 +73,7 @@ def table(
     head = "".join(cell("th", i, h, f"font-weight:600;{stay}") for i, h in enumerate(headers))
     body = []
     for number, row in enumerate(rows):
-        style = ' style="background:rgba(86,180,233,0.22)"' if number == mark else ""
+        style = f' style="background:{MARK}"' if number == mark else ""
         ask = asks[number] if asks is not None else ""
         body.append(f"<tr{style}{ask}>" + "".join(cell("td", i, v) for i, v in enumerate(row)) + "</tr>")
     scroll = f"max-height:{height};overflow-y:auto;" if height else ""
@@ -90,14 +99,19 @@ def opening(tab: str) -> Html:
     return Html(f' data-tab="{text(tab)}" role="button" tabindex="0"')
 
 
-def pose_link(pose_id: object) -> Html:
-    """The name of a pose within a sentence or a cell: a click selects it."""
-    return Html(f'<a class="asks"{asking("pose", pose_id)}>{text(pose_id)}</a>')
+def pose_link(pose_id: object, words: object = "") -> Html:
+    """The name of a pose within a sentence or a cell, as `words` where they are given: a click selects it."""
+    return Html(f'<a class="asks"{asking("pose", pose_id)}>{text(words or pose_id)}</a>')
+
+
+def joint_link(number: int, words: object = "") -> Html:
+    """A joint, counted from 1, within a sentence or a cell, as `words` where they are given: a click selects it."""
+    return Html(f'<a class="asks"{asking("joint", number)}>{text(words or number)}</a>')
 
 
 def wrapping(value: object) -> Html:
     """A cell that may take several lines."""
-    return Html(f'<span style="white-space:normal">{text(value)}</span>')
+    return Html(f'<span style="white-space:normal">{_markup(value)}</span>')
 
 
 def _name(value: object) -> str:
@@ -135,7 +149,7 @@ def legend(entries: Iterable[tuple[str, object]], *, before: str = "") -> str:
 def note(sentence: object) -> str:
     """The plain-words line of a tab: what one sees and what to look for."""
     style = f"margin:4px 16px 8px 16px;font-size:12px;line-height:1.4;opacity:0.78;{_BREAK}"
-    return f'<div style="{style}">{text(sentence)}</div>'
+    return f'<div style="{style}">{_markup(sentence)}</div>'
 
 
 def heading(title: object) -> str:
@@ -149,7 +163,7 @@ def alert(sentence: object, *, colour: str = "#B3261E") -> str:
     """A line that has to be seen: a failure with its reason."""
     return (
         f'<div style="margin:4px 14px 8px 14px;padding:6px 10px;border-left:4px solid {colour};font-size:12px;'
-        f'line-height:1.4;background:rgba(128,128,128,0.14);{_BREAK}">{text(sentence)}</div>'
+        f'line-height:1.4;background:rgba(128,128,128,0.14);{_BREAK}">{_markup(sentence)}</div>'
     )
 
 
@@ -168,6 +182,6 @@ def facts(pairs: Iterable[tuple[str, object]]) -> str:
 
 def bullets(sentences: Iterable[object]) -> str:
     """A plain list, a sentence each."""
-    items = "".join(f'<li style="margin:1px 0">{text(sentence)}</li>' for sentence in sentences)
+    items = "".join(f'<li style="margin:1px 0">{_markup(sentence)}</li>' for sentence in sentences)
     style = f"margin:2px 16px 6px 16px;padding-left:16px;font-size:12px;line-height:1.4;{_BREAK}"
     return f'<ul style="{style}">{items}</ul>'

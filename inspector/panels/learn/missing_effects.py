@@ -11,8 +11,10 @@ from inspector.figures.curve_plots import height_px, joint_curves
 from inspector.figures.plots import error_history
 from inspector.figures.residual_plots import added_variable
 from inspector.markup.learn import effects as html
+from inspector.markup.learn.candidate import chosen_html, fitted_html, next_html
 from inspector.markup.learn.curves import learned_html, offered_html
 from inspector.markup.parts import elements
+from inspector.markup.parts.links import Names
 from inspector.markup.parts.palette import BAD
 from inspector.panels.base import Actions, by_page, hidden_plot, put
 from inspector.session.session import Session
@@ -101,17 +103,18 @@ class MissingEffectsPanel:
     def judge(self, session: Session) -> None:
         """What to do next, with its button; or the verdict, and how it was found."""
         self._offer(session)
-        self._reasons.content = html.reasons_html(session.diagnosis)
-        self._advice.content = html.verdict_html(session.diagnosis)
+        names = Names.of(session.dataset)
+        self._reasons.content = html.reasons_html(session.diagnosis, names)
+        self._advice.content = html.verdict_html(session.diagnosis, names)
         advice = session.advice if session.diagnosis is None and session.screening is not None else None
         self.follow.visible = advice is not None
         if advice is not None:
-            self._advice.content = html.advice_html(advice)
+            self._advice.content = html.advice_html(advice, names)
             self.follow.label = html.follow_label(advice)
 
     def update_figure(self, view: View) -> None:
         """The history of the error, and the learned curves where the model has some."""
-        self._update_curves(view)
+        self.update_curves(view)
         session = view.session
         self._history.visible = session.calibration is not None and bool(session.history)
         if session.calibration is None or not session.history:
@@ -124,7 +127,7 @@ class MissingEffectsPanel:
             dark=view.dark,
         )
 
-    def _update_curves(self, view: View) -> None:
+    def update_curves(self, view: View) -> None:
         """The learned curves of the model on show, where it has some."""
         calibration = view.session.calibration
         drawn = () if calibration is None else fitted_curves(calibration)
@@ -134,7 +137,8 @@ class MissingEffectsPanel:
             return
         self._learned.content = learned_html(calibration)
         self._curves.aspect = height_px(len(drawn)) / PANEL_PX
-        self._curves.figure = joint_curves(drawn, calibration.model.robot, dark=view.dark)
+        robot = calibration.model.robot
+        self._curves.figure = joint_curves(drawn, robot, selected=view.joint, dark=view.dark)
 
     def update_choice(self, view: View) -> None:
         """The ranking with the chosen effect marked, and what is known of that."""
@@ -155,15 +159,19 @@ class MissingEffectsPanel:
         self._chosen.content = ""
         if name != NONE and session.calibration is not None:
             self._chosen.content = (
-                html.chosen_html(name, candidate, session.calibration, screening.cv_rmse_mm, own=name in own)
+                chosen_html(name, candidate, session.calibration, screening.cv_rmse_mm, own=name in own)
                 if name != LEARNED or session.curves is None
                 else offered_html(session.curves)
             )
             if name in inside and name != LEARNED:
-                self._chosen.content += html.fitted_html(session.calibration, name)
+                self._chosen.content += fitted_html(session.calibration, name)
         if candidate is not None and candidate.members:
             self._variable.figure = added_variable(
-                candidate.explained, screening.projected.residual, name, dark=view.dark
+                candidate.explained,
+                screening.projected.residual,
+                name,
+                screening.projected.row_poses,
+                dark=view.dark,
             )
 
     def update_next(self, view: View) -> None:
@@ -175,7 +183,7 @@ class MissingEffectsPanel:
             return
         noise_mm = session.pose_errors.noise_mm if session.pose_errors is not None else float("nan")
         robot = session.dataset.robot
-        self._next.content = html.next_html(self.chosen, separation.rival, separation.poses, robot, noise_mm)
+        self._next.content = next_html(self.chosen, separation.rival, separation.poses, robot, noise_mm)
 
     def _offer(self, session: Session) -> None:
         """All that can be added or removed; what was chosen stays chosen, so that a second press adds nothing more."""

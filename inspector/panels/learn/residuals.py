@@ -65,6 +65,21 @@ class ResidualsPanel:
         if label in self._ids:
             self._actions.select_id(self._ids[label])
 
+    def choose_joint(self, view: View) -> None:
+        """The selected joint's apparent motion against its own angle, where there is a residual to show."""
+        joint, robot = view.joint, view.session.dataset.robot
+        titles = (
+            (self.against, input_title(f"q{(joint or 0) + 1}", robot)),
+            (self.what, joint_title(joint or 0, robot)),
+        )
+        if joint is None or view.session.pose_errors is None:
+            return
+        for handle, title in titles:
+            if title in handle.options:
+                put(handle, title)
+        self._chose = True
+        self.update(view)
+
     def update(self, view: View) -> None:
         """The session's residual."""
         pose_errors = view.session.pose_errors

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import viser
@@ -10,6 +10,7 @@ import viser
 from calib.identifiability.redundancy import Redundancy
 from inspector.figures.plots import correlation_heatmap
 from inspector.markup.parts import elements, numbers
+from inspector.markup.parts.links import Names, joints_by_parameter, linked
 from inspector.markup.parts.numbers import parameter_label
 from inspector.panels.base import Actions, by_page, hidden_plot
 from inspector.panels.input_checks import one_of
@@ -18,8 +19,8 @@ from inspector.session.view import RESIDUALS, View
 NOTE = (
     "Pearson's r of each pair of parameters: dark red or dark blue (r\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}±1) off the "
     "diagonal means that the two "
-    "always act together, so only one can be fitted. Grey means no influence at all. Hover for values; the sign at the "
-    "figure's lower right enlarges it."
+    "always act together, so only one can be fitted. Grey means no influence at all. Hover for "
+    "values; a click picks the row's joint; the sign at the figure's lower right enlarges it."
 )
 LENGTHS, ANGLES, ALL = "lengths (a, d)", "angles (α, θ, β)", "all, unsplit"
 CHOICES = (LENGTHS, ANGLES, ALL)
@@ -57,13 +58,15 @@ class RedundancyPanel:
             self._content.content = elements.note("Not computed yet.")
             return
         at = shown(analysis, str(self.choice.value))
+        joints = joints_by_parameter(view.session.dataset.robot)
         self._plot.figure = correlation_heatmap(
             [analysis.parameters[i] for i in at],
             np.asarray(analysis.pearson)[np.ix_(at, at)],
             dark=view.dark,
             no_influence=analysis.no_influence,
+            joints=joints,
         )
-        self._content.content = redundancy_html(analysis)
+        self._content.content = redundancy_html(analysis, joints)
 
 
 def shown(analysis: Redundancy, choice: str) -> list[int]:
@@ -80,9 +83,13 @@ def group_sentence(group: Sequence[str], kept: Sequence[str], r: float) -> str:
     return f"{numbers.listing([parameter_label(n) for n in group])} always act together ({sign}): {what}"
 
 
-def redundancy_html(analysis: Redundancy) -> str:
-    """The analysis in words."""
+def redundancy_html(analysis: Redundancy, joints: Mapping[str, int]) -> str:
+    """The analysis in words. joints: the joint, from 1, of each parameter that belongs to one; its name picks it."""
     row = {name: i for i, name in enumerate(analysis.parameters)}
+    known = {parameter_label(n): elements.joint_link(j, parameter_label(n)) for n, j in joints.items()}
+
+    def link(sentence: str) -> elements.Html:
+        return linked(sentence, Names(), known)
 
     def sentence(group: Sequence[str]) -> str:
         return group_sentence(group, analysis.kept, float(analysis.pearson[row[group[0]], row[group[-1]]]))
@@ -109,17 +116,17 @@ def redundancy_html(analysis: Redundancy) -> str:
             ]
         ),
         elements.heading("Always act together"),
-        elements.bullets(together or ["No two parameters of one unit."]),
+        elements.bullets(map(link, together or ["No two parameters of one unit."])),
     ]
     if across:
         parts += [
             elements.heading("Act together across mm and rad (missed by Park's split)"),
-            elements.bullets(across),
+            elements.bullets(map(link, across)),
         ]
     if sums:
         parts += [
             elements.heading("Cancel as a sum (in mm and rad), though no two are alike"),
-            elements.bullets(sums),
+            elements.bullets(map(link, sums)),
         ]
-    parts += [elements.heading("No influence on the measurement"), elements.note(silent)]
+    parts += [elements.heading("No influence on the measurement"), elements.note(link(silent))]
     return "".join(parts)

@@ -29,7 +29,9 @@ class SideBySidePanel:
         self.other = gui.add_dropdown(
             "Beside", (NONE,), hint="another dataset of the folder, or a version of this model"
         )
-        self.against = gui.add_dropdown("Against", (NONE,), hint="what the errors are plotted against")
+        self.against = gui.add_dropdown(
+            "Plotted against", (NONE,), hint="what the errors are plotted against"
+        )
         self._state = gui.add_html("")
         self._plot = hidden_plot(gui, 0.75)
         self._differences = gui.add_html("")

@@ -79,31 +79,12 @@ const inspector = (() => {
     }
   });
 
-  // ---- plots: a trace whose meta.ask names a request asks it with the id of the point that is clicked ----
-
-  // Names in figures are escaped, wherever Plotly may show them.
-  function unescaped(text) {
-    const area = document.createElement("textarea"); // its content is text, whatever it holds
-    area.innerHTML = text;
-    return area.value;
-  }
-
-  function listenTo(plot) {
-    if (plot.dataset.listens || typeof plot.on !== "function") return;
-    plot.dataset.listens = "true";
-    plot.on("plotly_click", (event) => {
-      const point = event.points.find((each) => each.data.meta?.ask && each.id !== undefined);
-      if (point) ask(point.data.meta.ask, unescaped(point.id));
-    });
-  }
-
   let waiting = false;
   function look() {
     if (waiting) return;
     waiting = true;
     requestAnimationFrame(() => {
       waiting = false;
-      document.querySelectorAll(".js-plotly-plot").forEach(listenTo);
       tellTabs();
     });
   }
@@ -112,6 +93,14 @@ const inspector = (() => {
     childList: true,
     attributes: true,
     attributeFilter: ["aria-selected", "class"],
+  });
+
+  // What is chosen beside the pose is let go by Escape, where Escape does nothing else.
+  document.addEventListener("keydown", (event) => {
+    const typing = event.target instanceof Element && event.target.closest("input, textarea, select");
+    const open = [...document.querySelectorAll('[role="dialog"], [role="listbox"]')];
+    const onTop = open.some((each) => each.getClientRects().length > 0);
+    if (event.key === "Escape" && !typing && !onTop) ask("joint", "");
   });
 
   return { ask, openTab };

@@ -1,4 +1,4 @@
-"""A real browser clicks what is no widget: a point of a plot, a row of a table."""
+"""A real browser clicks what is no widget: points of plots, rows of tables, names in sentences, the arm in 3D."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import pytest
 from inspector.app.app import App
 from inspector.server.viser_server import url_of
 from tests.support.app import idle_app
-from tests.support.browser import browser, open_page, open_tab
+from tests.support.browser import browser, node_drawn, open_page, open_tab
+from tests.support.clicks import joint_selected, selected
 from tests.support.hidden_dataset import write_hidden
 
 # The id of a point that Plotly has drawn: of the trace's list, by the point's index.
@@ -29,15 +30,6 @@ def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
 def page(app: App) -> Iterator[Any]:
     with browser() as chromium, open_page(chromium, url_of(app.server)) as opened:
         yield opened
-
-
-def selected(page: Any, app: App, pose_id: str) -> None:
-    """Wait until this pose is selected, in the program and on the page."""
-    for _ in range(200):
-        if app.state.now.pose_id == pose_id:
-            return
-        page.wait_for_timeout(50)
-    raise AssertionError(f"{app.state.now.pose_id} is selected, not {pose_id}")
 
 
 def test_a_row_of_the_table_selects_its_pose(page: Any, app: App) -> None:
@@ -62,3 +54,77 @@ def test_a_bar_selects_its_pose(page: Any, app: App) -> None:
     pose_id = bar.evaluate(ID)
     bar.click(force=True)
     selected(page, app, pose_id)
+
+
+def test_a_row_of_the_parameters_selects_its_joint_everywhere(page: Any, app: App) -> None:
+    open_tab(page, "Fit")
+    row = page.locator('tr[data-ask="joint"][data-value="3"]:visible').first
+    row.scroll_into_view_if_needed()
+    row.click()
+    joint_selected(page, app, 3)
+    assert row.evaluate("row => getComputedStyle(row).backgroundColor") != "rgba(0, 0, 0, 0)"
+    node_drawn(page, "/scene/arm/axis_label")
+    assert str(app.panels.residuals.what.value).startswith("apparent motion of joint 3")
+    assert str(app.panels.residuals.against.value).startswith("joint 3 angle")
+    page.keyboard.press("Escape")
+    joint_selected(page, app, None)
+
+
+def test_the_keyboard_selects_and_lets_go(page: Any, app: App) -> None:
+    open_tab(page, "Fit")
+    row = page.locator('tr[data-ask="joint"][data-value="2"]:visible').first
+    row.focus()
+    page.keyboard.press("Shift+Tab")
+    page.keyboard.press("Tab")
+    assert row.evaluate("row => getComputedStyle(row).outlineStyle") == "solid"
+    page.keyboard.press("Enter")
+    joint_selected(page, app, 2)
+    page.keyboard.press("Space")  # the same again lets it go
+    joint_selected(page, app, None)
+
+
+def test_a_name_in_a_sentence_selects_its_pose_or_joint(page: Any, app: App) -> None:
+    pose_id = app.state.session.dataset.poses.ids[7]
+    app.worker.submit(
+        "say", lambda: app.panels.review.show_problem(f"pose {pose_id}: joint 5 is out of range")
+    )
+    page.locator(f'a[data-value="{pose_id}"]:visible').first.click()
+    selected(page, app, pose_id)
+    page.locator('a[data-ask="joint"][data-value="5"]:visible').first.click()
+    joint_selected(page, app, 5)
+    app.worker.submit("say", lambda: app.panels.review.show_problem(""))
+    page.keyboard.press("Escape")
+    joint_selected(page, app, None)
+
+
+def test_a_cell_of_the_heatmap_selects_the_joint_of_its_row(page: Any, app: App) -> None:
+    open_tab(page, "Redundancy")
+    plot = page.locator(".js-plotly-plot:visible").first
+    plot.scroll_into_view_if_needed()
+    x, y = plot.evaluate(
+        """plot => { const {xaxis, yaxis} = plot._fullLayout, box = plot.getBoundingClientRect();
+        const at = axis => axis._offset + axis.d2p("d4");
+        return [box.left + at(xaxis), box.top + at(yaxis)]; }"""
+    )
+    page.mouse.move(x - 3, y)
+    page.mouse.move(x, y)
+    page.mouse.click(x, y)
+    joint_selected(page, app, 4)
+    page.keyboard.press("Escape")
+    joint_selected(page, app, None)
+
+
+def test_a_step_of_the_history_shows_that_model(page: Any, app: App) -> None:
+    open_tab(page, "What is missing")
+    point = page.locator(".js-plotly-plot .scatterlayer .trace .points path:visible").first
+    point.scroll_into_view_if_needed()
+    point.click(force=True)
+    for _ in range(200):
+        if app.state.now.version is not None and app.state.now.version.name == "nominal":
+            break
+        page.wait_for_timeout(50)
+    assert app.state.now.version is not None
+    assert app.state.now.version.name == "nominal"
+    app.show_step(1)
+    assert app.worker.wait_idle(10)
+    assert app.state.now.version.name == "link errors"

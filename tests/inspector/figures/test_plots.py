@@ -255,3 +255,14 @@ def test_of_two_hundred_poses_few_are_named_on_the_axis() -> None:
     assert 8 <= len(axis.tickvals) <= 16
     assert list(axis.tickvals) == list(axis.ticktext)
     assert len(axis.categoryarray) == 200
+
+
+def test_what_a_click_on_a_figure_asks_for() -> None:
+    """Ids are unique in a trace, as plotly wants them; where points share a pose there is a value for each."""
+    shared = added_variable([0.0, 1.0, 2.0], [0.0, 1.0, 2.0], "backlash", ["p1", "p1", "<p2>"]).data[0]
+    assert shared.meta == {"ask": "pose", "values": ["p1", "p1", "&lt;p2&gt;"]}
+    assert shared.ids is None
+    history = error_history(["nominal", "link errors"], [1.0, 0.5], [1.1, 0.6], 0.1)
+    assert [list(t.ids) for t in history.data if t.meta == {"ask": "step"}] == [["0", "1"]] * 2
+    heat = correlation_heatmap(NAMES, _pearson(), joints={"a1": 1, "theta3": 3})
+    assert all(t.meta == {"ask": "joint", "rows": {"a1": 1, "θ3": 3}} for t in heat.data)

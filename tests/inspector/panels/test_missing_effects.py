@@ -22,6 +22,7 @@ from inspector.figures.residual_plots import SELECTED
 from inspector.markup.learn.effects import verdict_html
 from inspector.markup.learn.residuals import input_title
 from inspector.markup.parts import numbers
+from inspector.markup.parts.links import Names
 from inspector.panels.learn.missing_effects import FIND, REDO, REMOVE, UNDO
 from inspector.panels.learn.residuals import PLACES
 from inspector.scene.scene_view import ROOT
@@ -111,7 +112,7 @@ def test_find_gives_what_the_command_gives(folder: Path, app: App, page: WireCli
 def test_an_open_verdict_names_the_effects_that_it_leaves_open(folder: Path) -> None:
     found = diagnose(load_dataset(folder))
     said = verdict_html(
-        replace(found, verdict="ambiguous", missing=(), ambiguous_set=("backlash", "joint_scale"))
+        replace(found, verdict="ambiguous", missing=(), ambiguous_set=("backlash", "joint_scale")), Names()
     )
     assert "These data cannot tell which: backlash or joint_scale." in said
     assert "above" not in said  # on the page the reasons come below

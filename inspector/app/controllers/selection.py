@@ -1,0 +1,35 @@
+"""What is selected beside the pose: a joint of the arm, and a step on the model's way. On the worker's thread only."""
+
+from __future__ import annotations
+
+from inspector.app.controllers.stage import Stage
+from inspector.app.page.page_state import PageState
+from inspector.app.page.tabs import Panels
+
+
+class Selection:
+    """Selects a joint, everywhere on the page, and shows the model as it was after a step."""
+
+    def __init__(self, state: PageState, panels: Panels, stage: Stage) -> None:
+        self._state, self._panels, self._stage = state, panels, stage
+
+    def joint(self, number: int | None) -> None:
+        """Select a joint, counted from 1; the same again, or None, lets it go."""
+        view = self._state.now
+        joint = None if number is None or number - 1 == view.joint else number - 1
+        if joint == view.joint or (
+            joint is not None and not 0 <= joint < view.session.dataset.robot.n_joints
+        ):
+            return
+        self._state.change(joint=joint)
+        view = self._state.now
+        self._stage.comparison.draw()
+        self._panels.review.update(view)
+        self._panels.residuals.choose_joint(view)
+        self._panels.missing_effects.update_curves(view)
+
+    def step(self, number: int) -> None:
+        """Show the arm and the errors of the nominal robot (0), or of the model after a step, counted from 1."""
+        view = self._state.now.at_step(number)
+        self._state.change(chosen=view.chosen, compared=view.compared, step=view.step)
+        self._stage.comparison.draw()

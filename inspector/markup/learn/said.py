@@ -1,0 +1,38 @@
+"""Typed sentences of a diagnosis as HTML, in which the poses and joints that they are about can be clicked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from calib.diagnosis.words import conclusions, sentences
+from calib.diagnosis.words.conclusion_text import advice_text
+from calib.diagnosis.words.text import reason_text
+from inspector.markup.parts.elements import Html
+from inspector.markup.parts.links import Names, linked, links_to
+
+Sentence = sentences.Reason | conclusions.AdviceSentence | conclusions.VerdictSentence
+
+
+def known_links(sentence: Sentence) -> dict[str, Html]:
+    """The poses and inputs of a sentence, by the words that it names them with."""
+    match sentence:
+        case sentences.PosesStandOut(poses):
+            return links_to(poses)
+        case conclusions.Outliers() | conclusions.LeaveOut():
+            return links_to(sentence.poses)
+        case conclusions.ResidualSummary():
+            return links_to(sentence.outlier_poses)
+        case sentences.ResidualOrder() | sentences.CurvesLearned() | conclusions.AddCurves():
+            return links_to((), sentence.inputs)
+        case _:
+            return {}
+
+
+def reasons_said(reasons: Iterable[sentences.Reason], names: Names) -> Html:
+    """What led to a verdict, one paragraph."""
+    return Html(" ".join(linked(reason_text(r), names, known_links(r)) for r in reasons))
+
+
+def advice_said(advice: Iterable[conclusions.AdviceSentence], names: Names) -> Html:
+    """What is left and what to do next."""
+    return Html(" ".join(linked(advice_text([s]), names, known_links(s)) for s in advice))
