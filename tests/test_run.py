@@ -188,7 +188,7 @@ def test_tests_run_in_order_and_stop_at_the_first_failure(sandbox: Sandbox):
         "-m ruff check .",
         "-m ruff format --check .",
         "-m mypy",
-        "-m pytest -n auto --dist loadfile",
+        "-m pytest -n auto --dist loadfile --no-loadscope-reorder",
     ]
     assert done.returncode == 0
 
@@ -200,7 +200,7 @@ def test_tests_run_in_order_and_stop_at_the_first_failure(sandbox: Sandbox):
     assert done.returncode == 3
 
     done, calls = sandbox.run("test", "-k", "two words", RUFF_EXIT="1")
-    assert calls == ["-m pytest -n auto --dist loadfile -k two words"]
+    assert calls == ["-m pytest -n auto --dist loadfile --no-loadscope-reorder -k two words"]
     assert done.returncode == 0
 
 
@@ -225,7 +225,7 @@ def test_chosen_tests_run_on_all_cores_where_nothing_else_is_said(
     sandbox: Sandbox, args: tuple[str, ...], on_all_cores: bool
 ):
     _, calls = sandbox.run("test", *args)
-    spread = "-n auto --dist loadfile " if on_all_cores else ""
+    spread = "-n auto --dist loadfile --no-loadscope-reorder " if on_all_cores else ""
     assert calls[-1] == f"-m pytest {spread}{' '.join(args)}"
 
 
@@ -362,4 +362,4 @@ def test_ci_runs_the_same_tests(sandbox: Sandbox):
         [sandbox.project / ".ci" / "run"], env=env, capture_output=True, text=True, check=False
     )
     assert done.returncode == 5
-    assert calls.read_text().splitlines()[-1] == "-m pytest -n auto --dist loadfile"
+    assert calls.read_text().splitlines()[-1] == "-m pytest -n auto --dist loadfile --no-loadscope-reorder"

@@ -260,6 +260,7 @@ def test_repeats_are_found_and_pooled() -> None:
     assert find_repeats(dataset) == ()
 
 
+@pytest.mark.slow
 def test_data_of_another_arm_fail_the_check_whatever_the_improvement() -> None:
     dataset = simulated()
     assert dataset.points is not None
@@ -270,6 +271,7 @@ def test_data_of_another_arm_fail_the_check_whatever_the_improvement() -> None:
     assert "does not describe these data" in " ".join(verdict.reasons)
 
 
+@pytest.mark.slow
 def test_check_passes_fails_and_says_why() -> None:
     verdict = check(simulated())
     assert verdict.passed

@@ -118,6 +118,7 @@ def test_every_step_of_a_diagnosis_is_fitted_as_was_asked(dataset: Dataset, aske
     assert all(step.calibration.options == asked for step in found.steps)
 
 
+@pytest.mark.slow
 def test_every_fold_and_every_draw_is_fitted_as_was_asked(dataset: Dataset) -> None:
     asked = FitOptions(held=("a2", "beta3"), robust=True)
     whole = cross_validate(dataset, asked, folds=3).whole

@@ -102,6 +102,7 @@ def test_shape_of_the_targets_is_recovered_with_the_whole_arm_free() -> None:
         )
 
 
+@pytest.mark.slow
 def test_targets_that_are_off_make_no_effect() -> None:
     dataset, _, _ = mirror_dataset(5, jig=True)
     found = diagnose(dataset)
@@ -205,6 +206,7 @@ def test_a_target_without_points_is_no_parameter() -> None:
     assert calibrate(some).robot.targets[2] == MIRRORS[2]
 
 
+@pytest.mark.slow
 def test_redundancy_of_mirrors_alone() -> None:
     """A tool point that nobody measured has no influence, and the last row moves all mirrors together."""
     dataset, _, _ = mirror_dataset(9, jig=False)

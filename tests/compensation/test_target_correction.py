@@ -410,6 +410,7 @@ class Damp:
 """
 
 
+@pytest.mark.slow
 def test_a_column_that_the_arm_depends_on_has_to_be_there(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -86,6 +86,7 @@ def test_the_covariance_holds_under_a_smooth_error(length_mm: float) -> None:
     assert 1.5 < np.mean(found) < 6.0
 
 
+@pytest.mark.slow
 def test_the_size_and_the_length_of_a_smooth_error_are_seen() -> None:
     found = [
         corner(np.random.default_rng(s), Jig(), smooth_mm=0.04, length_mm=8.0, points=1500) for s in range(6)

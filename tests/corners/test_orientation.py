@@ -47,6 +47,7 @@ def test_the_covariance_is_that_of_the_errors_and_the_misfit_that_of_three_angle
     assert 2.6 < np.mean(misfit) < 3.4
 
 
+@pytest.mark.slow
 def test_point_and_turn_err_together_as_the_cross_covariance_says():
     rng = np.random.default_rng(12)
     squared = []
@@ -94,6 +95,7 @@ def test_faces_that_do_not_meet_as_told_widen_the_covariance():
     assert told.sigma_rad() > 3.0 * true.sigma_rad()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("convex", [True, False])
 def test_real_scans_give_the_orientation_within_its_own_sigma(convex):
     squared = []

@@ -105,6 +105,7 @@ def test_a_box_alone_is_not_taken_for_the_jig(size: float, seed: int) -> None:
     assert len(found.groups) >= 3  # the box's planes were there to be taken
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "seed", "rays", "away"),
     [
@@ -347,6 +348,7 @@ def fake_dataset(folder: Path, names: tuple[str, ...]) -> SimpleNamespace:
     )
 
 
+@pytest.mark.slow
 def test_corners_of_a_dataset_are_the_same_on_any_executor(tmp_path: Path) -> None:
     names = ("p1.ply", "p2.ply", "p3.ply", "gone.ply")
     for seed in range(2):

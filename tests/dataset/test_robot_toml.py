@@ -77,6 +77,7 @@ def test_the_built_in_rb5_is_jangs_table_2() -> None:
     np.testing.assert_allclose(builtin_robot("rb5").table, jang_arm().table, atol=1e-12)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 def test_a_calibrated_table_comes_back_to_the_last_digits(seed: int) -> None:
     robot = perturbed(builtin_robot("panda"), np.random.default_rng(seed))

@@ -62,6 +62,7 @@ def test_every_fit_goes_on_without_them(folder: Path, residual: str) -> None:
     assert result.after.test.rmse_mm < 2.0 * whole.rmse_mm
 
 
+@pytest.mark.slow
 def test_check_and_diagnosis_take_them_as_a_note(folder: Path) -> None:
     dataset = hide(folder, [5, 39])
     checked = check(dataset)

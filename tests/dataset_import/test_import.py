@@ -77,6 +77,7 @@ TABLES: dict[str, tuple[list[str], float, float, str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TABLES)
 def test_columns_and_units_are_recognised_and_said(truth: Dataset, tmp_path: Path, name: str) -> None:
     header, angle, length, separator = TABLES[name]
@@ -181,6 +182,7 @@ def test_all_faults_are_told_at_once_and_nothing_is_written(truth: Dataset, tmp_
     assert "points.csv: line 22, column pose: pose 'p99' is not in" in said
 
 
+@pytest.mark.slow
 def test_what_is_not_clear_is_asked_for(truth: Dataset, tmp_path: Path) -> None:
     rows = both(truth, RAD, 1.0)
     twice = write(
@@ -225,6 +227,7 @@ def test_joints_by_the_robots_own_names() -> None:
         assert [found.columns[f"q{k + 1}"].name for k in range(7)] == names
 
 
+@pytest.mark.slow
 def test_what_our_own_tables_hold_comes_through_as_it_was(tmp_path: Path) -> None:
     """Orientations, payload, setups and further conditions, by the names that the format has for them."""
     given = simulate_dataset(

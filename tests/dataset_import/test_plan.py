@@ -69,6 +69,7 @@ READINGS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], dict[str, str]]] =
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", READINGS)
 def test_signs_zeros_and_order_that_the_points_speak_for_are_taken_and_said(
     truth: Dataset, tmp_path: Path, name: str
@@ -87,6 +88,7 @@ def test_signs_zeros_and_order_that_the_points_speak_for_are_taken_and_said(
     assert all("misses the points by" in column.why for column in changed)
 
 
+@pytest.mark.slow
 def test_what_the_user_told_is_not_overruled_but_doubted(truth: Dataset, tmp_path: Path) -> None:
     q = truth.poses.q @ TURNED
     plan = planned(tmp_path, q, points_of(truth), {"A3": Meaning("q3", "rad")})
@@ -107,6 +109,7 @@ def test_a_mapping_turns_and_moves_a_joint(truth: Dataset, tmp_path: Path) -> No
     assert str(told) == "-q3_deg+90"
 
 
+@pytest.mark.slow
 def test_points_of_another_robot_are_doubted_and_nothing_is_guessed(truth: Dataset, tmp_path: Path) -> None:
     points = points_of(truth)[np.random.default_rng(0).permutation(40)]
     plan = planned(tmp_path, truth.poses.q, points)
@@ -115,6 +118,7 @@ def test_points_of_another_robot_are_doubted_and_nothing_is_guessed(truth: Datas
     assert "may be of another robot" in plan.doubts[0]
 
 
+@pytest.mark.slow
 def test_a_poor_nominal_arm_is_left_to_the_fit(truth: Dataset, tmp_path: Path) -> None:
     """A tool 150 mm elsewhere and zeros 2 degrees off are what a calibration is for: no convention is blamed."""
     off = np.radians([2.0, -2.0, 2.0, -2.0, 2.0, -2.0])
@@ -172,6 +176,7 @@ def test_the_points_tell_the_convention_of_a_table(tmp_path: Path, convention: s
     assert "give --convention" in fault
 
 
+@pytest.mark.slow
 def test_axes_that_show_the_convention_are_told(truth: Dataset, tmp_path: Path) -> None:
     (tmp_path / "dh.csv").write_text(MODIFIED.replace("J1,40,90", "J1,0,0"))
     (only,) = robot_readings(str(tmp_path / "dh.csv"), Reading())

@@ -101,6 +101,7 @@ def test_each_result_of_the_residual_tests_has_its_words(
     assert "p07" in left(clean[0], lone)
 
 
+@pytest.mark.slow
 def test_causes_that_are_alike_are_not_decided(hidden: tuple[Calibration, Screening, ResidualTests]) -> None:
     space = SearchSpace.of(hidden[0].dataset)
     best = hidden[1].candidates[0]
@@ -127,6 +128,7 @@ def test_as_many_effects_as_were_asked_for_are_added(
     assert (found.verdict, found.missing) == ("unexplained", ())
 
 
+@pytest.mark.slow
 def test_poses_that_stand_out_are_to_be_left_out(
     clean: tuple[Calibration, Screening, ResidualTests],
 ) -> None:
@@ -143,6 +145,7 @@ def test_poses_that_stand_out_are_to_be_left_out(
     assert "Leave it out, and measure it again" in advice_text(advice.sentences)
 
 
+@pytest.mark.slow
 def test_the_page_and_the_diagnosis_judge_alike() -> None:
     result, _, residual_tests = fitted("joint_compliance", seed=3)
     found = diagnose(result.dataset, max_steps=0)

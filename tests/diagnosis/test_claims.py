@@ -40,6 +40,7 @@ def with_unknown_cause(dataset: Dataset, size_mm: float = 0.3) -> Dataset:
     )
 
 
+@pytest.mark.slow
 def test_names_beside_an_unexplained_rest_are_suspected_everywhere_and_claimed_nowhere() -> None:
     found = diagnose(with_unknown_cause(simulated([("joint_compliance", 5.0)])))
     assert found.verdict == "unexplained"
@@ -70,6 +71,7 @@ class Expansion:
         return own.apply(state, **{own.parameters[0].name: kappa_per_k})
 
 
+@pytest.mark.slow
 def test_a_clear_first_effect_stays_claimed_beside_a_tied_second() -> None:
     dataset = simulated([("joint_compliance", 8.0), ("thermal_growth", 3.0)])
     found = diagnose(dataset, user_effects=families_from((Expansion(),)))
@@ -102,6 +104,7 @@ def test_what_is_claimed(verdict: str, beside: ResidualTests | None, claimed: bo
     assert carries_its_names(verdict, beside) is claimed
 
 
+@pytest.mark.slow
 def test_a_further_effect_has_to_help_poses_that_its_fit_did_not_see() -> None:
     dataset = simulated([("transmission_error", 3.0)])
     before = calibrate(dataset)
@@ -135,6 +138,7 @@ def twenty_four_poses(seed: int) -> Dataset:
     ).dataset  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 4])
 def test_members_that_the_equations_do_not_bear_stay_out_and_the_dataset_is_diagnosed(seed: int) -> None:
     """All members of transmission error together take more equations than 19 training poses give."""

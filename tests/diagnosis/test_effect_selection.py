@@ -50,6 +50,7 @@ def test_names_and_sizes_alone_bring_the_same_fit_back(dataset: Dataset) -> None
     assert np.array_equal(first.fit.x, second.fit.x)
 
 
+@pytest.mark.slow
 def test_a_second_effect_is_screened_beside_the_first(dataset: Dataset, found: Diagnosis) -> None:
     ranked = found.screenings[0].candidates
     other = next(c for c in reversed(ranked) if c.members and c.name != HIDDEN).name

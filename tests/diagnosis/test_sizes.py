@@ -51,6 +51,7 @@ def test_a_users_effect_has_no_bounds() -> None:
     assert exceeded_bound(Own(), Own.parameters[0], 1e9, 0.0) is None
 
 
+@pytest.mark.slow
 def test_a_value_beyond_nature_carries_a_doubt() -> None:
     """Lengths that grow with a temperature six times as much as aluminium does: something else warms with the arm."""
     dataset = simulated([("thermal_growth", 0.5)])
@@ -65,6 +66,7 @@ def test_a_value_beyond_nature_carries_a_doubt() -> None:
         assert ("grows most, by 23e-6/K" in found.summary()) == doubted
 
 
+@pytest.mark.slow
 def test_what_an_effect_explains_is_told_in_millimetres_at_the_tool() -> None:
     found = diagnose(simulated([("joint_compliance", 5.0)]))
     (effect,) = (r for p in found.explanation.reasons for r in p if isinstance(r, facts.EffectFound))
@@ -76,6 +78,7 @@ def test_what_an_effect_explains_is_told_in_millimetres_at_the_tool() -> None:
     assert f"{effect.visible_mm:.2g} mm rms at the tool" in reason_text(effect)
 
 
+@pytest.mark.slow
 def test_nothing_else_shows_only_where_the_test_poses_are_off_by_noise() -> None:
     dataset = simulated([("joint_compliance", 5.0)])
     assert diagnose(dataset).summary().endswith("With it nothing else shows.")

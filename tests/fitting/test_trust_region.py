@@ -125,6 +125,7 @@ def shortened(dataset: Dataset, scanner_T_new: np.ndarray) -> Dataset:
     return dataset.with_points(type(points)(points.pose, moved, points.target))
 
 
+@pytest.mark.slow
 @settings(max_examples=10)
 @given(SEEDS, st.sampled_from(["position", "distance"]))
 def test_where_the_scanner_stands_changes_nothing(seed: int, kind: str) -> None:

@@ -31,6 +31,7 @@ def measured(robot: str, poses: int, setups: int = 1) -> Dataset:
     return replace(made, poses=chosen, points=replace(points, pose=np.searchsorted(keep, points.pose)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setups", [1, 2])
 @pytest.mark.parametrize("residual", RESIDUAL_KINDS)
 @pytest.mark.parametrize("robot", ["rb5", "panda"])
@@ -43,6 +44,7 @@ def test_both_sides_of_the_limit(robot: str, residual: str, setups: int) -> None
     assert fit.degrees_of_freedom >= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("residual", ["position", "distance", "pose"])
 def test_the_check_says_the_same(residual: str) -> None:
     needed = fewest_poses(builtin_robot("rb5"), residual=residual)

@@ -116,6 +116,7 @@ def test_each_placement_of_the_scanner_is_unknown_by_itself() -> None:
     assert free_frame_rank(dataset, residual="pose").here == rank_of_the_fit(dataset, "pose")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "seen", "silent", "unknown"),
     [

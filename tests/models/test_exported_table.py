@@ -69,6 +69,7 @@ def test_without_effects_the_file_is_the_fitted_table_and_no_more(dataset: Datas
     assert exported_table(plain).words == ""
 
 
+@pytest.mark.slow
 def test_the_table_is_fitted_as_was_asked(dataset: Dataset, full: Calibration) -> None:
     asked = FitOptions(held=("d5", "a2", f"{BENDING}.J2.c_rad_per_nm"), tolerances={"a3": 0.1}, robust=True)
     fit = calibrate(dataset, asked, effects=effects_named(dataset, [BENDING]))

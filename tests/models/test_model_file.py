@@ -117,6 +117,7 @@ def test_it_predicts_and_corrects_the_same(fitted: Calibration, dataset: Dataset
         loaded.predict(poses.q, poses, "smr2")
 
 
+@pytest.mark.slow
 def test_every_member_of_the_catalogue_comes_back() -> None:
     robot = builtin_robot("panda")
     dataset = simulate_dataset(robot, rng=np.random.default_rng(0), poses=20, conditions=True).dataset

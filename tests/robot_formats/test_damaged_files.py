@@ -72,6 +72,7 @@ LONG = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LONG)
 def test_long_files_are_no_hang(tmp_path: Path, name: str) -> None:
     path = tmp_path / name

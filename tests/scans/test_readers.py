@@ -167,6 +167,7 @@ def test_lzf_repeats_what_it_has_just_written() -> None:
             unpack_lzf(damaged, 6)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(values=st.lists(st.integers(0, 3), min_size=1, max_size=300), stride=st.integers(1, 9))
 def test_compressed_clouds_that_repeat_themselves(tmp_path: Path, values: list[int], stride: int) -> None:

@@ -52,6 +52,7 @@ def test_every_kind_of_ply(tmp_path: Path, kind: str, dtype: str) -> None:
     np.testing.assert_allclose(load_scan(tmp_path / "a.ply").points_mm, POINTS, rtol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [{"write_ascii": True}, {}, {"compressed": True}])
 def test_every_kind_of_pcd_whole_and_cut(tmp_path: Path, how: dict[str, bool]) -> None:
     import open3d

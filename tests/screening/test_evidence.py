@@ -23,6 +23,7 @@ def test_evidence_and_gate_are_blind_to_the_noises_size_and_order() -> None:
     np.testing.assert_allclose(one.coefficients[2], [0.8, -0.5], atol=0.35)
 
 
+@pytest.mark.slow
 def test_p_values_of_pure_noise_are_uniform_or_larger() -> None:
     rng = np.random.default_rng(1)
     columns = tuple(rng.normal(size=(60, 2)) for _ in range(5))

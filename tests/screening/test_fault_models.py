@@ -63,6 +63,7 @@ def test_a_dent_is_named_at_its_joint_and_place_and_no_harmonic_in_its_stead(rob
     assert f"joint {joint + 1} is off by" in result.summary()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("robot", "seed"), [("rb5", 4), ("panda", 5)])
 def test_a_slip_is_found_at_its_joint_and_pose(robot: str, seed: int) -> None:
     simulation = simulated(("joint_step",), seed=seed, robot=robot)
@@ -99,6 +100,7 @@ def test_noise_tells_no_story() -> None:
         assert found.log_evidence < FAULT_EVIDENCE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", ["transmission_error", "joint_scale", "backlash", "scanner_drift"])
 def test_an_effect_that_is_spread_says_more_than_one_of_a_place_or_a_pose(effect: str) -> None:
     dataset = simulated((effect,), seed=11).dataset

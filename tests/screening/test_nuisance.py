@@ -75,6 +75,7 @@ def test_only_an_effect_of_load_brings_masses_into_question() -> None:
     )
 
 
+@pytest.mark.slow
 def test_wrong_masses_show_and_right_ones_do_not() -> None:
     wrong, right = (
         left_with(simulated([("joint_compliance", 20.0)], off=off), "joint_compliance")

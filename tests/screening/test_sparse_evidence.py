@@ -88,6 +88,7 @@ def test_steps_that_stand_together_have_poses_between_them() -> None:
     np.testing.assert_array_equal(family.distinct(20), np.append(apart, np.ones(len(firsts), dtype=bool)))
 
 
+@pytest.mark.slow
 def test_what_predicts_no_pose_that_is_left_out_has_no_evidence() -> None:
     """One pose is wrong by far: whatever of one place or pose reaches it explains it and predicts nothing."""
     assert DATASET.points is not None

@@ -91,6 +91,7 @@ def test_noise_has_the_size_that_is_declared(kind: str) -> None:
     assert along / across == pytest.approx(3.0 if kind == "deep" else 1.0, rel=0.15)
 
 
+@pytest.mark.slow
 def test_the_same_case_gives_the_same_dataset() -> None:
     case = standard_cases(only=("new",))[0]
     one, other = simulate(case).dataset.points, simulate(case).dataset.points

@@ -73,6 +73,7 @@ def test_a_test_error_of_a_multiple_of_the_training_error_is_a_warning() -> None
     assert not check(dataset, max_test_rmse_mm=0.1).passed
 
 
+@pytest.mark.slow
 def test_no_more_than_noise_is_well_however_small_the_training_error() -> None:
     """Few poses more than parameters: the fit bends to its own noise, and does not know the arm the worse for it."""
     declared = check(measured(poses=22 + 13, noise_mm=0.0, sigma_mm=0.03))

@@ -155,6 +155,7 @@ def test_test_poses_are_never_used() -> None:
     assert cross_validate(other).summary() == cross_validate(dataset).summary()
 
 
+@pytest.mark.slow
 def test_setups_and_several_points_a_pose() -> None:
     dataset = simulated(poses=80)
     setup = np.repeat(["left", "middle", "right", "tiny"], [30, 30, 17, 3])
@@ -214,6 +215,7 @@ def test_test_poses_of_another_kind_are_told() -> None:
     assert "such poses" not in learning_curve(dataset, counts=[25, 50], repeats=1).meaning
 
 
+@pytest.mark.slow
 def test_the_learning_curve_of_noise_follows_its_law() -> None:
     """Training error falls below, held-out error stays above the noise, and both close in on it."""
     curve = learning_curve(simulated(poses=120), counts=[12, 20, 40, 90])
@@ -269,6 +271,7 @@ def test_sigma_verdicts_and_none_declared() -> None:
         assert ("times the declared" in check.summary()) == (declared is not None)
 
 
+@pytest.mark.slow
 def test_the_same_deal_every_time_and_another_by_rng() -> None:
     dataset = simulated()
     seen: list[tuple[int, int, str]] = []

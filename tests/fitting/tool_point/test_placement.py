@@ -67,6 +67,7 @@ def test_the_point_of_another_table_is_told_in_the_nominal_last_frame() -> None:
         np.testing.assert_allclose(elementary_points(same, q), expected, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_tolerances_of_the_last_two_rows_are_how_far_the_point_may_be_off() -> None:
     """Against tables that were drawn, beyond a length's own tolerance in each direction."""
     rng = np.random.default_rng(2)

@@ -56,6 +56,7 @@ def held_out_mm(dataset: Dataset, options: FitOptions = FitOptions()) -> float:
     return result.after.test.rmse_mm
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("residual", ["position", "distance", "pairs", "pose"])
 def test_wrong_tools_end_where_the_right_one_does(residual: str) -> None:
     more: dict = {"orientation_sigma_rad": 1e-4} if residual == "pose" else {}
@@ -95,6 +96,7 @@ def test_several_setups_and_further_targets_do_not_mislead() -> None:
     assert wrong.after.test.rmse_mm == pytest.approx(right_mm, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_tool_is_told_with_where_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     dataset = simulated(builtin_robot("rb5"))
     wrong = with_wrong_tool(dataset, (50.0, -60.0, 30.0))
@@ -117,6 +119,7 @@ def test_the_tool_is_told_with_where_it_is(tmp_path: Path, capsys: pytest.Captur
     assert words in html.unescape((tmp_path / "report.html").read_text())
 
 
+@pytest.mark.slow
 def test_a_right_tool_is_left_alone() -> None:
     for seed in range(5):
         for robot in (builtin_robot("rb5"), builtin_robot("panda")):

@@ -115,6 +115,7 @@ def test_without_a_prior_unknowable_sigmas_are_null(
     assert sigma["a2"] is not None
 
 
+@pytest.mark.slow
 def test_tolerances_holds_and_robust_fits_by_command(
     capsys: pytest.CaptureFixture[str], points_folder: Path
 ) -> None:
@@ -142,6 +143,7 @@ def test_tolerances_holds_and_robust_fits_by_command(
     )
 
 
+@pytest.mark.slow
 def test_a_robust_fit_says_which_pose_it_left_out(
     capsys: pytest.CaptureFixture[str], points_folder: Path, own_points: Path
 ) -> None:
@@ -166,6 +168,7 @@ def without_pose(folder: Path, pose: str) -> None:
     table[table["pose"] != pose].to_csv(folder / "points.csv", index=False)
 
 
+@pytest.mark.slow
 def test_a_pose_that_is_left_out_counts_for_nothing_and_is_told(
     capsys: pytest.CaptureFixture[str], points_folder: Path, own_points: Path, tmp_path: Path
 ) -> None:
@@ -240,6 +243,7 @@ def capsys_after(capsys: pytest.CaptureFixture[str]) -> pytest.CaptureFixture[st
     return capsys
 
 
+@pytest.mark.slow
 def test_what_is_no_file_is_not_replaced_by_one(
     capsys: pytest.CaptureFixture[str], points_folder: Path, tmp_path: Path
 ) -> None:
@@ -283,6 +287,7 @@ def test_redundancy_has_the_promised_keys(capsys: pytest.CaptureFixture[str], po
     assert run_json(capsys, "redundancy", points_folder, "--residual", "distance")["rank"] == 19
 
 
+@pytest.mark.slow
 def test_corners_has_the_promised_keys_and_finds_the_truth(
     capsys: pytest.CaptureFixture[str], scans_folder: Path, own_scans: Path, tmp_path: Path
 ) -> None:
@@ -419,6 +424,7 @@ def test_warnings_go_to_stderr_and_leave_json_alone(
     assert "look like radians" in captured.err
 
 
+@pytest.mark.slow
 def test_a_reversed_joint_does_not_crash(
     capsys: pytest.CaptureFixture[str], own_points: Path, tmp_path: Path
 ) -> None:

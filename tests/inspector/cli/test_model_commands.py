@@ -43,6 +43,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     return captured.err
 
 
+@pytest.mark.slow
 def test_validate_tells_the_errors_of_the_model_as_it_is(
     folder: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -70,6 +71,7 @@ def test_validate_tells_the_errors_of_the_model_as_it_is(
     assert "not the files that it was fitted to" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_correct_gives_the_same_targets_and_needs_no_measurements(
     folder: Path, model: Path, tmp_path: Path
 ) -> None:
@@ -131,6 +133,7 @@ def test_a_damaged_model_is_one_line(
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_no_model_is_written_for_a_fit_that_is_no_improvement(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -148,6 +151,7 @@ def test_no_model_is_written_for_a_fit_that_is_no_improvement(
     assert calib.load_model(out).after.test == calib.calibrate(load_dataset(spoiled)).after.test
 
 
+@pytest.mark.slow
 def test_coupled_joints_are_corrected_as_they_are_commanded(folder: Path, tmp_path: Path) -> None:
     """q3 = q2 + q3': a model fitted with that coupling gives the targets that the fit itself gives."""
     coupling = np.eye(6)

@@ -65,6 +65,7 @@ def figures(page: str) -> list[dict[str, Any]]:
     return json.loads(found[1])
 
 
+@pytest.mark.slow
 def test_it_says_what_diagnose_says(folder: Path, written: Path, capsys: pytest.CaptureFixture[str]) -> None:
     capsys.readouterr()
     assert main(["diagnose", str(folder / "hostile"), "--json"]) == 0
@@ -87,6 +88,7 @@ def test_it_says_what_diagnose_says(folder: Path, written: Path, capsys: pytest.
         assert f"{package} {version}" in words
 
 
+@pytest.mark.slow
 def test_the_parameters_are_those_of_the_fit(
     folder: Path, written: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -103,6 +105,7 @@ def test_the_parameters_are_those_of_the_fit(
     assert f"a2 {lengths[0]['nominal']:.4f} {lengths[0]['value']:.4f}" in table
 
 
+@pytest.mark.slow
 def test_figures_are_there_twice_and_hold_the_history(folder: Path, written: Path) -> None:
     drawn = figures(written.read_text())
     assert len(drawn) >= 5
@@ -151,6 +154,7 @@ def test_a_model_put_together_by_hand_is_told_as_such(folder: Path) -> None:
     assert "2026-03-04 05:06" in page
 
 
+@pytest.mark.slow
 def test_effects_that_are_given_stand_in_the_first_step(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "report.html"
     assert main(["report", str(folder / "hidden"), "--out", str(out), "--effect", HIDDEN]) == 0

@@ -77,6 +77,7 @@ def test_taken_in_again_the_fit_is_that_of_before(fitted: Session, without: Sess
     assert labels(back)[-2:] == [f"+ pose {TRAIN}", f"+ pose {TEST}"]
 
 
+@pytest.mark.slow
 def test_what_follows_does_without_the_pose(fitted: Session, without: Session) -> None:
     """Another residual, an effect added, the ranking, redundancy, and the versions side by side."""
     pairs = sessions.with_calibration(without, "pairs")
@@ -200,6 +201,7 @@ def test_undo_and_redo_go_through_it(fitted: Session, without: Session) -> None:
     assert undo.move(fitted, 2) is without
 
 
+@pytest.mark.slow
 def test_a_reopened_session_goes_back_and_forward(
     fitted: Session, without: Session, folder: Path, tmp_path: Path
 ) -> None:

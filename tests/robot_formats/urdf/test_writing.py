@@ -120,6 +120,7 @@ def test_a_plain_urdf_of_any_robot_reads_as_the_same_robot(tmp_path: Path) -> No
         assert [j.mass_kg for j in found.joints] == pytest.approx(masses)
 
 
+@pytest.mark.slow
 def test_any_chain_goes_through_a_plain_urdf(tmp_path: Path) -> None:
     for chain, q in chains(60, seed=8):
         found = read_back(tmp_path / "plain.urdf", plain_urdf(chain))

@@ -117,6 +117,7 @@ def test_a_small_effect_is_proportional_to_its_size(name: str, rb5: SimulatedCel
     assert np.linalg.norm(double - 2.0 * rb5.moved_mm(small)) < 0.02 * np.linalg.norm(double)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ["rb5", "panda"])
 @pytest.mark.parametrize("setups", [1, 3])
 def test_visible_rms_is_what_independent_least_squares_leave(arm: str, setups: int) -> None:
