@@ -46,8 +46,7 @@ def by_hand(dataset: Dataset) -> Dataset:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rounds", [False, True])
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize(("seed", "rounds"), [(0, False), (1, True), (2, False)])
 def test_evidence_is_that_of_the_means(seed: int, rounds: bool) -> None:
     shots = repeated(
         unmodelled(seed, rough_rad=5e-4),
@@ -92,6 +91,7 @@ def test_rows_of_one_pose_count_once() -> None:
     assert "130 points were measured at 26 standing poses" in " ".join(ours.warnings)
 
 
+@pytest.mark.slow
 def test_shots_taken_for_poses_would_name_what_is_not_there() -> None:
     """The mistake that this mends: evidence grows with the shots, although they tell nothing new."""
 
@@ -108,6 +108,7 @@ def found_in_clean_arm(seed: int, noise_mm: float = SIGMA_MM) -> Diagnosis:
     return diagnose(repeated(dataset, SHOTS, np.random.default_rng(seed), noise_mm=noise_mm))
 
 
+@pytest.mark.slow
 def test_noise_comes_from_the_shots() -> None:
     found = found_in_clean_arm(0)
     assert found.residual_tests.noise_from == "repeats"
@@ -120,11 +121,11 @@ def test_noise_comes_from_the_shots() -> None:
 
 @pytest.mark.slow
 def test_a_clean_arm_gives_no_name() -> None:
-    found = [found_in_clean_arm(seed) for seed in range(50)]
-    assert sum(bool(one.missing) for one in found) <= 1  # 0.5 are to be expected at the level of 1 %
-    assert sum(one.verdict == "adequate" for one in found) >= 47
+    found = [found_in_clean_arm(seed) for seed in range(20)]
+    assert sum(bool(one.missing) for one in found) <= 1  # 0.2 are to be expected at the level of 1 %
+    assert sum(one.verdict == "adequate" for one in found) >= 18
     p_values = np.array([one.residual_tests.lack_of_fit_p for one in found])
-    assert np.sum(p_values < 0.01) <= 3
+    assert np.sum(p_values < 0.01) <= 1
     assert 0.3 < np.mean(p_values) < 0.7
 
 

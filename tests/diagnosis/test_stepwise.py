@@ -73,13 +73,14 @@ def test_two_hidden_effects_are_both_named() -> None:
 @pytest.mark.parametrize("declared_mm", [0.05, 0.04, 0.06])
 def test_nothing_hidden_is_adequate_whatever_sigma_was_declared(declared_mm: float) -> None:
     verdicts = []
-    for seed in range(8):
+    for seed in range(4):
         dataset = replace(simulated(seed=100 + seed), scanner=Scanner(declared_mm))
         verdicts.append(diagnose(dataset).verdict)
-    # At a true rate of 5 % three alarms in eight come once in 170 runs; the seeds are fixed.
-    assert verdicts.count("adequate") >= 6, verdicts
+    # At a true rate of 5 % two alarms in four come once in 70 runs; the seeds are fixed.
+    assert verdicts.count("adequate") >= 3, verdicts
 
 
+@pytest.mark.slow
 def test_white_noise_far_beyond_what_was_declared_is_told() -> None:
     dataset = replace(simulated(seed=1), scanner=Scanner(0.02))
     result = diagnose(dataset)
@@ -116,6 +117,7 @@ def test_a_damaged_tooth_made_by_hand_is_named() -> None:
         assert (found.verdict, found.missing) == ("named", ("joint_dent",))
 
 
+@pytest.mark.slow
 def test_single_wrong_points_are_outliers() -> None:
     dataset = simulated(seed=2)
     assert dataset.points is not None
@@ -127,6 +129,7 @@ def test_single_wrong_points_are_outliers() -> None:
     assert set(result.residual_tests.outlier_poses) == {dataset.poses.ids[i] for i in wrong}
 
 
+@pytest.mark.slow
 def test_an_extra_column_that_matters_is_found_as_an_input() -> None:
     dataset = simulated(seed=4)
     rng = np.random.default_rng(0)
@@ -177,6 +180,7 @@ class BeltError:
 '''
 
 
+@pytest.mark.slow
 def test_a_users_own_effect_is_tested_named_and_fitted(tmp_path: Path) -> None:
     dataset = simulated(seed=6, poses=80)
     from calib.kinematics.chain import target_jacobian
@@ -307,6 +311,7 @@ def test_a_constant_displacement_is_untestable_not_evidence() -> None:
     assert "looks like" in result.untestable[0].why
 
 
+@pytest.mark.slow
 def test_points_of_other_poses_are_told_as_such_and_nothing_is_named() -> None:
     dataset = simulated(seed=3)
     assert dataset.points is not None
@@ -329,6 +334,7 @@ def test_rows_written_twice_are_no_repeats_to_judge_by() -> None:
     assert residual_tests.noise_mm == pytest.approx(0.05)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_tested_is_not_called_absent() -> None:
     dataset = simulated(seed=5)
     assert "not testable" not in verdict_text(diagnose(dataset, max_steps=0).explanation.verdict)
@@ -374,6 +380,7 @@ def test_structure_of_pure_noise_is_rarely_found() -> None:
     assert alarms <= 2
 
 
+@pytest.mark.slow
 def test_the_explanation_says_what_an_engineer_asks() -> None:
     result: Diagnosis = diagnose(simulated(["joint_compliance"], seed=3, sigmas=5.0))
     words = result.summary()
@@ -401,6 +408,7 @@ def test_an_ambiguous_set_comes_with_poses_that_split_it() -> None:
     assert diagnose(simulated(seed=8)).discriminating_poses == ()
 
 
+@pytest.mark.slow
 def test_where_tied_effects_cannot_be_fitted_no_pose_is_recommended(monkeypatch: pytest.MonkeyPatch) -> None:
     def too_few(*_: object, **__: object) -> None:
         raise FitError("measure more poses")

@@ -86,6 +86,7 @@ def named_anew(dataset: Dataset, point: int) -> Rotation:
     return Rotation.from_rotvec(jig @ np.full(3, 2.0 * np.pi / 3.0 / np.sqrt(3.0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "seed"),
     [("tilted a little", 0), ("tilted", 1), ("wrong name", 2), ("upside down", 4), ("shifted", 0)],
@@ -123,6 +124,7 @@ def test_a_third_of_all_names_wrong_is_seen_too() -> None:
     assert squared(geometric_model(dataset.robot), found.fit, true) < chi2_ppf(0.999, 24)
 
 
+@pytest.mark.slow
 def test_where_nothing_is_wrong_the_fit_is_the_plain_one() -> None:
     for seed in range(3):
         dataset, _ = arm(seed)
@@ -207,9 +209,15 @@ def without(dataset: Dataset, points: Sequence[int]) -> Dataset:
     return dataset.with_points(dataset.points.select(~np.isin(np.arange(len(dataset.points)), points)))
 
 
+SLOW = pytest.mark.slow
+
+
 @pytest.mark.parametrize("effects", [(), ("joint_compliance", "transmission_error")])
-@pytest.mark.parametrize(("poses", "wrong"), [(25, [7]), (25, [0, 8, 19]), (64, [3, 30])])
-@pytest.mark.parametrize("off_mm", [5.0, 50.0, 500.0])
+@pytest.mark.parametrize(
+    ("poses", "wrong"),
+    [(25, [7]), pytest.param(25, [0, 8, 19], marks=SLOW), pytest.param(64, [3, 30], marks=SLOW)],
+)
+@pytest.mark.parametrize("off_mm", [pytest.param(5.0, marks=SLOW), 50.0, pytest.param(500.0, marks=SLOW)])
 def test_wrong_points_leave_no_trace(
     poses: int, wrong: list[int], off_mm: float, effects: tuple[str, ...]
 ) -> None:
@@ -233,13 +241,13 @@ def test_wrong_points_leave_no_trace(
 )
 def test_what_the_model_lacks_is_no_outlier(effects: tuple[str, ...]) -> None:
     left_out = []
-    for seed in range(10):
+    for seed in range(6):
         dataset = measured_arm(seed, 25 if seed % 2 else 64, effects, "rb5" if seed % 3 else "panda")
         found = calibrate(dataset, FitOptions(robust=True))
         left_out.append(len(found.outliers))
         if not found.outliers:
             np.testing.assert_array_equal(found.fit.x, calibrate(dataset).fit.x)
-    assert sum(left_out) <= 1
+    assert sum(left_out) == 0, left_out
 
 
 @pytest.mark.slow
@@ -258,6 +266,7 @@ def test_a_real_arm_is_not_harmed(count: int) -> None:
     assert found.rmse_mm < 1.01 * best.rmse_mm
 
 
+@pytest.mark.slow
 def test_heavy_tails_cost_nothing_and_gross_errors_among_them_go() -> None:
     rng = np.random.default_rng(5)
     dataset = measured_arm(3, 64)
@@ -284,6 +293,7 @@ def test_a_pose_that_an_effect_explains_comes_back_with_it() -> None:
     assert again.outliers == ()
 
 
+@pytest.mark.slow
 def test_an_outlier_counts_in_no_figure_of_a_fit_and_stays_in_the_table_of_errors() -> None:
     dataset = moved(measured_arm(4, 40), [11], 30.0)
     found = calibrate(dataset, FitOptions(robust=True))
@@ -295,6 +305,7 @@ def test_an_outlier_counts_in_no_figure_of_a_fit_and_stays_in_the_table_of_error
     assert all(step.train_rmse_mm < 30.0 for step in found.iteration_errors[1:])
 
 
+@pytest.mark.slow
 def test_a_diagnosis_by_robust_fits_tells_the_poses_that_they_left_out() -> None:
     dataset = moved(measured_arm(3, 25), [6], 50.0)
     found = diagnose(dataset, FitOptions(robust=True))
@@ -303,6 +314,7 @@ def test_a_diagnosis_by_robust_fits_tells_the_poses_that_they_left_out() -> None
     assert f"Single poses stand out: {dataset.poses.ids[6]}" in found.summary()
 
 
+@pytest.mark.slow
 def test_a_plain_fit_is_told_which_pose_bends_it() -> None:
     dataset = moved(measured_arm(3, 25), [6], 50.0)
     assert outlier_hint(calibrate(measured_arm(3, 25))) == ""

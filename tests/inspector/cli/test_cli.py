@@ -544,15 +544,15 @@ def test_check_tells_what_is_missing_and_still_passes(
 
 @pytest.mark.slow
 def test_diagnose_and_check_take_the_options_of_a_fit(
-    capsys: pytest.CaptureFixture[str], hidden_folder: Path
+    capsys: pytest.CaptureFixture[str], points_folder: Path, hidden_folder: Path
 ) -> None:
     """Their first fit is the one that `calibrate` makes with the same options, to the last digit."""
     fits = [["--hold", "d5"], ["--no-prior"], ["--tolerance", "a2=1e-9", "--robust"], ["--residual", "pairs"]]
     for options in fits:
-        fitted = run_json(capsys, "calibrate", hidden_folder, *options)
-        first = run_json(capsys, "diagnose", hidden_folder, "--max-steps", "0", *options)["steps"][0]
+        fitted = run_json(capsys, "calibrate", points_folder, *options)
+        first = run_json(capsys, "diagnose", points_folder, "--max-steps", "0", *options)["steps"][0]
         assert first["test_rmse_mm"] == fitted["test"]["rmse_mm"]
-        checked = run_json(capsys, "check", hidden_folder, *options)["calibration"]
+        checked = run_json(capsys, "check", points_folder, *options)["calibration"]
         assert checked == {key: fitted[key] for key in checked}
         assert {"parameters", "test"} <= set(checked)
     given = ["--effect", "transmission_error"]

@@ -11,15 +11,20 @@ import pytest
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.simulation.measured_dataset import write_simulation
+from calib.simulation.scanner import ScanModel
 from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
+
+COARSE = ScanModel(points=6000, window_mm=80.0)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Scans of twelve poses; enough to place the scanner and to name the faces."""
+    """Scans of eleven poses, too few for further processes; enough to place the scanner and to name the faces."""
     folder = tmp_path_factory.mktemp("scans")
-    made = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(2), poses=12, scans=True)
+    made = simulate_dataset(
+        builtin_robot("rb5"), rng=np.random.default_rng(2), poses=11, scans=True, scan_model=COARSE
+    )
     write_simulation(made, folder)
     return folder
 
@@ -33,10 +38,10 @@ def test_corners_writes_full_poses_that_calibrate_reads(
     told = json.loads(capsys.readouterr().out)["orientations"]
     assert told["named_by"] == "robot"
     assert told["refused"] == []
-    assert len(told["poses"]) == 12
+    assert len(told["poses"]) == 11
     assert all(pose["margin"] > 60.0 for pose in told["poses"])
     assert main(["corners", str(folder), "--out", str(full), "--orientation"]) == 0
-    assert "faces named by the nominal robot at 12 poses" in capsys.readouterr().out
+    assert "faces named by the nominal robot at 11 poses" in capsys.readouterr().out
     header, wider = (path.read_text().splitlines()[0].split(",") for path in (plain, full))
     assert "qw" not in header
     assert wider[: len(header)] == header

@@ -102,12 +102,12 @@ def test_the_report_has_them_in_a_section_and_no_row_for_each_mode(folder: Path)
 
 
 @pytest.mark.browser
-def test_find_shows_the_curve(chromium: Any, folder: Path) -> None:
+def test_find_shows_the_curve(chromium: Any, app: App) -> None:
     from inspector.panels.learn.missing_effects import FIND
     from inspector.server.viser_server import url_of
     from tests.support.browser import MS, open_page, says
 
-    with idle_app(folder) as running, open_page(chromium, url_of(running.server)) as opened:
+    with open_page(chromium, url_of(app.server)) as opened:
         opened.get_by_role("button", name=FIND, exact=True).click(timeout=4 * MS)
         says(opened, f"Curves of {LEARNED}")
         opened.wait_for_function(
