@@ -5,8 +5,9 @@ from __future__ import annotations
 import sys
 from datetime import datetime
 
+from calib.compensation.point_lists import corrected_file, is_point_list, require_point_list
 from calib.compensation.target_correction import corrected_joints, needed_columns
-from calib.compensation.targets_csv import corrected_table, load_targets, require_conditions
+from calib.compensation.targets_csv import load_targets, require_conditions
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.diagnosis.diagnose import diagnose
@@ -60,6 +61,8 @@ def run_correct(options: CorrectOptions) -> int:
         return correct_by_model(options, options.model)
     dataset = load(options.path, options.leave_out)
     check_outputs(dataset, [options.out], [options.joints, options.effects_file])
+    if is_point_list(options.out):
+        require_point_list(options.out, dataset.robot.is_revolute.tolist())
     targets = load_targets(options.joints, dataset.robot)
     dataset = measured(dataset, orientation=options.residual == "pose")
     result = fitted(options, dataset)[-1].calibration
@@ -76,7 +79,7 @@ def run_correct(options: CorrectOptions) -> int:
         conditions=targets.poses,
         what=options.what,
     )
-    write_text_atomically(options.out, corrected_table(targets, correction))
+    write_text_atomically(options.out, corrected_file(options.out, targets, correction))
     ids = targets.poses.ids
     show(options, documents.correction_document(correction, ids), correction.summary(ids))
     return 0 if correction.reached.all() else 1

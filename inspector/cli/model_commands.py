@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.calibration.result import figures_line
-from calib.compensation.targets_csv import corrected_table, load_targets, require_conditions
+from calib.compensation.point_lists import corrected_file, is_point_list, require_point_list
+from calib.compensation.targets_csv import load_targets, require_conditions
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
 from calib.models.model_file import load_model
@@ -41,10 +42,12 @@ def correct_by_model(options: CorrectOptions, path: Path) -> int:
     check_outputs(dataset, [options.out], [options.joints, options.effects_file, path])
     model = load_model(path, options.effects_file)
     model.require_same_arm(dataset)
+    if is_point_list(options.out):
+        require_point_list(options.out, dataset.robot.is_revolute.tolist())
     targets = load_targets(options.joints, dataset.robot)
     require_conditions(targets, model.needs, model.model.family_names)
     correction = model.corrected_joints(targets.poses.q, targets.poses, options.what, dataset.robot)
-    write_text_atomically(options.out, corrected_table(targets, correction))
+    write_text_atomically(options.out, corrected_file(options.out, targets, correction))
     ids = targets.poses.ids
     show(options, documents.correction_document(correction, ids), correction.summary(ids))
     return 0 if correction.reached.all() else 1

@@ -120,7 +120,13 @@ def _correct(sub: ArgumentParser) -> None:
     sub.add_argument(
         "--joints", type=Path, required=True, metavar="FILE", help="targets, columns as poses.csv"
     )
-    sub.add_argument("--out", type=Path, required=True, metavar="FILE", help="write the corrected targets")
+    sub.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="write the corrected targets: .csv, or a point list as .script (URScript), .dat (KRL), .mod (RAPID)",
+    )
     sub.add_argument(
         "--what", choices=CORRECTION_KINDS, help="default: pose for six joints and more, else position"
     )

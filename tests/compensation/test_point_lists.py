@@ -1,0 +1,109 @@
+"""Point lists for controllers, read back by a reader of each language's own form."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from calib.array_types import Array
+from calib.calibration.calibrate import calibrate
+from calib.compensation.point_lists import LONGEST, identifiers, point_list, require_point_list
+from calib.compensation.target_correction import Correction, corrected_joints
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.errors import CalibError
+from inspector.cli.parser import main
+from tests.support.hidden_dataset import arm, write_hidden
+
+IDS = ("p01", "p-02", "3", "P01", "über\n; HALT")
+
+
+@pytest.fixture(scope="module")
+def correction() -> Correction:
+    dataset = arm(1)
+    result = calibrate(dataset)
+    found = corrected_joints(
+        dataset.robot, result.model, dataset.poses.q[:5], x=result.fit.x, what="position"
+    )
+    reached, reasons = found.reached.copy(), list(found.reasons)
+    assert reached.all()
+    reached[3], reasons[3] = False, "joint 2 would stand\nbeyond its limit"
+    return replace(found, reached=reached, reasons=tuple(reasons))
+
+
+AROUND = {
+    ".script": [],
+    ".dat": ["DEFDAT my_targets PUBLIC", "ENDDAT"],
+    ".mod": ["MODULE my_targets", "ENDMODULE"],
+}
+
+
+def read(text: str, suffix: str) -> dict[str, Array]:
+    """Names and joint values in rad of the lines that are no comments."""
+    lines = [line for line in text.splitlines() if not line.lstrip().startswith(("#", ";", "!"))]
+    patterns = {
+        ".script": r"^(\w+) = \[([^\]]*)\]",
+        ".dat": r"^DECL GLOBAL AXIS (\w+)=\{([^}]*)\}",
+        ".mod": r"^  CONST jointtarget (\w+):=\[\[([^\]]*)\],\[9E9,9E9,9E9,9E9,9E9,9E9\]\];",
+    }
+    found = [re.match(patterns[suffix], line) for line in lines]
+    rows = [m for m in found if m]
+    around = [line for line, m in zip(lines, found, strict=True) if not m]
+    assert around == AROUND[suffix]
+    values = {m[1]: np.array([float(re.sub(r"^A\d ", "", v.strip())) for v in m[2].split(",")]) for m in rows}
+    return values if suffix == ".script" else {name: np.radians(v) for name, v in values.items()}
+
+
+@pytest.mark.parametrize("suffix", LONGEST)
+def test_what_a_controller_reads_is_what_was_corrected(correction: Correction, suffix: str) -> None:
+    text = point_list(Path(f"my targets{suffix}"), correction, IDS)
+    assert text.isascii()
+    got = read(text, suffix)
+    names = identifiers(IDS, LONGEST[suffix])
+    assert list(got) == [names[k] for k in (0, 1, 2, 4)]  # what is not reached is no target
+    for k in (0, 1, 2, 4):
+        assert got[names[k]] == pytest.approx(correction.q[k], abs=2e-9)
+    left_out = next(line for line in text.splitlines() if "left out" in line)
+    assert names[3] in left_out
+    assert "joint 2 would stand beyond its limit" in left_out
+
+
+@given(st.lists(st.text(min_size=1, max_size=60), min_size=1, max_size=30), st.sampled_from([24, 32, 64]))
+def test_names_are_valid_and_distinct_without_regard_to_case(ids: list[str], longest: int) -> None:
+    names = identifiers(ids, longest)
+    assert len({name.lower() for name in names}) == len(ids)
+    assert all(re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) and len(name) <= longest for name in names)
+
+
+def test_valid_names_stay() -> None:
+    assert identifiers(["p01", "home_2"], 24) == ["p01", "home_2"]
+
+
+@pytest.mark.parametrize(
+    ("robot", "reason"), [("panda", "this arm has 7"), ("gantry", "this arm has 3 and 3 sliding")]
+)
+def test_other_arms_are_refused(robot: str, reason: str) -> None:
+    kinds = [False] * 3 + [True] * 3 if robot == "gantry" else builtin_robot(robot).is_revolute.tolist()
+    with pytest.raises(CalibError, match=reason):
+        require_point_list(Path("targets.mod"), kinds)
+
+
+@pytest.mark.slow
+def test_the_command_writes_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_hidden(tmp_path, "cell")
+    tables = []
+    for name in ("out.csv", "out.script"):
+        given = ["--joints", str(folder / "poses.csv"), "--out", str(tmp_path / name)]
+        assert main(["correct", str(folder), *given]) in (0, 1)
+        tables.append((tmp_path / name).read_text())
+    capsys.readouterr()
+    header, first = (line.split(",") for line in tables[0].splitlines()[:2])
+    by_name = dict(zip(header, first, strict=True))
+    line = next(line for line in tables[1].splitlines() if line.startswith(f"{by_name['pose']} ="))
+    values = [float(v) for v in line[line.index("[") + 1 : line.index("]")].split(",")]
+    assert values == pytest.approx([np.radians(float(by_name[f"q{k}_deg"])) for k in range(1, 7)], abs=2e-9)
