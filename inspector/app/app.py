@@ -67,7 +67,7 @@ class App(ModelRequests):
         self.selection = Selection(self.state, panels, self.stage)
         self.model = ModelController(
             self.state, panels, user_effects, {} if saved is None else {start: saved.session},
-            redraw=self._draw_model, draw_as=self.stage.draw_as,
+            redraw=self._draw_model, recount=self._recount, draw_as=self.stage.draw_as,
         )  # fmt: skip
         self.dataset = DatasetController(
             named, self.state, scans, panels, self.stage, self.model, on_open=self._opened
@@ -80,7 +80,12 @@ class App(ModelRequests):
         )  # fmt: skip
         self._watch = Watch(user_effects, self.effects)
         self.downloads = Downloads(
-            self.state, lambda: self.stage.view_name, self.worker, panels.downloads, root
+            self.state,
+            lambda: self.stage.view_name,
+            lambda: self.model.steps,
+            self.worker,
+            panels.downloads,
+            root,
         )
         server.requests.on("pose", self.select_id)
         server.requests.on("tabs", self.tabs)
@@ -137,6 +142,18 @@ class App(ModelRequests):
             self.show_view(shown.view)
         if shown.dark is not None:
             self.dark(shown.dark)
+
+    def _recount(self, changed: frozenset[str]) -> None:
+        """Show which poses are left out, and the redundancy of the parameters at the others."""
+        self.stage.draw_left_out(changed)
+        if self.state.session.redundancy is None:
+            self.dataset.analyse_as_chosen()
+
+    def leave_out(self, pose_id: str, out: bool) -> None:
+        """Leave a pose out of everything that is fitted and told, or take it in again."""
+        view = self.state.view
+        if view is not None and pose_id in view.session.dataset.poses.ids:
+            self.worker.submit(("leave out", pose_id), lambda: self.model.leave_out(pose_id, out))
 
     def take(self, what: str, client: viser.ClientHandle) -> None:
         """Make a file and send it to the page that asks."""

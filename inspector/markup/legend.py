@@ -22,7 +22,7 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> st
     if "corners" in visible:
         parts.append(points_legend(view))
     elif "overview" in visible:
-        parts.append(roles_legend())
+        parts.append(roles_legend(view))
     if corner is not None and visible & {"faces", "jig"}:
         parts.append(elements.legend((colour, f"face {i + 1}") for i, colour in enumerate(FACE_COLOURS)))
     if search is not None and search.groups and view.grey_rejected and visible & {"groups", "sets"}:

@@ -33,6 +33,7 @@ class Actions(Protocol):
     def add_effect(self, name: str) -> None: ...
     def remove_effect(self, name: str) -> None: ...
     def move(self, by: int) -> None: ...
+    def leave_out(self, pose_id: str, out: bool) -> None: ...
     def failure(self) -> None: ...
     def select_id(self, pose_id: str) -> None: ...
     def arrows(self, factor: float) -> None: ...
@@ -67,6 +68,30 @@ class ChangedValues:
         if self._last.get(id(handle)) != value:
             self._last[id(handle)] = value
             put(handle, value)
+
+
+class ChosenByDataset:
+    """What a user has chosen in a widget, by dataset: what was chosen for one is not the next one's."""
+
+    def __init__(self, handle: Any, default: Any) -> None:
+        self._handle, self._default = handle, default
+        self._dataset = ""
+        self._chosen: dict[str, Any] = {}
+
+    def open(self, dataset: str) -> Any:
+        """What was chosen for this dataset when it was on show last, else the default; the choice now is kept."""
+        self._chosen[self._dataset] = self._handle.value
+        self._dataset = dataset
+        return self._chosen.get(dataset, self._default)
+
+
+def offer(handle: Any, options: tuple[str, ...]) -> None:
+    """These options; what was chosen stays chosen where it is still there."""
+    if options == tuple(handle.options):
+        return
+    before = str(handle.value)
+    handle.options = options
+    put(handle, before if before in options else options[0])
 
 
 def hidden_plot(gui: viser.GuiApi, aspect: float) -> viser.GuiPlotlyHandle:

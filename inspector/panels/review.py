@@ -8,7 +8,7 @@ import viser
 
 from inspector.markup.parts import elements, numbers
 from inspector.markup.parts.links import Names, linked
-from inspector.markup.parts.palette import DOUBT, FAILED, ROLE_WORDS, role_colour
+from inspector.markup.parts.palette import DOUBT, FAILED, LEFT_OUT, ROLE_WORDS, role_colour
 from inspector.panels.base import Actions, ChangedValues, by_page, put
 from inspector.panels.input_checks import clamped, one_of
 from inspector.panels.timeline import TimelinePanel
@@ -39,6 +39,7 @@ LAYER_WORDS = {
 NOTHING_OPEN = "No dataset is open: choose another one, or mend this one and start the program again."
 KEYS = "Keys: N next, P previous, 1–7 views, F front, S side, T top, R reset, D dark"
 PREVIOUS, NEXT = "◀ Previous", "Next ▶"
+LEAVE_OUT, TAKE_IN = "Leave this pose out", "Take this pose in again"
 
 
 class ReviewPanel:
@@ -57,6 +58,10 @@ class ReviewPanel:
         self.pose = gui.add_dropdown("Pose", ("–",))
         self.walk = gui.add_button_group("", (PREVIOUS, NEXT), hint="keys: P and N")
         self._status = gui.add_html("")
+        self.leave_out = gui.add_button(
+            LEAVE_OUT, color="gray", visible=False, hint="fits the model again; Undo takes it back"
+        )
+        self._shown_pose = ""  # id
         self.timeline = TimelinePanel(gui, actions)
         self.view = gui.add_button_group("3D view", VIEWS, hint="keys: 1 to 7")
         self.sides = gui.add_button_group("Look from", SIDES, hint="keys: F, S, T, R")
@@ -91,6 +96,7 @@ class ReviewPanel:
         self.pose.on_update(lambda e: self._chosen(str(e.target.value)) if by_page(e) else None)
         self.walk.on_click(lambda e: a.step(1 if e.target.value == NEXT else -1))
         self.view.on_click(lambda e: a.show_view(one_of(e.target.value, VIEWS, VIEWS[0])))
+        self.leave_out.on_click(lambda _: a.leave_out(self._shown_pose, self.leave_out.label == LEAVE_OUT))
         self.sides.on_click(lambda e: a.look_from(one_of(e.target.value, SIDES, RESET)))
         self.keep.on_update(lambda e: a.keep_view(bool(e.target.value)) if by_page(e) else None)
         self.search.on_click(lambda _: a.search(self.search.label != "Stop the search"))
@@ -130,14 +136,22 @@ class ReviewPanel:
     # ---- showing ----------------------------------------------------------------------------------------------------
 
     def set_poses(self, view: View) -> None:
-        """The list of poses of a dataset that was just opened, and the views that there is something to see in."""
-        poses, self._names = view.session.dataset.poses, Names.of(view.session.dataset)
+        """The poses of a dataset that was just opened, and the views that there is something to see in."""
+        self._names = Names.of(view.session.dataset)
         has_scans = view.session.dataset.scan_folder is not None
         self._folders["Scan layers"].visible = has_scans
         self.view.options = VIEWS if has_scans else POINT_VIEWS
-        self.pose.options = tuple(
-            f"{i} · {numbers.role(str(r))}" for i, r in zip(poses.ids, poses.role, strict=True)
+        self.list_poses(view)
+
+    def list_poses(self, view: View) -> None:
+        """Each pose with its role, and whether it is left out."""
+        poses, out = view.session.dataset.poses, view.session.uncounted
+        options = tuple(
+            f"{i} · {numbers.role(str(r))}{' · left out' if i in out else ''}"
+            for i, r in zip(poses.ids, poses.role, strict=True)
         )
+        if options != tuple(self.pose.options):
+            self.pose.options = options
 
     def update(self, view: View) -> None:
         """Everything that depends on the selected pose or on what has been found."""
@@ -160,12 +174,19 @@ class ReviewPanel:
         )
         self._changed.put(self.pose, self.pose.options[view.pose])
         self._status.content = self._pose_status(view) + elements.joint_style(view.joint)
+        self._shown_pose = view.pose_id
+        self.leave_out.label = TAKE_IN if view.pose_id in view.session.uncounted else LEAVE_OUT
+        self.leave_out.visible = True
         self.timeline.update(view)
 
     def _pose_status(self, view: View) -> str:
         role = str(view.session.dataset.poses.role[view.pose])
         place = f"{view.pose + 1} of {len(view.session.dataset.poses)}, {numbers.role(role)}"
-        rows: list[tuple[str, object]] = [("pose", elements.named_swatch(role_colour(role), place))]
+        out = view.pose_id in view.session.uncounted
+        colour = LEFT_OUT if out else role_colour(role)
+        rows: list[tuple[str, object]] = [("pose", elements.named_swatch(colour, place))]
+        if out:
+            rows.append(("left out", "no fit and no figure takes it"))
         setup = str(view.session.dataset.poses.setup[view.pose])
         if setup:
             rows.append(("scanner placement", setup))

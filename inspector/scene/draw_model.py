@@ -17,7 +17,15 @@ from calib.fitting.observations import Observations
 from calib.scans.scan import Scan
 from inspector.markup.model.comparison import distance_limit_mm, error_limit_mm
 from inspector.markup.parts import colour_scale, numbers
-from inspector.markup.parts.palette import ARM, FACE_COLOURS, HIGHLIGHT, MODEL_COLOURS, rgb, role_colour
+from inspector.markup.parts.palette import (
+    ARM,
+    FACE_COLOURS,
+    HIGHLIGHT,
+    LEFT_OUT,
+    MODEL_COLOURS,
+    rgb,
+    role_colour,
+)
 from inspector.scene import corner_nodes, model_nodes
 from inspector.scene.arm_shape import arm_of
 from inspector.scene.link_mesh import load_link_mesh
@@ -35,8 +43,14 @@ def pose_colours(view: View) -> ByteArray:
         return colour_scale.coloured(
             view.version.pose_errors_mm(), 0.0, error_limit_mm(view), colour_scale.ERROR
         )
-    roles = view.session.dataset.poses.role
-    return np.array([rgb(role_colour(str(role))) for role in roles], dtype=np.uint8)
+    poses = range(len(view.session.dataset.poses))
+    return np.array([rgb(pose_colour(view, pose)) for pose in poses], dtype=np.uint8)
+
+
+def pose_colour(view: View, pose: int) -> str:
+    """The colour of a pose's role; grey where it is left out."""
+    poses = view.session.dataset.poses
+    return LEFT_OUT if poses.ids[pose] in view.session.uncounted else role_colour(str(poses.role[pose]))
 
 
 Predictions = tuple[Array, Array, IndexArray]  # measured points (K, 3), errors there (K, 3), their poses (K,)
@@ -129,14 +143,14 @@ class ArmDrawing:
 
     def draw(self, view: View) -> None:
         """The chosen version's arm, from where it places the scanner."""
-        version = view.version
+        version, setup = view.version, str(view.session.dataset.poses.setup[view.pose])
         arm = None if version is None else arm_of(version, view.pose)
-        if version is None or arm is None:
+        # A placement of the scanner of which every pose is left out has no frame.
+        if version is None or arm is None or setup not in version.evaluation.scanner_T_base:
             self._scene.draw("arm", lambda api, name: [])
             self._of, self._meshes, self._solids = None, {}, model_nodes.Solids(self._on_joint)
             return
         dataset = view.session.dataset
-        setup = str(dataset.poses.setup[view.pose])
         placed = version.evaluation.scanner_T_base[setup]
         text = f"{view.pose_id}, {version.name}"
 

@@ -12,7 +12,7 @@ from inspector.markup.measure.corner import ellipsoid_words
 from inspector.markup.measure.planes import group_colours
 from inspector.markup.parts import numbers
 from inspector.scene import corner_nodes, plane_nodes
-from inspector.scene.draw_model import pose_colours
+from inspector.scene.draw_model import pose_colour, pose_colours
 from inspector.scene.scene_view import SceneView
 from inspector.scene.shapes import jig_edges, spread
 from inspector.session.view import FACTORS, View, corner_of
@@ -58,12 +58,13 @@ def draw_corner(scene: SceneView, view: View) -> None:
     )
 
 
-def draw_overview(scene: SceneView, view: View, pose: int, scan: Scan, colour: str, scans: int) -> None:
+def draw_overview(scene: SceneView, view: View, pose: int, scan: Scan) -> None:
     """One scan among many: around its corner, from the points that have normals; the whole scan where none was found.
 
     A scan without a corner shows all that it has, wall and table too, so it stands out.
     """
     search = view.session.searches.get(view.session.dataset.poses.ids[pose])
+    colour, scans = pose_colour(view, pose), view.session.scans
     if search is None or search.corner is None:
         scene.draw_overview(pose, scan.points_mm, colour, scans)
         return

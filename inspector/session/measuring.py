@@ -13,6 +13,7 @@ from calib.fitting.pose_residuals import require_orientations
 from calib.identifiability.structural import redundancy
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import label_faces
+from calib.options import RESIDUAL_KINDS
 from inspector.session.session import Session, untested
 
 
@@ -56,6 +57,13 @@ def no_full_poses(session: Session) -> str:
     except CalibError as error:
         return str(error)
     return ""
+
+
+def measured_kinds(session: Session) -> tuple[str, ...]:
+    """The residuals that these data could have: full poses only of a jig that is scanned, or with orientations."""
+    points = session.dataset.points
+    full = points is None or (points.orientations is not None and bool(points.orientations.known.any()))
+    return RESIDUAL_KINDS if full else tuple(kind for kind in RESIDUAL_KINDS if kind != "pose")
 
 
 def with_redundancy(session: Session, residual: str = "position") -> Session:

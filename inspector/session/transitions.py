@@ -37,7 +37,7 @@ SEPARATING_POSES = 3  # at which two causes are compared
 def seen_since(session: Session, now: Session) -> Session:
     """A session of the same dataset, with what was looked at meanwhile."""
     seen = replace(session, searches=now.searches, face_labels=now.face_labels)
-    return replace(seen, redundancy=now.redundancy) if session.left_out == now.left_out else seen
+    return replace(seen, redundancy=now.redundancy if session.left_out == now.left_out else None)
 
 
 def with_calibration(session: Session, residual: str = "position") -> Session:

@@ -14,9 +14,8 @@ from inspector.app.controllers.model_controller import ModelController
 from inspector.app.controllers.stage import Stage
 from inspector.app.page.page_state import PageState
 from inspector.app.page.tabs import Panels
-from inspector.markup.parts.palette import role_colour
 from inspector.panels.base import put
-from inspector.scene.draw_scan import draw_corners, draw_overview, fitting_arrows
+from inspector.scene.draw_scan import draw_corners, draw_overview
 from inspector.server.worker import LongWork
 from inspector.session import measuring
 from inspector.session.scan_cache import ScanCache
@@ -41,6 +40,7 @@ class DatasetController:
         self._folders, self._state, self._scans, self._panels = folders, state, scans, panels
         self._stage, self._model, self._on_open = stage, model, on_open
         self._search_s = 0.0
+        self._first = True  # whether the dataset on show was not opened before
 
     # ---- datasets ---------------------------------------------------------------------------------------------------
 
@@ -58,14 +58,18 @@ class DatasetController:
             raise
         self._search_s = 0.0
         self._scans.open(session.dataset)
+        self._first = state.known(name) is None
         state.open(name, session)
+        for panel in (self._panels.fit, self._panels.redundancy, self._panels.missing_effects):
+            panel.open(name, state.now)
         self._on_open()
         put(review.dataset, name)
         self._stage.scene.clear_overview()
         review.set_poses(state.now)
-        self._stage.choose_factor()
-        if session.calibration is not None:
-            self._stage.change_arrows(fitting_arrows(state.now))
+        if self._first:
+            self._stage.choose_factor()
+        else:
+            put(review.factor, f"{state.now.factor:g}")
         self._draw()
         self._stage.open_view()
         return self.process()
@@ -82,7 +86,7 @@ class DatasetController:
         """What this dataset still lacks: redundancy, all scans' overview and corners, the fit."""
         fit = self._panels.fit
         if self._state.session.redundancy is None:
-            self.analyse(str(self._panels.redundancy.residual.value))
+            self.analyse_as_chosen()
             yield
         tried: set[int] = set()
         while (pose := self._scans.next(self._state.now.pose, tried)) is not None:
@@ -110,6 +114,13 @@ class DatasetController:
         self._state.keep(measuring.with_redundancy(self._state.session, residual))
         self._panels.redundancy.update(self._state.now)
 
+    def analyse_as_chosen(self) -> None:
+        """Redundancy as it is measured by what is chosen in its tab; none where too few poses count for that."""
+        try:
+            self.analyse(str(self._panels.redundancy.residual.value))
+        except CalibError:
+            self._panels.redundancy.update(self._state.now)
+
     # ---- scans ------------------------------------------------------------------------------------------------------
 
     def _work_on(self, pose: int) -> None:
@@ -117,12 +128,11 @@ class DatasetController:
         scan = self._stage.load(pose)
         if pose in self._state.session.needed:
             self._state.keep(measuring.with_search(self._state.session, pose))
-        first = not self._scans.medians
+        first = not self._scans.medians and self._first
         self._scans.worked_on(pose, scan)
         view, stage = self._state.now, self._stage
         if scan is not None and len(scan.points_mm):
-            colour = role_colour(str(view.session.dataset.poses.role[pose]))
-            draw_overview(stage.scene, view, pose, scan, colour, view.session.scans)
+            draw_overview(stage.scene, view, pose, scan)
         if first:
             stage.choose_factor()
             stage.aim_again()

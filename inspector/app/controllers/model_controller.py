@@ -19,9 +19,11 @@ from inspector.app.page.page_state import PageState
 from inspector.app.page.tabs import Panels
 from inspector.server.worker import LongWork
 from inspector.session import transitions as sessions
+from inspector.session.left_out import with_pose_left_out, with_pose_taken_in
 from inspector.session.reopening import reopened
 from inspector.session.session import Session
 from inspector.session.session_file import Saved, Shown
+from inspector.session.undo import Undo
 from inspector.session.user_effects import UserEffects
 
 POSITION = "position"  # what any measured points can be fitted by
@@ -35,6 +37,7 @@ class ModelController:
     """What changes the calibration of the session on show, and shows it in the model's tabs.
 
     redraw: draws the model in the 3D view and in the tab Compare; told whether it is the dataset's first.
+    recount: shows which poses are left out; told of which that has changed.
     draw_as: draws the view as a saved session had it.
     """
 
@@ -46,10 +49,11 @@ class ModelController:
         saved: Mapping[str, Saved],
         *,
         redraw: Callable[[bool], None],
+        recount: Callable[[frozenset[str]], None],
         draw_as: Callable[[Shown], None],
     ) -> None:
         self._state, self._panels, self._draw_as = state, panels, draw_as
-        self._shown = ShownModel(state, panels, user_effects, redraw=redraw)
+        self._shown = ShownModel(state, panels, user_effects, redraw=redraw, recount=recount)
         self._ranking = Ranking(self._shown)
         self.saved = dict(saved)  # sessions to open again once their dataset is there, by its name
         self._labelling = FaceLabelling(state, panels.fit)
@@ -58,6 +62,11 @@ class ModelController:
         """End the threads."""
         self._shown.close()
         self._labelling.close()
+
+    @property
+    def steps(self) -> Undo:
+        """The changes of the model on show that can be taken back or made again."""
+        return self._shown.steps
 
     @property
     def _session(self) -> Session:
@@ -114,6 +123,7 @@ class ModelController:
         if again is not None and again[0].calibration is not None:
             labels = again[0].face_labels or self._session.face_labels
             self._shown.change(replace(sessions.seen_since(again[0], self._session), face_labels=labels))
+            self._shown.reopen_steps(Undo.of(saved))
             self._draw_as(saved.shown)
         if again is not None:
             self._panels.review.show_problem(" ".join(again[1]))
@@ -145,6 +155,20 @@ class ModelController:
         self._shown.change(session)
         yield from self.rank()
 
+    # ---- poses ------------------------------------------------------------------------------------------------------
+
+    def leave_out(self, pose_id: str, out: bool) -> LongWork:
+        """Leave a pose out, or take it in again; nothing happens where it is so already."""
+        session = self._session
+        if (pose_id in session.uncounted) != out:
+            changed = (with_pose_left_out if out else with_pose_taken_in)(session, pose_id)
+            if session.calibration is not None:
+                self._shown.change(changed)
+            else:
+                self._shown.replace(changed)
+            yield
+        yield from self.rank()
+
     # ---- effects ----------------------------------------------------------------------------------------------------
 
     def add(self, name: str) -> LongWork:
@@ -162,8 +186,15 @@ class ModelController:
         """Do what the advice says; nothing happens where there is none any more."""
         if self._session.advice is not None:
             self._shown.change(sessions.with_advice_followed(self._session))
+            self._choose_last()
             yield
         yield from self.rank()
+
+    def _choose_last(self) -> None:
+        """What was found is what the tables are about."""
+        if self._session.effects:
+            self._panels.missing_effects.choose(self._session.effects[-1].name)
+            self.show()
 
     def remove(self, name: str) -> LongWork:
         """Take an effect out of the model; nothing happens where it is not in it."""
@@ -214,6 +245,7 @@ class ModelController:
                 yield
             if found is not None:
                 self._shown.change(sessions.seen_since(found, self._session))
+                self._choose_last()
         finally:
             stop.set()
             self._finding(False)

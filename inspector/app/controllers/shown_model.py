@@ -23,6 +23,7 @@ class ShownModel:
     """What all changes of the model have in common.
 
     redraw: draws the model in the 3D view and in the tab Compare; told whether it is the dataset's first.
+    recount: shows which poses are left out; told of which that has changed.
     """
 
     def __init__(
@@ -32,9 +33,10 @@ class ShownModel:
         user_effects: UserEffects,
         *,
         redraw: Callable[[bool], None],
+        recount: Callable[[frozenset[str]], None],
     ) -> None:
         self.state, self.panels, self.user_effects = state, panels, user_effects
-        self._redraw = redraw
+        self._redraw, self._recount = redraw, recount
         self._undo: dict[str, Undo] = {}  # by dataset
         self._background = Background("model")
 
@@ -56,6 +58,10 @@ class ShownModel:
         """Nothing can be taken back any more."""
         self._undo.pop(self.state.name, None)
 
+    def reopen_steps(self, steps: Undo) -> None:
+        """What could be taken back, or made again, when the session on show was saved."""
+        self._undo[self.state.name] = steps
+
     def show(self) -> None:
         """The tabs about what is missing and where the model fails, as the session stands."""
         steps = self.steps
@@ -72,12 +78,19 @@ class ShownModel:
 
     def replace(self, session: Session) -> None:
         """Another model of the same dataset, everywhere."""
-        first = self.session.calibration is None
-        self.state.keep(sessions.with_versions(session, self.session))
-        self._redraw(first)
+        before = self.session
+        self.state.keep(sessions.with_versions(session, before))
+        self._redraw(before.calibration is None)
+        if before.uncounted != session.uncounted:
+            self._recount(before.uncounted ^ session.uncounted)
         self.panels.fit.update(self.state.now)
         self.show()
 
     def beside(self, compute: Callable[[], T], started: Session) -> Generator[None, None, T | None]:
         """The result, once it is there; None where the model on show is not the one it began with any more."""
-        return self._background.run(compute, lambda: self.session.calibration is started.calibration)
+
+        def wanted() -> bool:
+            now = self.session
+            return now.calibration is started.calibration and now.dataset is started.dataset
+
+        return self._background.run(compute, wanted)

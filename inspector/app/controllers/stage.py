@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import viser
 
@@ -16,7 +16,14 @@ from inspector.app.page.tabs import Panels
 from inspector.markup.legend import legend_html
 from inspector.markup.parts.palette import BRAND_ON_DARK, BRAND_ON_LIGHT, rgb
 from inspector.panels.base import put
-from inspector.scene.draw_scan import PLANE_LAYERS, draw_planes, draw_pose, fitting_arrows, fitting_ellipsoids
+from inspector.scene.draw_scan import (
+    PLANE_LAYERS,
+    draw_overview,
+    draw_planes,
+    draw_pose,
+    fitting_arrows,
+    fitting_ellipsoids,
+)
 from inspector.scene.scene_view import SceneView
 from inspector.session.scan_cache import ScanCache
 from inspector.session.session_file import Shown
@@ -96,6 +103,19 @@ class Stage:
         if first and not (self._camera.settled or self._camera.kept):
             self.show_view(ARM)
         self._camera.measure(self._state.now, self._scans.medians)
+
+    def draw_left_out(self, changed: Collection[str]) -> None:
+        """Which poses are left out, where that has changed for some: lists, legend, the scans among all scans."""
+        view = self._state.now
+        self._panels.review.list_poses(view)
+        self._panels.review.update(view)
+        self._panels.scans.update_list(view)
+        for pose_id in changed:
+            pose = view.session.dataset.poses.index(pose_id)
+            scan = self.load(pose) if pose in self._scans.medians else None
+            if scan is not None and len(scan.points_mm):
+                draw_overview(self.scene, view, pose, scan)
+        self.show_legend()
 
     def choose_factor(self) -> None:
         """Enlarge the ellipsoids so that the first corner's is about a centimetre large."""

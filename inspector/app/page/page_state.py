@@ -18,6 +18,7 @@ class PageState:
         self.view: View | None = None  # none until a dataset is open
         self.name = ""  # of the dataset on show
         self._sessions: dict[str, Session] = {}  # by dataset, so that returning to one is immediate
+        self._views: dict[str, View] = {}  # by dataset, as it was left
 
     @property
     def now(self) -> View:
@@ -36,8 +37,13 @@ class PageState:
         return self._sessions.get(name)
 
     def open(self, name: str, session: Session) -> None:
-        """Show a dataset at its first pose, drawn as the one before."""
-        view = View(Session(session.dataset)) if self.view is None else self.view
+        """Show a dataset at its first pose, drawn as it was left; of the one before only what is the page's stays."""
+        view = View(Session(session.dataset))
+        if self.view is not None:
+            self._views[self.name] = self.view
+            view = replace(
+                self._views.get(name, view), dark=self.view.dark, grey_rejected=self.view.grey_rejected
+            )
         first = replace(view, pose=0, joint=None, step=None, failures={})
         self.name, self.view = name, first.with_session(session)
         self._on_change(self.view)

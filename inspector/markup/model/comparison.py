@@ -9,9 +9,10 @@ from calib.calibration.evaluation import Figures
 from calib.calibration.model_versions import Version
 from calib.calibration.noise_check import noise_floor_mm
 from inspector.markup.parts import colour_scale, elements, numbers
-from inspector.markup.parts.palette import FACE_COLOURS, MODEL_COLOURS, ROLE_COLOURS, ROLE_WORDS
+from inspector.markup.parts.palette import FACE_COLOURS, LEFT_OUT, MODEL_COLOURS, ROLE_COLOURS, ROLE_WORDS
 from inspector.session.view import BY_ERROR, View
 
+ERROR_OF_NONE = "This pose is left out: it counts for nothing, so no error of it is told."
 COLUMNS = ("model", "training", "max", "test", "max")
 
 
@@ -59,7 +60,7 @@ def exaggeration(view: View) -> str:
 def points_legend(view: View) -> str:
     """What the colours of the measured points mean."""
     if view.colouring != BY_ERROR or view.version is None:
-        return roles_legend()
+        return roles_legend(view)
     floor = noise_floor_mm(view.version.calibration)
     return colour_scale.bar(
         f"Measured points: 3D error of {view.version.name}", 0.0, error_limit_mm(view), colour_scale.ERROR,
@@ -77,7 +78,10 @@ def pose_html(view: View) -> str:
     """The selected pose's error in each version."""
     rows = [row for version in view.versions if (row := _pose_row(view, version)) is not None]
     if not rows:
-        return elements.heading(f"Pose {view.pose_id}") + elements.note("No measured point to compare with.")
+        why = (
+            ERROR_OF_NONE if view.pose_id in view.session.uncounted else "No measured point to compare with."
+        )
+        return elements.heading(f"Pose {view.pose_id}") + elements.note(why)
     title = elements.heading(f"Pose {view.pose_id}: predicted − measured, mm")
     return (
         title
@@ -125,9 +129,10 @@ def distance_html(view: View, distances_mm: Array | None) -> str:
     )
 
 
-def roles_legend() -> str:
-    """Which colour is which role."""
-    return elements.legend((ROLE_COLOURS[r], w) for r, w in ROLE_WORDS.items())
+def roles_legend(view: View) -> str:
+    """Which colour is which role, and which poses are left out, where some are."""
+    out = [(LEFT_OUT, "left out")] if view.session.uncounted else []
+    return elements.legend([*((ROLE_COLOURS[r], w) for r, w in ROLE_WORDS.items()), *out])
 
 
 def error_limit_mm(view: View) -> float:

@@ -27,6 +27,7 @@ DOUBT = "#E69F00"  # a corner, or a verdict, that deserves a second look
 SCAN_ON_LIGHT, SCAN_ON_DARK = "#5F6B7A", "#C9D1DC"  # points of the selected scan that are on no face
 UNKNOWN = "#8A8F98"  # of which nothing is known: a role, a pose; what noise alone leaves
 FAILED = "#B3261E"
+LEFT_OUT = UNKNOWN  # a pose that counts for nothing
 GOOD, BAD, NEUTRAL, PROPOSAL = "#009E73", "#D55E00", "#8A8F98", "#0072B2"  # verdicts and what to do next
 # Viser makes lighter shades of this and writes with them: #0072B2 on a light page, the colour itself on a dark one.
 BRAND_ON_LIGHT, BRAND_ON_DARK = "#003654", "#40A1DF"

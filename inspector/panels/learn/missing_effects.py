@@ -16,8 +16,9 @@ from inspector.markup.learn.curves import learned_html, offered_html
 from inspector.markup.parts import elements
 from inspector.markup.parts.links import Names
 from inspector.markup.parts.palette import BAD
-from inspector.panels.base import Actions, by_page, hidden_plot, put
+from inspector.panels.base import Actions, ChosenByDataset, by_page, hidden_plot, put
 from inspector.session.session import Session
+from inspector.session.undo import UNDO_STEPS
 from inspector.session.view import View
 
 NOTE = (
@@ -26,6 +27,7 @@ NOTE = (
 )
 FIND, STOP = "Find what is missing", "Stop looking"
 REMOVE, UNDO, REDO = "Remove", "Undo", "Redo"
+UNDO_MODEL, REDO_MODEL = "Undo the last change of the model", "Redo a change of the model"
 NONE = "–"
 PANEL_PX = 390  # about as wide is the figure on the page
 
@@ -44,7 +46,12 @@ class MissingEffectsPanel:
         )
         self.choice = gui.add_dropdown("Effect", (NONE,), hint="the best first; the tables are about it")
         self.add = gui.add_button("Add to the model", icon=viser.Icon.PLUS)
-        self.change = gui.add_button_group("Model", (REMOVE, UNDO, REDO))
+        self.change = gui.add_button_group(
+            "Model", (UNDO,), visible=False, hint=f"up to {UNDO_STEPS} changes back; keys: Ctrl+Z, Ctrl+Y"
+        )
+        self._chosen_for = ChosenByDataset(self.choice, NONE)
+        self._before = NONE  # what was chosen when this dataset was on show last
+        self._moves = (0, 0)  # changes of the model to undo and to redo
         self._state = gui.add_html("")
         self._doing = gui.add_html("")
         self._advice = gui.add_html("")
@@ -68,6 +75,14 @@ class MissingEffectsPanel:
         self.follow.on_click(lambda _: actions.follow())
         self.add.on_click(lambda _: actions.add_effect(str(self.choice.value)))
         self.change.on_click(lambda e: self._pressed(str(e.target.value)))
+        self._undo = gui.add_command(
+            UNDO_MODEL, hotkey="Z", modifier="cmd/ctrl", icon=viser.Icon.ARROW_BACK_UP, disabled=True
+        )
+        self._redo = gui.add_command(
+            REDO_MODEL, hotkey="Y", modifier="cmd/ctrl", icon=viser.Icon.ARROW_FORWARD_UP, disabled=True
+        )
+        self._undo.on_trigger(lambda _: actions.move(-1))
+        self._redo.on_trigger(lambda _: actions.move(1))
 
     def _pressed(self, button: str) -> None:
         if button == REMOVE:
@@ -75,9 +90,21 @@ class MissingEffectsPanel:
         else:
             self._actions.move(-1 if button == UNDO else 1)
 
+    def open(self, dataset: str, _: View) -> None:
+        """Another dataset: what was chosen for it, nothing of the one before."""
+        self._before = str(self._chosen_for.open(dataset))
+        self.choice.options = (NONE,)
+        put(self.choice, NONE)
+
+    def choose(self, name: str) -> None:
+        """Choose an effect, where it can be."""
+        if name in self.choice.options:
+            put(self.choice, name)
+
     def finding(self, running: bool) -> None:
         """While the diagnosis runs, the button stops it."""
         self.find.label = STOP if running else FIND
+        self.find.disabled = False
 
     def say(self, words_now: str) -> None:
         """What is being done, or why it cannot be."""
@@ -91,6 +118,8 @@ class MissingEffectsPanel:
     def update(self, view: View, *, undo: int, redo: int, own: str = "") -> None:
         """The session's model and what could be missing from it. own: what is wrong with the user's effects file."""
         session = view.session
+        self._moves = (undo, redo)
+        self._undo.disabled, self._redo.disabled = not undo, not redo
         self.say("")
         self._own.content = elements.alert(own, colour=BAD) if own else ""
         self._state.content = html.state_html(session, undo, redo)
@@ -103,6 +132,8 @@ class MissingEffectsPanel:
     def judge(self, session: Session) -> None:
         """What to do next, with its button; or the verdict, and how it was found."""
         self._offer(session)
+        done = session.searched and session.diagnosis is not None
+        self.find.disabled = self.find.label == FIND and (session.calibration is None or done)
         names = Names.of(session.dataset)
         self._reasons.content = html.reasons_html(session.diagnosis, names)
         self._advice.content = html.verdict_html(session.diagnosis, names)
@@ -150,6 +181,12 @@ class MissingEffectsPanel:
         self.add.disabled = (
             name == NONE or name in inside or (candidate is not None and not candidate.members)
         )
+        undo, redo = self._moves
+        offered = ((REMOVE, name in inside), (UNDO, undo), (REDO, redo))
+        buttons = tuple(button for button, does_something in offered if does_something)
+        self.change.visible = bool(buttons)
+        if buttons and buttons != tuple(self.change.options):
+            self.change.options = buttons
         self.update_next(view)
         if screening is None:
             self._ranking.content = self._chosen.content = ""
@@ -198,6 +235,7 @@ class MissingEffectsPanel:
             ranked = [o for o in self.choice.options if o != NONE]  # while the ranking is made
         options = tuple(dict.fromkeys([*ranked, *inside])) or (NONE,)
         before = str(self.choice.value)
+        before = self._before if before == NONE else before
         if options != tuple(self.choice.options):
             self.choice.options = options
         put(self.choice, before if before in options and before != NONE else options[0])

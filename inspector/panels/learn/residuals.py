@@ -9,7 +9,7 @@ from calib.screening.scan_statistic import Channel
 from inspector.figures.residual_plots import place_views, residual_against, select
 from inspector.markup.learn.residuals import AXES, LENGTH, band_note, input_title, joint_title, shown, turned
 from inspector.markup.parts import elements
-from inspector.panels.base import Actions, by_page, hidden_plot, put
+from inspector.panels.base import Actions, by_page, hidden_plot, offer, put
 from inspector.session.view import View
 
 NOTE = (
@@ -51,7 +51,7 @@ class ResidualsPanel:
         self._table = gui.add_html("")
         self._ids: dict[str, str] = {}  # pose id by label
         self._drawn: tuple[object, ...] = ()  # what the figure on show is of
-        self._dataset = ""
+        self._dataset: object = None
         self._chose = False  # whether a user has chosen what to see of this dataset
         self.against.on_update(lambda e: self._choose() if by_page(e) else None)
         self.what.on_update(lambda e: self._choose() if by_page(e) else None)
@@ -89,15 +89,19 @@ class ResidualsPanel:
             if view.session.calibration is None:  # what could be chosen was another dataset's
                 self._state.content = elements.note(NOT_YET)
                 for handle in (self.against, self.what, self.worst):
-                    _offer(handle, (NONE,))
+                    offer(handle, (NONE,))
             else:
                 self._state.content = elements.note("Being worked out, or too few poses to judge by.")
             return
         robot = view.session.dataset.robot
+        if view.session.dataset is not self._dataset:  # what was chosen was for another one
+            self._dataset, self._chose = view.session.dataset, False
+            for handle in (self.against, self.what):
+                offer(handle, (NONE,))
         inputs = {input_title(name, robot): name for name in pose_errors.inputs}
         joints = {joint_title(j, robot): j for j in range(robot.n_joints)}
-        _offer(self.against, (*inputs, PLACES))
-        _offer(self.what, (LENGTH, *AXES, *joints))
+        offer(self.against, (*inputs, PLACES))
+        offer(self.what, (LENGTH, *AXES, *joints))
         self._suggest(view, inputs, joints)
         title, what = str(self.against.value), str(self.what.value)
         places = title == PLACES
@@ -128,8 +132,6 @@ class ResidualsPanel:
 
     def _suggest(self, view: View, inputs: dict[str, str], joints: dict[str, int]) -> None:
         """Show where the pattern is clearest, as long as nobody has chosen anything else."""
-        if view.session.dataset.name != self._dataset:
-            self._dataset, self._chose = view.session.dataset.name, False
         residual_tests = view.session.residual_tests
         if self._chose or residual_tests is None or not residual_tests.structured:
             return
@@ -161,12 +163,3 @@ class ResidualsPanel:
             mark=worst.index(view.pose_id) if view.pose_id in worst else None,
             asks=[elements.asking("pose", i) for i in worst],
         )
-
-
-def _offer(handle: viser.GuiDropdownHandle[str], options: tuple[str, ...]) -> None:
-    """These options; what was chosen stays chosen where it is still there."""
-    if options == tuple(handle.options):
-        return
-    before = str(handle.value)
-    handle.options = options
-    put(handle, before if before in options else options[0])

@@ -8,7 +8,7 @@ import viser
 from calib.scans.scan import Scan
 from inspector.markup.model.comparison import roles_legend
 from inspector.markup.parts import elements, numbers
-from inspector.markup.parts.palette import DOUBT, FAILED, role_colour
+from inspector.markup.parts.palette import DOUBT, FAILED, LEFT_OUT, role_colour
 from inspector.panels.base import Actions
 from inspector.session.view import View, corner_of
 
@@ -40,7 +40,7 @@ class ScansPanel:
 
     def update_list(self, view: View) -> None:
         """The table of all poses."""
-        self._all.content = elements.heading("All poses") + roles_legend() + pose_table(view)
+        self._all.content = elements.heading("All poses") + roles_legend(view) + pose_table(view)
 
 
 def scan_facts(view: View, scan: Scan | None, drawn: int) -> str:
@@ -82,7 +82,7 @@ def scan_facts(view: View, scan: Scan | None, drawn: int) -> str:
 
 def pose_table(view: View) -> str:
     """Each pose with its state; the selected one is marked."""
-    poses = view.session.dataset.poses
+    poses, out = view.session.dataset.poses, view.session.uncounted
     searched = view.session.dataset.scan_folder is not None  # else nothing is known of faces and searches
     rows = []
     for i, (pose_id, role) in enumerate(zip(poses.ids, poses.role, strict=True)):
@@ -90,7 +90,7 @@ def pose_table(view: View) -> str:
         known = found is not None and found[1] is not None
         sigma = numbers.length(float(np.sqrt(np.trace(found[1])))) if known else "–"  # type: ignore[index,arg-type]
         row: list[object] = [
-            elements.named_swatch(role_colour(str(role)), pose_id),
+            elements.named_swatch(LEFT_OUT if pose_id in out else role_colour(str(role)), pose_id),
             corner_state(view, i),
             sigma,
         ]
@@ -113,6 +113,8 @@ def pose_table(view: View) -> str:
 
 def corner_state(view: View, pose: int) -> elements.Html | str:
     """What became of the corner of a pose, in a word or two."""
+    if view.session.dataset.poses.ids[pose] in view.session.uncounted:
+        return elements.named_swatch(LEFT_OUT, "left out")
     search = view.session.searches.get(view.session.dataset.poses.ids[pose])
     if search is not None and search.failure:
         return elements.named_swatch(FAILED, "failed")

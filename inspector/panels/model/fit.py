@@ -19,8 +19,9 @@ from inspector.markup.model.fit import (
     what_is_fitted,
 )
 from inspector.markup.parts import elements
-from inspector.panels.base import Actions, hidden_plot, put
+from inspector.panels.base import Actions, by_page, hidden_plot, offer, put
 from inspector.panels.input_checks import one_of
+from inspector.session.measuring import measured_kinds, no_full_poses
 from inspector.session.view import RESIDUALS, View
 
 NOTE = (
@@ -52,27 +53,55 @@ class FitPanel:
         )
         self._drawn: tuple[Calibration, bool] | None = None  # what the bars on show are of
         self._fitted: Calibration | None = None  # what the figures are of
+        self._busy = False  # whether a fit runs
+        self._fresh = ""  # the residual by which another fit would change nothing
+        self.residual.on_update(lambda e: self._enable() if by_page(e) else None)
         self.calibrate.on_click(
             lambda _: actions.calibrate(one_of(self.residual.value, RESIDUALS, RESIDUALS[0]))
         )
 
     def busy(self, busy: bool) -> None:
         """While the fit runs the button is disabled."""
-        self.calibrate.disabled = busy
+        self._busy = busy
+        self._enable()
         self.calibrate.label = "Calibrating …" if busy else "Calibrate"
+
+    def open(self, dataset: str, view: View) -> None:
+        """Another dataset: what was chosen for the one before is not chosen for this."""
+        result = view.session.calibration
+        self._unlabelled = None
+        offer(self.residual, measured_kinds(view.session))
+        put(self.residual, RESIDUALS[0] if result is None else result.residual)
+
+    def offer(self, view: View) -> None:
+        """The residuals that these data have, and the button where it would change something."""
+        session, kinds = view.session, measured_kinds(view.session)
+        if self._unlabelled is not None or not (session.unlabelled or not no_full_poses(session)):
+            kinds = tuple(kind for kind in kinds if kind != "pose")
+        offer(self.residual, kinds)
+        result = session.calibration
+        # With effects in the model the noise's shape stays as it was found; without, the fit begins anew.
+        fresh = result is not None and (bool(session.effects) or result.options.noise is None)
+        self._fresh = result.residual if fresh and result is not None else ""
+        self._enable()
+
+    def _enable(self) -> None:
+        """The button, where it would change something."""
+        self.calibrate.disabled = self._busy or str(self.residual.value) == self._fresh
 
     def update(self, view: View, *, waiting: str = "") -> None:
         """The session's calibration; `waiting` says why there is none yet."""
         result = view.session.calibration
-        self.update_faces(view)
         self._convergence.visible = self._residuals.visible = result is not None
         if result is None:
+            self.update_faces(view)
             self._state.content = elements.note(waiting or "Not calibrated yet.")
             self._figures.content = self._parameters.content = ""
             return
         if result is not self._fitted and result.residual in RESIDUALS:  # a choice not yet pressed for stays
             put(self.residual, result.residual)
         self._fitted = result
+        self.update_faces(view)
         self._state.content = state_html(result)
         distances = result.residual == "distance"
         train = [s.train_distance_rmse_mm if distances else s.train_rmse_mm for s in result.iteration_errors]
@@ -89,6 +118,7 @@ class FitPanel:
             self._unlabelled = (searches, problem) if problem else None
         words = NO_POSES + self._unlabelled[1] if self._unlabelled else faces_words(view.session)
         self._faces.content = elements.note(words)
+        self.offer(view)
 
     def update_residuals(self, view: View) -> None:
         """The error of each pose after the fit, the selected one outlined."""

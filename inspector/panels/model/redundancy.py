@@ -12,8 +12,9 @@ from inspector.figures.plots import correlation_heatmap
 from inspector.markup.parts import elements, numbers
 from inspector.markup.parts.links import Names, joints_by_parameter, linked
 from inspector.markup.parts.numbers import parameter_label
-from inspector.panels.base import Actions, by_page, hidden_plot
+from inspector.panels.base import Actions, ChosenByDataset, by_page, hidden_plot, offer, put
 from inspector.panels.input_checks import one_of
+from inspector.session.measuring import measured_kinds
 from inspector.session.view import RESIDUALS, View
 
 NOTE = (
@@ -36,6 +37,7 @@ class RedundancyPanel:
             RESIDUALS,
             hint="position: points, as Park does; distance: from the reference pose, as Jang",
         )
+        self._kinds = ChosenByDataset(self.residual, RESIDUALS[0])
         self.choice = gui.add_dropdown(
             "Parameters",
             CHOICES,
@@ -49,6 +51,12 @@ class RedundancyPanel:
             )
         )
         self.choice.on_update(lambda e: actions.correlation() if by_page(e) else None)
+
+    def open(self, dataset: str, view: View) -> None:
+        """Another dataset, with what was chosen for it."""
+        kind = self._kinds.open(dataset)
+        offer(self.residual, measured_kinds(view.session))
+        put(self.residual, kind)
 
     def update(self, view: View) -> None:
         """The session's redundancy analysis."""

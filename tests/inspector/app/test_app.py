@@ -366,7 +366,9 @@ def test_fit_tab_shows_the_calibrations_own_numbers(app: App, page: WireClient) 
 
 def test_calibrate_with_distances_or_say_in_words_why_not(app: App, page: WireClient) -> None:
     first = session(app).calibration
+    page.wait(lambda p: p.props("Calibrate")["disabled"])  # once more by positions would change nothing
     page.set("Fit", "distance")
+    page.wait(lambda p: not p.props("Calibrate")["disabled"])
     page.click("Calibrate")
     page.wait(lambda p: p.notifications or session(app).calibration is not first, 30)
     assert app.worker.wait_idle(IDLE_S)
