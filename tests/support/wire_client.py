@@ -112,6 +112,8 @@ class WireClient:
             self._replayed.set()
         elif kind == "RegisterCommandMessage":
             self.commands[m["uuid"]] = m["props"]
+        elif kind == "CommandUpdateMessage":
+            self.commands[m["uuid"]].update(m["updates"])
         elif kind == "NotificationShowMessage":
             self.notifications.append(m)
         elif kind == "FileTransferStartDownload":
