@@ -149,12 +149,6 @@ class App(ModelRequests):
         if self.state.session.redundancy is None:
             self.dataset.analyse_as_chosen()
 
-    def leave_out(self, pose_id: str, out: bool) -> None:
-        """Leave a pose out of everything that is fitted and told, or take it in again."""
-        view = self.state.view
-        if view is not None and pose_id in view.session.dataset.poses.ids:
-            self.worker.submit(("leave out", pose_id), lambda: self.model.leave_out(pose_id, out))
-
     def take(self, what: str, client: viser.ClientHandle) -> None:
         """Make a file and send it to the page that asks."""
         self.downloads.take(what, client)

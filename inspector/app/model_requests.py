@@ -78,6 +78,12 @@ class ModelRequests:
         """Take an effect out of the model."""
         self.worker.submit(("remove", name), lambda: self.model.remove(name))
 
+    def leave_out(self, pose_id: str, out: bool) -> None:
+        """Leave a pose out of everything that is fitted and told, or take it in again."""
+        view = self.state.view
+        if view is not None and pose_id in view.session.dataset.poses.ids:
+            self.worker.submit(("leave out", pose_id), lambda: self.model.leave_out(pose_id, out))
+
     def move(self, by: int) -> None:
         """Undo changes of the model, or redo them; each press counts."""
         with self._asking:
