@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -13,11 +13,12 @@ from inspector.markup.parts.elements import LONG_NAME
 
 @dataclass(frozen=True)
 class Paragraph:
-    """A sentence or several; `soft` ones are smaller and grey."""
+    """A sentence or several; `soft` ones are smaller and grey, a `heading` stands over what follows."""
 
     kind: ClassVar[str] = "paragraph"  # the macro in templates/blocks.html
     sentence: str
     soft: bool = False
+    heading: bool = False
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,16 @@ class KeyFigures:
 
 
 @dataclass(frozen=True)
+class Headline:
+    """The way of the error: figure and name of each stage, and what is said below."""
+
+    kind: ClassVar[str] = "headline"
+    stages: Sequence[tuple[str, str]]
+    noise: str
+    note: str
+
+
+@dataclass(frozen=True)
 class VerdictLine:
     """The answer, marked with a colour of the palette (never one from outside)."""
 
@@ -73,15 +84,25 @@ class VerdictLine:
 
 @dataclass(frozen=True)
 class Figure:
-    """A plotly figure with its caption. `draw(dark)` makes either version; `max_width_px` is its width at the most."""
+    """A plotly figure in its light version with its caption; the page draws it as SVG, in its own colours."""
 
-    draw: Callable[[bool], go.Figure]
+    kind: ClassVar[str] = "figure"
+    drawn: go.Figure
     caption: str
-    height_px: int = 360
-    width_px: int = 1000  # at the most
+    height_px: int = 330
+    width_px: int = 850
 
 
-Block = Paragraph | Bullets | Table | Facts | KeyFigures | VerdictLine | Figure
+@dataclass(frozen=True)
+class Drawing:
+    """A picture that is SVG already, whose words were escaped by the one who drew it."""
+
+    kind: ClassVar[str] = "drawing"
+    svg: str
+    caption: str
+
+
+Block = Paragraph | Bullets | Table | Facts | KeyFigures | VerdictLine | Headline | Figure | Drawing
 
 
 @dataclass(frozen=True)

@@ -10,29 +10,25 @@ from datetime import datetime
 from importlib import metadata
 from pathlib import Path
 
-import plotly.graph_objects as go
-
 from calib.calibration.noise_check import check_sigma, noise_floor_mm
-from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.text import reason_texts
 from inspector.figures.plots import error_history
-from inspector.markup.learn.effects import VERDICTS, last_change
+from inspector.markup.learn.effects import last_change
 from inspector.markup.model.fit import before_and_after
 from inspector.markup.parts import numbers
-from inspector.markup.parts.palette import NEUTRAL
 from inspector.report import sections
 from inspector.report.blocks import (
     Block,
     Bullets,
     Facts,
     Figure,
-    KeyFigures,
     Paragraph,
     Section,
     Table,
     VerdictLine,
 )
-from inspector.report.content import Report, model_name
+from inspector.report.content import Report
+from inspector.report.first_page import first_page
 from inspector.report.page import MARK, render_page
 
 METHOD = (
@@ -66,18 +62,13 @@ def is_report(path: Path) -> bool:
 def report_html(report: Report, *, now: datetime) -> str:
     """The page; `now` is the date that it carries."""
     made = now.astimezone().strftime("%Y-%m-%d %H:%M %Z").strip()
-    robot = report.dataset.robot
-    head = (
-        Paragraph(f"{robot.name}, {robot.n_joints} joints. Made {made}.", soft=True),
-        KeyFigures(_key_figures(report)),
-    )
     residuals = [block for model in report.residuals for block in sections.model_residual(report, model)]
     curves = sections.learned_curves(report)
     return render_page(
         f"Calibration report: {report.dataset.name}",
-        head,
+        first_page(report, made),
         (
-            Section("Verdict", _verdict(report)),
+            Section("How the verdict was reached", _reasons(report)),
             Section("Error history", _history(report)),
             Section("Dataset and how it was measured", sections.dataset(report)),
             Section("What could be missing", sections.ranking(report)),
@@ -103,32 +94,11 @@ def versions() -> list[tuple[str, str]]:
     return out
 
 
-def _key_figures(report: Report) -> list[tuple[str, object]]:
-    before, after = report.calibration.before, report.calibration.after
-    floor = noise_floor_mm(report.calibration)
-    out: list[tuple[str, object]] = [
-        (f"{name}, 3D RMSE", f"{numbers.millimetres(b.rmse_mm)} → {numbers.millimetres(a.rmse_mm)}\u00a0mm")
-        for name, b, a in (
-            ("Training poses", before.train, after.train),
-            ("Test poses", before.test, after.test),
-        )
-        if b is not None and a is not None
-    ]
-    out.append(("Noise alone, 3D", "not declared" if floor is None else f"{numbers.millimetres(floor)} mm"))
-    out.append(("Effects in the model", ", ".join(report.calibration.model.family_names) or "none"))
-    return out
-
-
-def _verdict(report: Report) -> list[Block]:
+def _reasons(report: Report) -> list[Block]:
     if report.diagnosis is not None:
-        explanation = report.diagnosis.explanation
-        verdict = f"Verdict: {verdict_text(explanation.verdict, reasons='below')}"
-        mark = VerdictLine(verdict, VERDICTS[report.diagnosis.verdict])
-        return [mark, *map(Paragraph, reason_texts(explanation))]
+        return list(map(Paragraph, reason_texts(report.diagnosis.explanation)))
     sentence, colour = last_change(report.session.history)
-    model = model_name(report.calibration)
     return [
-        VerdictLine(f"No verdict: the model ({model}) was put together by hand.", NEUTRAL),
         *([VerdictLine(sentence, colour)] if sentence else []),
         Paragraph(check_sigma(report.calibration).summary()),
     ]
@@ -137,12 +107,9 @@ def _verdict(report: Report) -> list[Block]:
 def _history(report: Report) -> list[Block]:
     steps = report.session.history
     floor = noise_floor_mm(report.calibration)
-
-    def draw(dark: bool) -> go.Figure:
-        labels = [step.label for step in steps]
-        train, test = [s.train_rmse_mm for s in steps], [s.test_rmse_mm for s in steps]
-        return error_history(labels, train, test, floor, dark=dark)
-
+    labels = [step.label for step in steps]
+    train, test = [s.train_rmse_mm for s in steps], [s.test_rmse_mm for s in steps]
+    drawn = error_history(labels, train, test, floor)
     rows = [
         (s.label, *(numbers.millimetres(v) for v in (s.train_rmse_mm, s.test_rmse_mm, s.sigma_mm)))
         for s in steps
@@ -160,7 +127,7 @@ def _history(report: Report) -> list[Block]:
     )
     columns = ("model", "training, mm", "test, mm", "residual sigma, mm")
     return [
-        Figure(draw, caption),
+        Figure(drawn, caption),
         Table(columns, rows, caption="3D RMSE; the sigma is of one coordinate, by degrees of freedom"),
         Table(
             ("errors, mm", "before", "after", "reduction"),

@@ -176,18 +176,15 @@ def _against(report: Report, model: ModelResidual, test: InputTest) -> Figure:
     x = turned(test.input, pose_errors.inputs[test.input], robot)
     y, y_title, band = shown(pose_errors, _channel(test, report.dataset), test.channel.joint, robot)
     x_title, train = input_title(test.input, robot), ~pose_errors.is_test
-
-    def draw(dark: bool) -> go.Figure:
-        drawn = residual_against(
-            x, y, pose_errors.pose_ids, pose_errors.is_test, x_title=x_title, y_title=y_title, band=band,
-            smooth=running_median(x[train], y[train]), dark=dark,
-        )  # fmt: skip
-        return drawn.for_each_trace(_hide, selector={"name": SELECTED})  # no pose is selected on paper
+    drawn = residual_against(
+        x, y, pose_errors.pose_ids, pose_errors.is_test, x_title=x_title, y_title=y_title, band=band,
+        smooth=running_median(x[train], y[train]),
+    ).for_each_trace(_hide, selector={"name": SELECTED})  # fmt: skip
 
     order = "No order beyond noise" if test.p_value >= _P else "Order"
     found = f"{order} against {x_title} (p = {numbers.probability(test.p_value)})"
     caption = f"Model: {model.title}. {found}. {band_note(pose_errors, band)}"
-    return Figure(draw, caption)
+    return Figure(drawn, caption)
 
 
 def _hide(trace: go.Scatter) -> None:
@@ -200,41 +197,30 @@ def learned_curves(report: Report) -> list[Block]:
     curves = fitted_curves(calibration)
     if not curves:
         return []
-
-    def draw(dark: bool) -> go.Figure:
-        return joint_curves(curves, report.dataset.robot, columns=columns, dark=dark)
-
     columns = min(len(curves), 2)
     equation = learned_members(calibration)[0].equation
     height = height_px(len(curves), columns)
+    drawn = joint_curves(curves, report.dataset.robot, columns=columns)
     return [
         Paragraph(f"{LEARNED}: {equation}. It names no cause."),
         *map(Paragraph, formulas(calibration)),
         Table(CURVE_COLUMNS, curve_rows(calibration), left=(0, 1)),
-        Figure(draw, BAND_NOTE, height_px=height, width_px=1000 if columns > 1 else 640),
+        Figure(drawn, BAND_NOTE, height_px=height, width_px=850 if columns > 1 else 560),
     ]
 
 
 def by_pose(report: Report) -> list[Block]:
     """The error of each pose after the last fit."""
     frame = report.calibration.after.to_frame(report.dataset)
-
-    def draw(dark: bool) -> go.Figure:
-        ids, roles = frame["pose"].tolist(), frame["role"].tolist()
-        return pose_residuals(ids, roles, frame["error_mm"].to_numpy(), what="3D error after", dark=dark)
-
-    return [Figure(draw, "Predicted minus measured, length in mm, with everything above in the model.")]
+    ids, roles = frame["pose"].tolist(), frame["role"].tolist()
+    drawn = pose_residuals(ids, roles, frame["error_mm"].to_numpy(), what="3D error after")
+    return [Figure(drawn, "Predicted minus measured, length in mm, with everything above in the model.")]
 
 
 def redundancy(report: Report) -> list[Block]:
     """Which parameters act alike, and how many can be known."""
     analysis = report.redundancy
-
-    def draw(dark: bool) -> go.Figure:
-        return correlation_heatmap(
-            analysis.parameters, analysis.pearson, dark=dark, no_influence=analysis.no_influence
-        )
-
+    drawn = correlation_heatmap(analysis.parameters, analysis.pearson, no_influence=analysis.no_influence)
     rows: list[tuple[str, object]] = [
         ("parameters", len(analysis.parameters)),
         ("independent (rank)", analysis.rank),
@@ -246,7 +232,7 @@ def redundancy(report: Report) -> list[Block]:
         Paragraph(f"Seen by {analysis.measured_by}."),
         Facts(rows),
         Bullets(analysis.relations()),
-        Figure(draw, caption, height_px=640, width_px=740),
+        Figure(drawn, caption, height_px=660, width_px=700),
     ]
 
 

@@ -1,0 +1,1 @@
+"""Figures as still SVG: for paper, and for readers without scripts."""

@@ -1,0 +1,191 @@
+"""The traces of a figure as SVG: lines, points, bands, bars, cells."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from inspector.figures.svg.axis import Axis
+from inspector.figures.svg.text import hover, number
+
+Trace = Mapping[str, Any]
+_DASHES = {"dash": ' stroke-dasharray="7 5"', "dot": ' stroke-dasharray="2 4"'}
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A pair of axes and their rectangle on the picture, px."""
+
+    x: Axis
+    y: Axis
+    left: float
+    top: float
+    width: float
+    height: float
+
+    def at(self, x: object, y: object) -> tuple[float, float]:
+        """The place of a pair of values; nan where one has none."""
+        return self.left + self.width * self.x.share(x), self.top + self.height * (1.0 - self.y.share(y))
+
+
+def drawn(trace: Trace, before: Trace | None, panel: Panel) -> str:
+    """A trace; `before` is the one that a band reaches to."""
+    kinds: dict[str, Callable[[], str]] = {
+        "bar": lambda: _bars(trace, panel),
+        "heatmap": lambda: _cells(trace, panel),
+        "scatter": lambda: _band(trace, before, panel) + _line(trace, panel) + _points(trace, panel),
+    }
+    return kinds[str(trace.get("type", "scatter"))]()
+
+
+def symbol(
+    kind: str, x: float, y: float, size: float, colour: str, *, title: str = "", opacity: float = 1.0
+) -> str:
+    """A marker as plotly has it: a circle, a diamond, a square, or a dash ("line-ns", "line-ew")."""
+    half = 0.5 * size
+    faint = f' opacity="{opacity:g}"' if opacity < 1.0 else ""
+    if kind == "circle":
+        shape = f'<circle cx="{number(x)}" cy="{number(y)}" r="{number(half)}" fill="{colour}"{faint}'
+    elif kind in ("line-ns", "line-ew"):
+        along = f"v{number(size)}" if kind == "line-ns" else f"h{number(size)}"
+        start = (x, y - half) if kind == "line-ns" else (x - half, y)
+        width = 1 if kind == "line-ns" else 3
+        place = f"M{number(start[0])} {number(start[1])}{along}"
+        shape = f'<path d="{place}" stroke="{colour}" stroke-width="{width}"{faint}'
+    elif kind == "square":
+        shape = (
+            f'<rect x="{number(x - half)}" y="{number(y - half)}" width="{number(size)}" height="{number(size)}" '
+            f'fill="{colour}"{faint}'
+        )
+    else:
+        reach = 1.25 * half
+        r = number(reach)
+        shape = (
+            f'<path d="M{number(x)} {number(y - reach)}l{r} {r}l-{r} {r}l-{r} -{r}z" fill="{colour}"{faint}'
+        )
+    return f"{shape}>{title}</{shape[1:].split(' ')[0]}>" if title else f"{shape}/>"
+
+
+def line_colour(trace: Trace) -> str:
+    """Of a trace's line."""
+    return str((trace.get("line") or {}).get("color", "var(--ink)"))
+
+
+def marker_of(trace: Trace) -> tuple[str, str]:
+    """Symbol and colour of a trace's points."""
+    marker = trace.get("marker") or {}
+    colour = marker.get("color") or (marker.get("line") or {}).get("color") or line_colour(trace)
+    return str(marker.get("symbol", "circle")), str(colour)
+
+
+def _places(trace: Trace, panel: Panel) -> list[tuple[float, float]]:
+    return [panel.at(x, y) for x, y in zip(trace["x"], trace["y"], strict=True)]
+
+
+def _path(places: Sequence[tuple[float, float]]) -> str:
+    """A line through places, interrupted where one is nan."""
+    out, pen = [], False
+    for x, y in places:
+        if math.isnan(x) or math.isnan(y):
+            pen = False
+            continue
+        out.append(f"{'L' if pen else 'M'}{number(x)} {number(y)}")
+        pen = True
+    return "".join(out)
+
+
+def _line(trace: Trace, panel: Panel) -> str:
+    line = trace.get("line") or {}
+    if "lines" not in str(trace.get("mode", "")) or not line.get("width", 2):
+        return ""
+    title = (
+        hover(trace.get("hovertemplate"), {})
+        if "markers" not in str(trace["mode"]) and len(trace["x"]) == 2
+        else ""
+    )
+    path = (
+        f'<path d="{_path(_places(trace, panel))}" fill="none" stroke="{line_colour(trace)}" '
+        f'stroke-width="{line.get("width", 2):g}" stroke-linejoin="round"{_DASHES.get(str(line.get("dash", "")), "")}'
+    )
+    return f"{path}>{title}</path>" if title else f"{path}/>"
+
+
+def _band(trace: Trace, before: Trace | None, panel: Panel) -> str:
+    if trace.get("fill") != "tonexty" or before is None:
+        return ""
+    edge = _path([*_places(trace, panel), *reversed(_places(before, panel))])
+    return f'<path d="{edge}z" fill="{trace["fillcolor"]}" stroke="none"/>'
+
+
+def _points(trace: Trace, panel: Panel) -> str:
+    if "markers" not in str(trace.get("mode", "")):
+        return ""
+    kind, colour = marker_of(trace)
+    marker = trace.get("marker") or {}
+    sizes = np.broadcast_to(np.asarray(marker.get("size", 6), dtype=float), len(trace["x"]))
+    told = trace.get("customdata") or [""] * len(trace["x"])
+    out = []
+    for k, (x, y) in enumerate(_places(trace, panel)):
+        if math.isnan(x) or math.isnan(y) or sizes[k] <= 0.0:
+            continue
+        values = {"x": trace["x"][k], "y": trace["y"][k], "customdata": told[k]}
+        title = "" if trace.get("hoverinfo") == "skip" else hover(trace.get("hovertemplate"), values)
+        out.append(
+            symbol(
+                kind, x, y, float(sizes[k]), colour, title=title, opacity=float(marker.get("opacity", 1.0))
+            )
+        )
+    return "".join(out)
+
+
+def _bars(trace: Trace, panel: Panel) -> str:
+    colour = marker_of(trace)[1]
+    wide = 0.85 * panel.width / max(len(panel.x.categories), 1)
+    out = []
+    for name, value in zip(trace["x"], trace["y"], strict=True):
+        x, y = panel.at(name, value)
+        if math.isnan(x) or math.isnan(y):
+            continue
+        zero = panel.at(name, 0.0)[1]
+        out.append(
+            f'<rect x="{number(x - 0.5 * wide)}" y="{number(min(y, zero))}" width="{wide:.2f}" '
+            f'height="{number(abs(zero - y))}" fill="{colour}">'
+            f"{hover(trace.get('hovertemplate'), {'x': name, 'y': value})}</rect>"
+        )
+    return "".join(out)
+
+
+def _cells(trace: Trace, panel: Panel) -> str:
+    """A matrix, each cell in its colour; cells without a value are left open."""
+    rows, columns = len(trace["y"]), len(trace["x"])
+    wide, high = panel.width / columns, panel.height / rows
+    told = trace.get("customdata")
+    out = []
+    for i, row in enumerate(trace["z"]):
+        for j, value in enumerate(row):
+            if value is None or math.isnan(value):
+                continue
+            x, y = panel.at(trace["x"][j], trace["y"][i])
+            more = {"customdata": told[i][j]} if told is not None else {}
+            values = {"x": trace["x"][j], "y": trace["y"][i], "z": value, **more}
+            out.append(
+                f'<rect x="{number(x - 0.5 * wide)}" y="{number(y - 0.5 * high)}" width="{wide - 1:.1f}" '
+                f'height="{high - 1:.1f}" fill="{cell_colour(trace, value)}">'
+                f"{hover(trace.get('hovertemplate'), values)}</rect>"
+            )
+    return "".join(out)
+
+
+def cell_colour(trace: Trace, value: float) -> str:
+    """The colour of a value on a trace's scale, as #rrggbb."""
+    at = (value - trace["zmin"]) / (trace["zmax"] - trace["zmin"])
+    stops = [float(stop[0]) for stop in trace["colorscale"]]
+    colours = np.array(
+        [[int(stop[1][k : k + 2], 16) for k in (1, 3, 5)] for stop in trace["colorscale"]], dtype=float
+    )
+    mixed = [round(float(np.interp(at, stops, colours[:, k]))) for k in range(3)]
+    return "#" + "".join(f"{part:02x}" for part in mixed)

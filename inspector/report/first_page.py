@@ -1,0 +1,186 @@
+"""The first page of a report, for whoever owns the arm: how good it is now, what is wrong with it, what to do."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.calibration.evaluation import Figures
+from calib.calibration.model_versions import versions
+from calib.dataset.dataset import Dataset
+from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.words.conclusion_text import verdict_text
+from calib.diagnosis.words.conclusions import Unexplained
+from calib.diagnosis.words.headline import Headline as HeadlineFacts
+from calib.diagnosis.words.headline import headline_note, noise_words
+from calib.diagnosis.words.phrases import length_digits, poses_text
+from calib.effects.catalogue import descriptions
+from inspector.markup.learn.effects import VERDICTS
+from inspector.markup.parts import numbers
+from inspector.markup.parts.palette import NEUTRAL
+from inspector.report.arm_drawing import arm_drawing
+from inspector.report.blocks import (
+    Block,
+    Bullets,
+    Drawing,
+    Headline,
+    KeyFigures,
+    Paragraph,
+    Table,
+    VerdictLine,
+)
+from inspector.report.content import Report, model_name
+
+_AGAIN = 3  # poses to measure once more
+_FIGURES = (("mean", "mean_mm"), ("RMS", "rmse_mm"), ("maximum", "max_mm"))
+
+
+def first_page(report: Report, made: str) -> tuple[Block, ...]:
+    """All of it, in the order of reading. `made`: the date of the report."""
+    told = report.session.headline
+    assert told is not None
+    return (
+        KeyFigures(_about(report.dataset, made)),
+        Headline(
+            [(told.shown(stage.error_mm), stage.name) for stage in told.stages],
+            noise_words(told),
+            headline_note(told),
+        ),
+        _verdict(report),
+        _picture(report, told),
+        errors_table(report, told),
+        Paragraph("What to do", heading=True),
+        Bullets(what_to_do(report)),
+    )
+
+
+def _about(dataset: Dataset, made: str) -> list[tuple[str, object]]:
+    about, robot = dataset.about, dataset.robot
+    told = (
+        ("Arm", f"{robot.name}, {robot.n_joints} joints"),
+        ("Serial number", about.serial),
+        ("Site", about.site),
+        ("Operator", about.operator),
+        ("Measured", about.date),
+        ("Report made", made),
+    )
+    return [(name, value) for name, value in told if value]
+
+
+def _verdict(report: Report) -> VerdictLine:
+    found = report.diagnosis
+    if found is None:
+        return VerdictLine(
+            f"No verdict: the model ({model_name(report.calibration)}) was put together by hand.", NEUTRAL
+        )
+    tied = numbers.listing(found.ambiguous_set, "or")
+    return VerdictLine(
+        verdict_text(found.explanation.verdict, reasons="below", tied=tied), VERDICTS[found.verdict]
+    )
+
+
+def _picture(report: Report, told: HeadlineFacts) -> Drawing:
+    shown = versions(report.calibration, report.session.links_alone)
+    reference = report.dataset.poses.reference
+    first, last = told.stages[0], told.stages[-1]
+    words = (
+        f"{first.name}: {told.shown(first.error_mm)}",
+        f"{_name_now(report)}: {told.shown(last.error_mm)}",
+    )
+    pose = report.dataset.poses.ids[reference]
+    caption = (
+        f"The arm at pose {pose}, and the errors at all {len(shown[0].evaluation.pose)} measured points."
+    )
+    return Drawing(arm_drawing(shown[0], shown[-1], words, reference), caption)
+
+
+def _name_now(report: Report) -> str:
+    return "with the full model" if report.calibration.model.family_names else "with calibrated links"
+
+
+def errors_table(report: Report, told: HeadlineFacts) -> Table:
+    """Mean, RMS and maximum of the 3D error at each stage, in one unit."""
+    steps = [step.calibration for step in report.session.steps]
+    columns: list[Figures] = []
+    for stage in told.stages:
+        evaluation = steps[-1].before if stage.step is None else steps[stage.step].after
+        figures = evaluation.test if told.of_test_poses else evaluation.train
+        assert figures is not None
+        columns.append(figures)
+    factor = 1e3 if told.unit == "µm" else 1.0
+    rows = [(name, *(length_digits(factor * getattr(f, key)) for f in columns)) for name, key in _FIGURES]
+    if told.noise_mm is not None:
+        rows.append(("noise alone, RMS", *[""] * (len(columns) - 1), length_digits(factor * told.noise_mm)))
+    points = numbers.count(columns[0].points, "point")
+    of = f"test poses ({points} that no fit saw)" if told.of_test_poses else f"the fitted poses ({points})"
+    headers = (f"3D error, {told.unit}", *(stage.name for stage in told.stages))
+    return Table(headers, rows, caption=f"Errors at {of}, all in {told.unit}")
+
+
+def what_to_do(report: Report) -> list[str]:
+    """The recommended actions in plain words, the most useful first."""
+    told, found = report.session.headline, report.diagnosis
+    assert told is not None
+    out = [_table_to_load(report, told)]
+    if report.calibration.model.family_names:
+        out.append(_compensation(report, told))
+    out += _confirmations(found)
+    out += _to_measure(report, found)
+    return out
+
+
+def _table_to_load(report: Report, told: HeadlineFacts) -> str:
+    errors = report.table.errors
+    figures = errors.test if told.of_test_poses else errors.train
+    before = told.stages[0].error_mm
+    if figures is None or not figures.rmse_mm < before:
+        return "Load no new table: by itself it would not make the arm better than it was delivered."
+    return (
+        "Load the calibrated table into the controller (robot.toml of inspector calibrate --out, or of the page's tab "
+        f"Take away). By itself it takes the error from {told.shown(before)} to {told.shown(figures.rmse_mm)}."
+    )
+
+
+def _compensation(report: Report, told: HeadlineFacts) -> str:
+    names = numbers.listing([*report.calibration.model.family_names])
+    return (
+        f"Compensate {names}, which no table can hold: correct the joint targets of your programs (inspector correct), "
+        f"and the error goes down to {told.shown(told.stages[-1].error_mm)}. Or mend the cause on the arm, and "
+        "calibrate again."
+    )
+
+
+def _confirmations(found: Diagnosis | None) -> list[str]:
+    """The measurement that shows each cause alone, before a gear is opened."""
+    if found is None:
+        return []
+    confirm = {described.name: described.confirm for described in descriptions()}
+    names = dict.fromkeys((*found.missing, *found.suspected, *found.ambiguous_set))
+    return [f"To be sure of {name}, measure: {confirm[name]}." for name in names if confirm.get(name)]
+
+
+def _to_measure(report: Report, found: Diagnosis | None) -> list[str]:
+    out = []
+    if found is not None and found.discriminating_poses:
+        poses = poses_text(found.discriminating_poses[:_AGAIN], report.dataset.robot.is_revolute)
+        out.append(
+            f"To tell {numbers.listing(found.tied, 'from')} apart, measure at these joints, in degrees: {poses}."
+        )
+    tests = found.residual_tests if found is not None else report.session.residual_tests
+    if tests is not None and tests.outlier_poses:
+        poses_again = numbers.listing(list(tests.outlier_poses))
+        out.append(f"Measure {poses_again} again: they stand out from all others.")
+    if report.calibration.after.test is None:
+        out.append(
+            "Measure some poses more and give them the role test in poses.csv: nothing confirms these figures yet."
+        )
+    verdict = None if found is None else found.explanation.verdict
+    if isinstance(verdict, Unexplained) and verdict.joint is not None:
+        out.append(f"Look at joint {verdict.joint}: what has no known cause shows most in its motion.")
+    if not out:
+        after = report.calibration.after
+        order = np.argsort(-np.linalg.norm(after.error_mm, axis=1))
+        worst = list(dict.fromkeys(report.dataset.poses.ids[i] for i in after.pose[order]))[:_AGAIN]
+        out.append(
+            f"To check the arm later, measure {numbers.listing(worst)} again: they are off the most today."
+        )
+    return out

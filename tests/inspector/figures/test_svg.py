@@ -1,0 +1,115 @@
+"""Figures as still SVG: every value is where the axis says, nothing becomes markup, hovering tells the values."""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from inspector.figures.plots import correlation_heatmap, error_history, pose_residuals
+from inspector.figures.residual_plots import residual_against
+from inspector.figures.svg.axis import axis_of
+from inspector.figures.svg.figure import svg_of
+from inspector.figures.svg.marks import cell_colour
+from inspector.figures.svg.text import hover, plain
+from tests.support.tiny_dataset import HOSTILE
+
+WIDTH, HEIGHT = 850, 330
+
+
+def parsed(svg: str) -> ET.Element:
+    return ET.fromstring(svg)
+
+
+def ticks(svg: str, anchor: str) -> dict[float, float]:
+    """Numbers of an axis and where they stand, px: "middle" for x, "end" for y."""
+    place = "x" if anchor == "middle" else "y"
+    return {
+        float(text.text or "nan"): float(text.get(place) or "nan")
+        for text in parsed(svg).iter("text")
+        if text.get("class") == "faint" and text.get("text-anchor") == anchor
+    }
+
+
+def test_points_stand_where_the_axes_say() -> None:
+    x, y = [0.0, 1.0, 4.0], [-2.0, 0.5, 3.0]
+    figure = residual_against(
+        x,
+        y,
+        ["a", HOSTILE, "c"],
+        [False, False, True],
+        x_title="q1, °",
+        y_title="error, mm",
+        band=(-1.0, 1.0),
+    )
+    svg = svg_of(figure, WIDTH, HEIGHT, name="f", title=HOSTILE)
+    across, up = ticks(svg, "middle"), ticks(svg, "end")
+    fit_x, fit_y = (np.polyfit(list(of), list(of.values()), 1) for of in (across, up))
+    points = [circle for circle in parsed(svg).iter("circle") if circle.find("title") is not None]
+    assert [float(p.get("cx") or 0) for p in points] == pytest.approx(np.polyval(fit_x, x[:2]), abs=0.2)
+    assert [float(p.get("cy") or 0) for p in points] == pytest.approx(np.polyval(fit_y, y[:2]), abs=0.2)
+    said = [p.findtext("title") or "" for p in points]
+    assert said[1] == f"pose {HOSTILE} (training)\nq1, ° 1\nerror, mm 0.5"
+    assert HOSTILE not in svg
+    band = next(r for r in parsed(svg).iter("rect") if "138,143,152,0.22" in (r.get("fill") or ""))
+    assert float(band.get("height") or 0) == pytest.approx(2.0 * abs(fit_y[0]), abs=0.3)
+
+
+def test_an_axis_of_powers_is_even_in_them() -> None:
+    svg = svg_of(error_history(["a", "b"], [10.0, 0.1], [1.0, 0.2], 0.05), WIDTH, HEIGHT, name="f", title="t")
+    up = ticks(svg, "end")
+    assert up[1.0] - up[10.0] == pytest.approx(up[0.1] - up[1.0], abs=0.3)
+    points = [float(c.get("cy") or 0) for c in parsed(svg).iter("circle") if c.find("title") is not None]
+    assert points[:2] == pytest.approx([up[10.0], up[0.1]], abs=0.2)
+    assert "var(--ink)" not in svg or "#24292F" not in svg
+    assert 'stroke-dasharray="7 5"' in svg
+
+
+def test_bars_and_cells_carry_their_values() -> None:
+    drawn = pose_residuals(["p1", "p2"], ["train", "test"], [0.2, 0.1])
+    bars = parsed(svg_of(drawn, WIDTH, HEIGHT, name="f", title="t"))
+    told = {
+        r.findtext("title"): float(r.get("height") or 0)
+        for r in bars.iter("rect")
+        if r.find("title") is not None
+    }
+    assert set(told) == {"pose p1 (training)\nresidual 0.2000 mm", "pose p2 (test)\nresidual 0.1000 mm"}
+    assert told["pose p1 (training)\nresidual 0.2000 mm"] == pytest.approx(
+        2.0 * told["pose p2 (test)\nresidual 0.1000 mm"], abs=0.3
+    )
+    r = np.array([[1.0, -1.0, np.nan], [-1.0, 1.0, np.nan], [np.nan] * 3])
+    cells = parsed(svg_of(correlation_heatmap(["a1", "a2", "d1"], r), 700, 660, name="f", title="t"))
+    fills = {c.findtext("title"): c.get("fill") for c in cells.iter("rect") if c.find("title") is not None}
+    assert len(fills) == 9
+    assert fills["a1 – a2\nr = -1.0000"] == "#2166ac"
+    assert fills["a2 – a2\nr = 1.0000"] == "#b2182b"
+    assert fills["a1 – d1\nno influence: d1"] == "#8a8f98"
+
+
+@given(st.floats(-1.0, 1.0))
+def test_a_colour_lies_between_its_neighbours(value: float) -> None:
+    scale = [(0.0, "#000000"), (1.0, "#ffffff")]
+    colour = cell_colour({"zmin": -1.0, "zmax": 1.0, "colorscale": scale}, value)
+    assert int(colour[1:3], 16) == round(255 * (value + 1.0) / 2.0)
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=9), st.sampled_from(["linear", "log"]))
+def test_an_axis_holds_its_values_and_its_ticks_are_few(values: list[float], kind: str) -> None:
+    axis = axis_of({"type": kind}, values, 300.0, marks=True)
+    for value in values:
+        share = axis.share(value)
+        assert math.isnan(share) if kind == "log" and value <= 0 else -1e-6 <= share <= 1.0 + 1e-6
+    assert len(axis.ticks) <= 12
+    assert all(-1e-6 <= axis.share_of_scaled(at) <= 1.0 + 1e-6 for at, _ in axis.ticks)
+
+
+def test_words_of_plotly_become_plain_words() -> None:
+    assert plain("<b>Joint 1</b> &lt;x&gt;") == "Joint 1 <x>"
+    told = hover("at %{x:.2f} %{customdata}<extra>no</extra>", {"x": 1.234, "customdata": "<p>"})
+    assert re.fullmatch(r"<title>at 1\.23 .*</title>", told)
+    assert hover(None, {}) == ""
