@@ -20,7 +20,7 @@ import os
 import socket
 import threading
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, get_type_hints
@@ -29,6 +29,10 @@ from urllib.parse import urlsplit
 import viser
 from viser import _assignable_props_api, _icons, _messages
 from viser.infra import _infra
+from websockets.asyncio.server import ServerConnection
+from websockets.asyncio.server import serve as websockets_serve
+from websockets.http11 import Request, Response
+from websockets.typing import Subprotocol
 
 from calib.errors import CalibError
 from inspector.server.page_requests import PageRequests, with_script
@@ -190,6 +194,9 @@ def _is_page(target: str) -> bool:
     return urlsplit(target).path in ("", "/", "/index.html")
 
 
+ProcessRequest = Callable[[ServerConnection, Request], Response | None]
+
+
 @contextlib.contextmanager
 def _serving_on(listener: socket.socket, bound_host: str, requests: PageRequests) -> Iterator[None]:
     """While inside, a viser server that starts listens on `listener`, refuses foreign origins and answers `requests`.
@@ -199,8 +206,8 @@ def _serving_on(listener: socket.socket, bound_host: str, requests: PageRequests
     """
     real = _infra.websockets
 
-    def guard(inner: Callable[..., Any]) -> Callable[..., Any]:
-        def process_request(connection: Any, request: Any) -> Any:
+    def guard(inner: ProcessRequest) -> ProcessRequest:
+        def process_request(connection: ServerConnection, request: Request) -> Response | None:
             headers = request.headers
             origins, hosts = headers.get_all("Origin"), headers.get_all("Host")
             origin = origins[0] if len(origins) == 1 else (None if not origins else "several")
@@ -218,16 +225,30 @@ def _serving_on(listener: socket.socket, bound_host: str, requests: PageRequests
 
         return process_request
 
-    def serve(handler: Any, host: str, port: int, *, process_request: Any, **options: Any) -> Any:
+    def serve(
+        handler: Callable[[ServerConnection], Awaitable[None]],
+        host: str,
+        port: int,
+        *,
+        process_request: ProcessRequest,
+        max_size: int,
+        compression: str | None,
+        subprotocols: Sequence[Subprotocol] | None,
+        select_subprotocol: Callable[[ServerConnection, Sequence[Subprotocol]], Subprotocol | None],
+    ) -> websockets_serve:
         del host, port
-        return real.asyncio.server.serve(
-            handler, sock=listener, process_request=guard(process_request), **options
+        return websockets_serve(
+            handler,
+            sock=listener,
+            process_request=guard(process_request),
+            max_size=max_size,
+            compression=compression,
+            subprotocols=subprotocols,
+            select_subprotocol=select_subprotocol,
         )
 
     stand_in = SimpleNamespace(
-        asyncio=SimpleNamespace(
-            server=SimpleNamespace(serve=serve, ServerConnection=real.asyncio.server.ServerConnection)
-        ),
+        asyncio=SimpleNamespace(server=SimpleNamespace(serve=serve, ServerConnection=ServerConnection)),
         datastructures=real.datastructures,
         exceptions=real.exceptions,
     )
