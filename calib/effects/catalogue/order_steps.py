@@ -88,8 +88,22 @@ def _family(dataset: Dataset, name: str, members: Callable[[ChangePoint], list[S
     return Family(name, found, sparse=True, most_members=MOST_CHANGES)
 
 
+class Step(ShapedEffect):
+    """Absent before the pose where it sets in, the same from there on."""
+
+    start: ChangePoint
+
+    def shapes(self, state: RobotState) -> Array:
+        """(N, 1) 0 before, 1 from then on."""
+        return self.start.after(state)
+
+    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
+        """Since when."""
+        return f"from pose {self.start.pose} on"
+
+
 @dataclass(frozen=True)
-class JointStep(ShapedEffect):
+class JointStep(Step):
     """A joint's zero that slips: theta is off by the same angle from one pose on."""
 
     joint: int
@@ -112,9 +126,6 @@ class JointStep(ShapedEffect):
         scale = 3e-4 if self.unit == "rad" else 0.1
         return (Parameter(f"from_{self.start.word}_{self.unit}", self.unit, scale, "size of the step"),)
 
-    def shapes(self, state: RobotState) -> Array:
-        return self.start.after(state)
-
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
         """Where and by how much."""
         size = f"{value:+.2g} mm" if self.unit == "mm" else f"{np.degrees(value):+.2g}\N{DEGREE SIGN}"
@@ -128,7 +139,7 @@ class JointStep(ShapedEffect):
 
 
 @dataclass(frozen=True)
-class TargetStep(ShapedEffect):
+class TargetStep(Step):
     """A target that shifts on the tool at one pose and stays there."""
 
     start: ChangePoint
@@ -153,13 +164,6 @@ class TargetStep(ShapedEffect):
             for axis in "xyz"
         )
 
-    def shapes(self, state: RobotState) -> Array:
-        return self.start.after(state)
-
-    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
-        """Since when."""
-        return f"from pose {self.start.pose} on"
-
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
         """A member for each pose that may be the first after a step."""
@@ -167,7 +171,7 @@ class TargetStep(ShapedEffect):
 
 
 @dataclass(frozen=True)
-class ScannerStep(ShapedEffect):
+class ScannerStep(Step):
     """A scanner, or the foot of the arm, that is knocked at one pose and stays as it stands then."""
 
     start: ChangePoint
@@ -192,9 +196,6 @@ class ScannerStep(ShapedEffect):
             *(Parameter(f"w{a}_from_{self.start.word}_rad", "rad", turn, f"turn about {a}") for a in "xyz"),
         )
 
-    def shapes(self, state: RobotState) -> Array:
-        return self.start.after(state)
-
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
         """Since when, and a turn in degrees."""
         turned = f"{np.degrees(value):+.2g}\N{DEGREE SIGN} " if parameter.unit == "rad" else ""
@@ -208,7 +209,7 @@ class ScannerStep(ShapedEffect):
 
 
 @dataclass(frozen=True)
-class BaseLoosening(ShapedEffect):
+class BaseLoosening(Step):
     """A bolt of the foot that works loose: the base gives way to the overturning moment from one pose on."""
 
     start: ChangePoint
@@ -238,13 +239,6 @@ class BaseLoosening(ShapedEffect):
             )
             for axis in "xy"
         )
-
-    def shapes(self, state: RobotState) -> Array:
-        return self.start.after(state)
-
-    def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
-        """Since when."""
-        return f"from pose {self.start.pose} on"
 
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
