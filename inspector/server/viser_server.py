@@ -4,13 +4,12 @@ Viser as it comes binds every interface, moves to the next port when the asked o
 connections that any web page in the user's browser opens, lets any client open a public share tunnel, and applies
 whatever value a client sends, also to fields that are not values. `start_server` prevents all five.
 
-This is the one file that leans on viser's private names, so viser is pinned to >=1.1.1,<1.2.
+This file and `viser_caches` alone lean on viser's private names, so viser is pinned to >=1.1.1,<1.2.
 """
 
 from __future__ import annotations
 
 import contextlib
-import functools
 import http
 import io
 import ipaddress
@@ -19,15 +18,13 @@ import math
 import os
 import socket
 import threading
-import zipfile
 from collections.abc import Awaitable, Callable, Iterator, Sequence
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, get_type_hints
+from typing import Any
 from urllib.parse import urlsplit
 
 import viser
-from viser import _assignable_props_api, _icons, _messages
+from viser import _messages
 from viser.infra import _infra
 from websockets.asyncio.server import ServerConnection
 from websockets.asyncio.server import serve as websockets_serve
@@ -36,6 +33,7 @@ from websockets.typing import Subprotocol
 
 from calib.errors import CalibError
 from inspector.server.page_requests import PageRequests, with_script
+from inspector.server.viser_caches import cache_lookups
 
 log = logging.getLogger(__name__)
 
@@ -166,25 +164,6 @@ def _guard_gui(gui: viser.GuiApi) -> None:
         handlers.pop(kind, None)
 
 
-_type_hints = functools.cache(get_type_hints)
-
-
-@functools.cache
-def _opened(path: Path) -> contextlib.AbstractContextManager[zipfile.ZipFile]:
-    """A zip file that stays open."""
-    return contextlib.nullcontext(zipfile.ZipFile(path))
-
-
-def _cache_lookups() -> None:
-    """Cache what viser looks up again and again, which takes noticeable time.
-
-    It works out the types of a kind of node for every node (a sixth of a turn of the page), and reads the directory of
-    its four thousand icons for every icon (more than half a second of the start).
-    """
-    _assignable_props_api.get_type_hints = _type_hints  # type: ignore[assignment]
-    _icons.zipfile = SimpleNamespace(ZipFile=_opened)  # type: ignore[assignment]
-
-
 # ---- the server -----------------------------------------------------------------------------------------------------
 
 _starting = threading.Lock()
@@ -283,7 +262,7 @@ def start_server(host: str = LOOPBACK, port: int = 8080, *, label: str | None = 
     Raises:
         ServerError: the address cannot be bound (`bind`).
     """
-    _cache_lookups()
+    cache_lookups()
     listener = bind(host, port)
     requests = PageRequests()
     try:
