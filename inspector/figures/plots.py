@@ -14,6 +14,7 @@ import plotly.graph_objects as go
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array
+from inspector.figures.robust_axis import beyond, robust_range
 from inspector.figures.style import (
     SELECTS_POSE,
     SHOWS_STEP,
@@ -175,6 +176,13 @@ def pose_residuals(
             }
         )  # fmt: skip
     every = max(1, -(-len(names) // MOST_TICKS))
+    robust = robust_range(values, from_zero=True)
+    extent: dict[str, Any] = {"rangemode": "tozero"}
+    words: list[dict[str, Any]] = []
+    if robust is not None:
+        extent = {"range": [robust.low, robust.high]}
+        edge, text = beyond(robust, names, values, names, "mm", dark=dark)
+        traces, words = [*traces, edge], [text]
     fig = figure(
         traces,
         xaxis={
@@ -182,10 +190,10 @@ def pose_residuals(
             "tickvals": names[::every], "ticktext": distinct_labels(ids)[::every],
             "tickangle": -45, "tickfont": {"size": 9}, "automargin": True,
         },
-        yaxis={"title": f"{what}, mm", "rangemode": "tozero", "automargin": True},
+        yaxis={"title": f"{what}, mm", "automargin": True, **extent},
         margin=(50, 12, 30, 46),
         dark=dark,
-        layout={"bargap": 0.15, "barmode": "overlay"},
+        layout={"bargap": 0.15, "barmode": "overlay", "annotations": words},
     )  # fmt: skip
     return outline(fig, selected)
 
@@ -193,7 +201,7 @@ def pose_residuals(
 def outline(fig: go.Figure, selected: str | None) -> go.Figure:
     """The same bars with this pose's outlined."""
     name = None if selected is None else escape(selected)
-    for bars in fig.data:
+    for bars in (trace for trace in fig.data if trace.type == "bar"):
         bars.marker.line.width = [2 if x == name else 0 for x in bars.x]
     return fig
 

@@ -15,6 +15,7 @@ import plotly.graph_objects as go
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, IndexArray
+from inspector.figures.robust_axis import beyond, robust_range
 from inspector.figures.style import SELECTS_POSE, SIGNED_SCALE, figure, ink, shortened, strong_ink
 from inspector.markup.parts.palette import ROLE_COLOURS, ROLE_WORDS
 
@@ -71,17 +72,24 @@ def residual_against(
         )  # fmt: skip
     if smooth is not None and len(np.asarray(smooth[0])):
         traces.append(_line(np.asarray(smooth[0], dtype=float), np.asarray(smooth[1], dtype=float)))
-    positive = np.isfinite(values).any() and float(np.nanmin(values)) >= 0.0
+    positive = bool(np.isfinite(values).any()) and float(np.nanmin(values)) >= 0.0
+    robust = robust_range(values, from_zero=positive)
+    extent: dict[str, Any] = {"rangemode": "tozero" if positive else "normal"}
+    words: list[dict[str, Any]] = []
+    if robust is not None:
+        extent = {"range": [robust.low, robust.high]}
+        unit = y_title.rpartition(", ")[2]
+        edge, text = beyond(robust, at.tolist(), values, list(map(escape, ids)), escape(unit), dark=dark)
+        traces, words = [*traces, edge], [text]
     fig = figure(
         [*traces, _ring(dark)],
         xaxis={"title": escape(x_title), "automargin": True, "zeroline": False},
         yaxis={
-            "title": escape(y_title), "automargin": True, "zeroline": True,
-            "rangemode": "tozero" if positive else "normal",
+            "title": escape(y_title), "automargin": True, "zeroline": True, **extent,
         },
         margin=(56, 12, 30, 42),
         dark=dark,
-        layout={"shapes": shapes},
+        layout={"shapes": shapes, "annotations": words},
     )  # fmt: skip
     return select(fig, selected)
 
@@ -115,15 +123,17 @@ def place_views(
     `title` names the values with their unit. Signed values are coloured symmetrically about zero.
     """
     place, shown = np.asarray(place_mm, dtype=float), np.asarray(values, dtype=float)
-    finite = np.abs(shown[np.isfinite(shown)])
-    largest = float(finite.max(initial=0.0)) or 1.0
+    robust = robust_range(np.abs(shown), from_zero=True)
+    usual = np.abs(shown if robust is None else shown[~robust.wild])
+    largest = float(usual[np.isfinite(usual)].max(initial=0.0)) or 1.0
+    scale_words = "" if robust is None else f"; {int(robust.wild.sum())} beyond, up to {robust.farthest:.3g}"
     colour: dict[str, Any] = {
         "cmin": -largest if signed else 0.0,
         "cmax": largest,
         "colorscale": SIGNED_SCALE if signed else _SIZES,
     }
     bar = {
-        "title": {"text": escape(title), "side": "right"}, "thickness": 10, "len": 0.9, "outlinewidth": 0,
+        "title": {"text": escape(title + scale_words), "side": "right"}, "thickness": 10, "len": 0.9, "outlinewidth": 0,
         "tickfont": {"size": 10}, "xpad": 4,
     }  # fmt: skip
     traces: list[dict[str, Any]] = []

@@ -6,6 +6,8 @@ and a dark version, because a plotly figure does not follow the colours of the p
 
 from __future__ import annotations
 
+import pickle
+import zlib
 from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
@@ -69,6 +71,16 @@ def _common_prefix_length(names: Sequence[str]) -> int:
     return next((k for k, column in letters if len(set(column)) > 1), min(map(len, names)))
 
 
+def _key(traces: Sequence[dict[str, Any]], *axes: dict[str, Any]) -> str:
+    """Tells figures of other numbers apart: a zoom stays with those that it was made for.
+
+    Viser keeps a zoom whatever is plotted next, unless an axis says that it is another.
+    """
+    numbers = [[trace.get(name) for name in "xyz"] for trace in traces]
+    titles = [axis.get("title") for axis in axes]
+    return f"{zlib.crc32(pickle.dumps((numbers, titles))):08x}"
+
+
 def figure(
     traces: Sequence[dict[str, Any]],
     *,
@@ -85,7 +97,9 @@ def figure(
     """
     grid = "rgba(255,255,255,0.14)" if dark else "rgba(0,0,0,0.10)"
     zero = "rgba(255,255,255,0.45)" if dark else "rgba(0,0,0,0.40)"
-    axes = {"gridcolor": grid, "linecolor": grid, "zerolinecolor": zero}
+    axes = {
+        "gridcolor": grid, "linecolor": grid, "zerolinecolor": zero, "uirevision": _key(traces, xaxis, yaxis),
+    }  # fmt: skip
 
     def axis(own: dict[str, Any]) -> dict[str, Any]:
         near = (
@@ -107,7 +121,7 @@ def figure(
         "font": {"size": 11, "color": ink(dark)},
         "legend": {"orientation": "h", "x": 0, "y": 1.02, "xanchor": "left", "yanchor": "bottom", "font": {"size": 11}},
         "hoverlabel": {"font": {"size": 12}},
-        "dragmode": False,
+        "dragmode": "zoom",
         "showlegend": True,
         "xaxis": axis(xaxis),
         "yaxis": axis(yaxis),

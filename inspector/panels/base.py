@@ -94,8 +94,12 @@ def offer(handle: Any, options: tuple[str, ...]) -> None:
     put(handle, before if before in options else options[0])
 
 
-def hidden_plot(gui: viser.GuiApi, aspect: float) -> viser.GuiPlotlyHandle:
-    """A figure that is shown once there is something in it. aspect: height over width."""
+def hidden_plot(gui: viser.GuiApi, aspect: float, name: str) -> viser.GuiPlotlyHandle:
+    """A figure that is shown once there is something in it. aspect: height over width; name: of a file with it.
+
+    The wheel zooms with Ctrl alone, or in the enlarged figure: server/client/plots.js sees to it.
+    """
     import plotly.graph_objects as go
 
-    return gui.add_plotly(go.Figure(), aspect=aspect, visible=False, config={"displayModeBar": False})
+    config = {"displayModeBar": False, "scrollZoom": True, "toImageButtonOptions": {"filename": name}}
+    return gui.add_plotly(go.Figure(), aspect=aspect, visible=False, config=config)

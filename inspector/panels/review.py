@@ -158,19 +158,26 @@ class ReviewPanel:
         dataset = view.session.dataset
         poses = dataset.poses
         roles = [str(r) for r in poses.role]
-        self._about.content = elements.facts(
-            [
-                # The list above has room for a short name only.
-                *([("dataset", dataset.name)] if len(dataset.name) > elements.LONG_NAME else []),
-                ("robot", dataset.robot.name),
-                ("poses", " · ".join(f"{roles.count(r)} {w}" for r, w in ROLE_WORDS.items() if r in roles)),
-                *([("scanner placements", len(set(poses.setup)))] if len(set(poses.setup)) > 1 else []),
-            ]
-        ) + "".join(
-            [
-                *(elements.alert(linked(w, self._names), colour="#E69F00") for w in dataset.warnings),
-                *(elements.note(linked(n, self._names)) for n in dataset.notes),
-            ]
+        self._about.content = (
+            elements.facts(
+                [
+                    # The list above has room for a short name only.
+                    *([("dataset", dataset.name)] if len(dataset.name) > elements.LONG_NAME else []),
+                    ("robot", dataset.robot.name),
+                    (
+                        "poses",
+                        " · ".join(f"{roles.count(r)} {w}" for r, w in ROLE_WORDS.items() if r in roles),
+                    ),
+                    *([("scanner placements", len(set(poses.setup)))] if len(set(poses.setup)) > 1 else []),
+                ]
+            )
+            + "".join(
+                [
+                    f'<span data-dataset="{elements.text(dataset.name)}"></span>',  # files of figures are called by it
+                    *(elements.alert(linked(w, self._names), colour="#E69F00") for w in dataset.warnings),
+                    *(elements.note(linked(n, self._names)) for n in dataset.notes),
+                ]
+            )
         )
         self._changed.put(self.pose, self.pose.options[view.pose])
         self._status.content = self._pose_status(view) + elements.joint_style(view.joint)

@@ -61,14 +61,14 @@ class MissingEffectsPanel:
             visible=False,
             hint="what the automatic search would do next",
         )
-        self._history = hidden_plot(gui, 0.6)
+        self._history = hidden_plot(gui, 0.6, "error history")
         self._reasons = gui.add_html("")
         self._ranking = gui.add_html("")
         self._chosen = gui.add_html("")
-        self._variable = hidden_plot(gui, 0.7)
+        self._variable = hidden_plot(gui, 0.7, "effect against residual")
         self._next = gui.add_html("")
         self._learned = gui.add_html("")
-        self._curves = hidden_plot(gui, 1.0)
+        self._curves = hidden_plot(gui, 1.0, "joint curves")
         self._untestable = gui.add_html("")
         self.find.on_click(lambda _: actions.find(self.find.label == FIND))
         self.choice.on_update(lambda e: actions.candidate() if by_page(e) else None)

@@ -44,8 +44,8 @@ class ResidualsPanel:
         self.what = gui.add_dropdown(
             "Show", (NONE,), hint="apparent motion: what joint k alone would have to do"
         )
-        self._plot = hidden_plot(gui, 0.75)
-        self._places = hidden_plot(gui, 1.35)
+        self._plot = hidden_plot(gui, 0.75, "where it fails")
+        self._places = hidden_plot(gui, 1.35, "work space")
         self._state = gui.add_html(elements.note(NOT_YET))
         self.worst = gui.add_dropdown("Worst poses", (NONE,), hint="selects the pose, everywhere on the page")
         self._table = gui.add_html("")

@@ -44,9 +44,9 @@ class FitPanel:
         self.calibrate = gui.add_button("Calibrate", icon=viser.Icon.TARGET_ARROW)
         self._faces = gui.add_html("")
         self._state = gui.add_html("")
-        self._convergence = hidden_plot(gui, 0.62)
+        self._convergence = hidden_plot(gui, 0.62, "error by iteration")
         self._figures = gui.add_html("")
-        self._residuals = hidden_plot(gui, 0.62)
+        self._residuals = hidden_plot(gui, 0.62, "error by pose")
         self._parameters = gui.add_html("")
         self._unlabelled: tuple[Mapping[str, CornerSearch], str] | None = (
             None  # faces not labelled: of what, why

@@ -43,7 +43,7 @@ class RedundancyPanel:
             CHOICES,
             hint="Park correlates lengths and angles apart; unsplit also pairs mm with rad",
         )
-        self._plot = hidden_plot(gui, 0.95)
+        self._plot = hidden_plot(gui, 0.95, "redundancy")
         self._content = gui.add_html(elements.note("Not computed yet."))
         self.residual.on_update(
             lambda e: (

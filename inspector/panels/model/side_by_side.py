@@ -33,7 +33,7 @@ class SideBySidePanel:
             "Plotted against", (NONE,), hint="what the errors are plotted against"
         )
         self._state = gui.add_html("")
-        self._plot = hidden_plot(gui, 0.75)
+        self._plot = hidden_plot(gui, 0.75, "errors side by side")
         self._differences = gui.add_html("")
         self._drawn: tuple[object, ...] = ()  # what the figure on show is of
         self._fits: tuple[Calibration | None, ...] = (None, None)

@@ -266,3 +266,58 @@ def test_what_a_click_on_a_figure_asks_for() -> None:
     assert [list(t.ids) for t in history.data if t.meta == {"ask": "step"}] == [["0", "1"]] * 2
     heat = correlation_heatmap(NAMES, _pearson(), joints={"a1": 1, "theta3": 3})
     assert all(t.meta == {"ask": "joint", "rows": {"a1": 1, "θ3": 3}} for t in heat.data)
+
+
+def test_a_wild_value_is_counted_and_marked_at_the_edge_and_flattens_nothing() -> None:
+    values = [0.1, 0.2, 0.15, 0.12, 0.18, 0.11, 0.16, 0.14, 0.13, 14.0]
+    ids = [f"p{i}" for i in range(9)] + ["<b>"]
+    fig = pose_residuals(ids, ["train"] * 10, values)
+    assert fig.layout.yaxis.range[1] < 0.25
+    edge = next(t for t in fig.data if t.name == "beyond")
+    assert list(edge.ids) == [html.escape("<b>")]
+    assert "14 mm" in edge.text[0]
+    assert fig.layout.annotations[0].text == "1 beyond, up to 14 mm"
+    assert fig.data[0].y[9] == 14.0  # a double-click shows it
+    among = residual_against(
+        range(10), [-v for v in values], ids, [False] * 10, x_title="x", y_title="y, mm", band=(-1, 1)
+    )
+    assert among.layout.yaxis.range[0] > -0.25
+    assert among.layout.annotations[0].text == "1 beyond, up to −14 mm"
+    place = place_views(np.zeros((10, 3)), values, ids, [False] * 10, title="error, mm")
+    assert place.data[0].marker.cmax < 0.25
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0],
+        [1.0, 50.0],
+        [0.1] * 7 + [9.0, 9.1, 9.2],
+        [0.0] * 9 + [1.0],
+        [np.nan] * 10,
+    ],
+)
+def test_what_is_no_exception_is_shown(values: list[float]) -> None:
+    fig = pose_residuals([f"p{i}" for i in range(len(values))], ["train"] * len(values), values)
+    assert fig.layout.yaxis.range is None
+    assert all(t.name != "beyond" for t in fig.data)
+
+
+def test_a_zoom_belongs_to_the_numbers_that_are_plotted() -> None:
+    def key(y: list[float], selected: str | None = None, dark: bool = False, title: str = "y, mm") -> str:
+        fig = residual_against(
+            [0, 1],
+            y,
+            ["a", "b"],
+            [False, True],
+            x_title="x",
+            y_title=title,
+            band=(0, 1),
+            selected=selected,
+            dark=dark,
+        )
+        assert fig.layout.xaxis.uirevision == fig.layout.yaxis.uirevision
+        return str(fig.layout.yaxis.uirevision)
+
+    assert key([1.0, 2.0]) == key([1.0, 2.0], selected="b") == key([1.0, 2.0], dark=True)
+    assert len({key([1.0, 2.0]), key([1.0, 2.1]), key([1.0, 2.0], title="y, mrad")}) == 3

@@ -1,0 +1,84 @@
+"""The range of an axis that a few wild values do not flatten, and what says that they are there.
+
+A value is wild where it lies more than `FAR` times as far from the middle as nine in ten of all values do. Where more
+than one in twenty (and more than two) would be, they are no exceptions and all is shown. A triangle at the edge stands
+where each wild value is, which a click selects as any other point; a line of text counts them. A double-click on the
+figure shows all; then the script that is served with the page hides both (server/client/plots.js).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.array_types import Array, BoolArray
+from inspector.figures.style import SELECTS_POSE, ink
+
+FAR = 4.0
+FEWEST = 8  # values of which some can be exceptions
+MOST_SHARE, MOST = 0.05, 2
+PAD = 0.08  # of the range, on either side
+
+
+@dataclass(frozen=True)
+class RobustRange:
+    """From `low` to `high` all but the wild values lie."""
+
+    low: float
+    high: float
+    wild: BoolArray  # (N,)
+    farthest: float  # the wild value that lies farthest out
+
+
+def robust_range(values: ArrayLike, *, from_zero: bool = False) -> RobustRange | None:
+    """The range of values (N,), nan among them, without wild ones; None where there are none, and the usual does.
+
+    from_zero: the axis begins there.
+    """
+    v = np.asarray(values, dtype=float)
+    known = v[np.isfinite(v)]
+    if len(known) < FEWEST:
+        return None
+    middle = 0.0 if from_zero else float(np.median(known))
+    usual = float(np.quantile(np.abs(known - middle), 0.9, method="lower"))
+    wild = np.isfinite(v) & (np.abs(np.where(np.isfinite(v), v, middle) - middle) > FAR * usual)
+    count = int(wild.sum())
+    if usual <= 0.0 or count == 0 or count > max(MOST, MOST_SHARE * len(known)):
+        return None
+    inside = v[np.isfinite(v) & ~wild]
+    low, high = (0.0 if from_zero else float(inside.min())), float(inside.max())
+    pad = PAD * (high - low)
+    far = v[wild]
+    farthest = float(far[np.argmax(np.abs(far - middle))])
+    return RobustRange(low - (0.0 if from_zero else pad), high + pad, wild, farthest)
+
+
+def beyond(
+    shown: RobustRange, x: Sequence[Any], values: Array, names: Sequence[str], unit: str, *, dark: bool
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The trace of triangles at the edge of the y axis, and the text that counts them, of poses by escaped name."""
+    at = [int(i) for i in np.flatnonzero(shown.wild)]
+    above = values[at] > shown.high
+    inset = 0.02 * (shown.high - shown.low)
+    trace = {
+        "type": "scatter", "mode": "markers", "name": "beyond", "showlegend": False, "cliponaxis": False,
+        "x": [x[i] for i in at],
+        "y": np.where(above, shown.high - inset, shown.low + inset).tolist(),
+        "ids": [names[i] for i in at], "meta": {**SELECTS_POSE, "beyond": True},
+        "text": [f"pose {names[i]}<br>{values[i]:.4g} {unit}, beyond this axis<br>double-click: show all" for i in at],
+        "hovertemplate": "%{text}<extra></extra>",
+        "marker": {
+            "symbol": ["triangle-up" if up else "triangle-down" for up in above], "size": 11, "color": ink(dark),
+        },
+    }  # fmt: skip
+    text = {
+        "name": "beyond", "text": f"{len(at)} beyond, up to {shown.farthest:.3g} {unit}".strip().replace("-", "−"),
+        "xref": "paper", "yref": "y domain", "x": 1, "y": 1 if above.any() else 0, "xanchor": "right",
+        "yanchor": "top" if above.any() else "bottom", "yshift": -14 if above.any() else 14, "showarrow": False,
+        "font": {"size": 11, "color": ink(dark)}, "bgcolor": f"rgba({'36,36,36' if dark else '255,255,255'},0.75)",
+    }  # fmt: skip
+    return trace, text

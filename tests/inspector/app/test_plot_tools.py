@@ -1,0 +1,161 @@
+"""What a real browser does with figures: zoom and back, wild points, another figure's numbers, files."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PIL import Image
+
+from inspector.app.app import App
+from inspector.server.viser_server import url_of
+from tests.support.app import idle_app
+from tests.support.browser import browser, open_page, open_tab
+from tests.support.clicks import selected
+from tests.support.hidden_dataset import write_hidden
+
+pytestmark = pytest.mark.slow
+WILD, OFF_MM = 9, 12.0  # a row of points.csv, and how far its point is off
+
+
+@pytest.fixture(scope="module")
+def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
+    folder = write_hidden(tmp_path_factory.mktemp("plots") / "hidden")
+    with (folder / "points.csv").open() as file:
+        rows = list(csv.reader(file))
+    rows[WILD][rows[0].index("x_mm")] = str(float(rows[WILD][rows[0].index("x_mm")]) + OFF_MM)
+    with (folder / "points.csv").open("w") as file:
+        csv.writer(file).writerows(rows)
+    with idle_app(folder) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def page(app: App) -> Iterator[Any]:
+    with browser() as chromium, open_page(chromium, url_of(app.server), 1600, 900) as opened:
+        yield opened
+
+
+def residual_plot(page: Any) -> Any:
+    """The figure of the tab Where it fails, fully in view."""
+    open_tab(page, "Where it fails")
+    plot = page.locator(".js-plotly-plot:visible").first
+    plot.scroll_into_view_if_needed()
+    return plot
+
+
+def y_range(plot: Any) -> list[float]:
+    found: list[float] = plot.evaluate("plot => [...plot._fullLayout.yaxis.range]")
+    return found
+
+
+def until(page: Any, holds: Any) -> None:
+    """Wait until this holds."""
+    for _ in range(200):
+        if holds():
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError("still not so")
+
+
+def middle(plot: Any) -> tuple[float, float]:
+    box = plot.locator(".nsewdrag").first.bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def drag(page: Any, plot: Any) -> None:
+    """Draw a box within the figure."""
+    x, y = middle(plot)
+    page.mouse.move(x - 60, y - 40)
+    page.mouse.down()
+    page.mouse.move(x, y, steps=4)
+    page.mouse.move(x + 60, y + 40, steps=4)
+    page.mouse.up()
+
+
+def test_a_wild_point_does_not_flatten_the_rest_and_can_be_clicked(page: Any, app: App) -> None:
+    plot = residual_plot(page)
+    before = y_range(plot)
+    assert max(map(abs, before)) < OFF_MM / 2
+    assert "1 beyond, up to" in plot.text_content()
+    edge = (
+        plot.locator(".scatterlayer .trace")
+        .filter(has=page.locator('path[d*="L"]'))
+        .locator("path.point")
+        .last
+    )
+    wild = app.state.session.dataset.poses.ids[WILD - 1]
+    edge.click(force=True)
+    selected(page, app, wild)
+    page.mouse.dblclick(*middle(plot))
+    until(page, lambda: max(map(abs, y_range(plot))) > OFF_MM / 2)
+    until(page, lambda: not plot.get_by_text("1 beyond, up to").is_visible())
+    page.mouse.dblclick(*middle(plot))
+    until(page, lambda: y_range(plot) == pytest.approx(before))
+
+
+def test_a_zoom_stays_with_its_numbers_and_goes_back(page: Any, app: App) -> None:
+    plot = residual_plot(page)
+    before = y_range(plot)
+    drag(page, plot)
+    until(page, lambda: y_range(plot)[1] - y_range(plot)[0] < 0.8 * (before[1] - before[0]))
+    zoomed = y_range(plot)
+    app.select(3)
+    assert app.worker.wait_idle(20)
+    page.wait_for_timeout(300)
+    assert y_range(plot) == pytest.approx(zoomed)  # another pose: the same numbers
+    app.select_joint(2)
+    assert app.worker.wait_idle(20)
+    other = app.panels.residuals._plot.figure.layout.yaxis.uirevision
+    until(page, lambda: plot.evaluate("plot => plot._fullLayout.yaxis.uirevision") == other)
+    assert y_range(plot) != pytest.approx(zoomed)
+    shown = y_range(plot)
+    drag(page, plot)
+    until(page, lambda: y_range(plot) != pytest.approx(shown))
+    page.mouse.dblclick(*middle(plot))
+    until(page, lambda: y_range(plot) == pytest.approx(shown))
+    app.select_joint(None)
+
+
+def test_the_wheel_scrolls_the_panel_and_zooms_with_ctrl(page: Any) -> None:
+    plot = residual_plot(page)
+    before = y_range(plot)
+    page.mouse.move(*middle(plot))
+    page.mouse.wheel(0, 60)
+    page.wait_for_timeout(300)
+    assert y_range(plot) == before
+    page.mouse.move(*middle(plot))
+    page.keyboard.down("Control")
+    page.mouse.wheel(0, -200)
+    page.keyboard.up("Control")
+    until(page, lambda: y_range(plot)[1] - y_range(plot)[0] < before[1] - before[0])
+    page.mouse.dblclick(*middle(plot))
+    until(page, lambda: y_range(plot) == pytest.approx(before))
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_a_figure_is_saved_with_dark_ink_on_white(page: Any, app: App, tmp_path: Path, dark: bool) -> None:
+    app.dark(dark)
+    assert app.worker.wait_idle(20)
+    plot = residual_plot(page)
+    plot.hover()
+    saved = {}
+    for kind in ("PNG", "SVG"):
+        with page.expect_download(timeout=60_000) as download:
+            page.get_by_role("button", name=kind, exact=True).locator("visible=true").first.click()
+        saved[kind] = tmp_path / download.value.suggested_filename
+        download.value.save_as(saved[kind])
+    assert {path.name for path in saved.values()} == {
+        "hidden_where_it_fails.png",
+        "hidden_where_it_fails.svg",
+    }
+    with Image.open(saved["PNG"]) as image:
+        assert image.width > 1000
+        assert image.convert("RGB").getpixel((2, 2)) == (255, 255, 255)
+    svg = saved["SVG"].read_text()
+    assert "error length" in svg or "joint" in svg
+    assert "rgb(232, 234, 237)" not in svg
+    assert "rgb(36, 41, 47)" in svg
