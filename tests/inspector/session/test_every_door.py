@@ -77,7 +77,7 @@ CASES: dict[str, Callable[[], Dataset]] = {
     "nothing": lambda: arm(8),
     "a wild point beside an effect": lambda: with_wild_point(arm(4, ("joint_compliance", 4.0))),
     "a dent": lambda: arm(1, ("joint_dent", 4.0)),
-    "no name, curves": lambda: arm(1, ("rough_gear", 5.0)),
+    "no name, curves": lambda: arm(3, ("rough_gear", 5.0)),
     "depth three times coarser": lambda: odd_arm("deep", 2, ["transmission_error"], sigmas=4.0),
     "a wander like a drift": lambda: odd_arm("wandering", 8),
     "shots that tell the noise": lambda: odd_arm("deep", 0, shots=3),
