@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+
 from calib.calibration.plausibility import implausibility_reason, outlier_hint
 from calib.calibration.result import Calibration
-from calib.calibration.uncertainty import identifiable_combinations
+from calib.calibration.uncertainty import Combination, identifiable_combinations
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_bytes_atomically, write_text_atomically
 from calib.diagnosis.effect_selection import FitStep
@@ -130,16 +133,33 @@ def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
 def _calibration_text(steps: Sequence[FitStep], table: ExportedTable) -> str:
     """Parameters, learned curves, sums known better than their parts, errors after each addition, summary, table."""
     result = steps[-1].calibration
-    parameters = without_curves(result.to_frame())
+    parameters = in_file_units(without_curves(result.to_frame()))
     lines = [parameters.to_string(index=False, float_format=lambda v: f"{v:.6g}"), *curve_lines(result)]
-    lines += [
-        f"known: {c.description} = {c.value:.6g} +- {c.sigma:.2g} {c.unit}".rstrip()
-        for c in identifiable_combinations(result)
-    ]
+    lines += [_known(c) for c in identifiable_combinations(result)]
     if len(steps) > 1:
         lines.append(f"link errors: {_errors(steps[0].calibration)}")
         lines += [f"{step.label}: {_errors(step.calibration)}" for step in steps[1:]]
     return "\n".join(filter(None, [*lines, result.summary(), table.words]))
+
+
+def in_file_units(parameters: pd.DataFrame) -> pd.DataFrame:
+    """A calibration's table of parameters with the angles of the links in degrees, as robot.toml has them.
+
+    Parameters of effects carry their unit in their name, so they stay.
+    """
+    out = parameters.copy()
+    angles = (out["unit"] == "rad") & ~out["name"].str.contains(".", regex=False)
+    lengths = ["nominal", "value", "change", "sigma", "tolerance"]
+    out.loc[angles, lengths] = np.degrees(out.loc[angles, lengths].to_numpy(dtype=float))
+    out.loc[angles, "unit"] = "deg"
+    return out
+
+
+def _known(sum_: Combination) -> str:
+    """A sum that is known better than its parts, angles in degrees."""
+    angle = sum_.unit == "rad"
+    scale, unit = (float(np.degrees(1.0)), "deg") if angle else (1.0, sum_.unit)
+    return f"known: {sum_.description} = {scale * sum_.value:.6g} +- {scale * sum_.sigma:.2g} {unit}".rstrip()
 
 
 def require_plausible(result: Calibration, force: bool) -> None:

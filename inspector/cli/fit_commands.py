@@ -13,6 +13,7 @@ from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import verdict_text
+from calib.diagnosis.words.headline import headline_note, headline_of, headline_text
 from calib.diagnosis.words.phrases import untestable_line
 from calib.effects.catalogue import effects_named
 from calib.errors import CalibError, DatasetError
@@ -155,7 +156,9 @@ def diagnosis_text(result: Diagnosis) -> str:
         ranking = ranked.head(6).to_string(index=False, float_format=lambda v: f"{v:.3g}")
     steps = result.to_frame().to_string(index=False, float_format=lambda v: f"{v:.4g}", na_rep="-")
     silent = "\n".join(map(untestable_line, result.untestable))
-    return f"{ranking}\n\n{steps}\n\n{silent}\n\n{result.summary()}"
+    told = headline_of([step.calibration for step in result.steps])
+    way = f"{headline_text(told)}\n{headline_note(told)}"
+    return f"{ranking}\n\n{steps}\n\n{silent}\n\n{way}\n\n{result.summary()}"
 
 
 def run_check(options: CheckOptions) -> int:

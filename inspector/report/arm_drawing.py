@@ -22,6 +22,7 @@ WIDTH, HEIGHT = 850, 350
 _PANEL = 415.0  # px, the width of one of two
 _HEAD, _FOOT = 34.0, 26.0  # px for the words above and below
 _SECTORS = 20
+_MOST_ARROWS = 120
 _ELEVATION_RAD = np.radians(20.0)
 _LIGHT = np.array([-0.35, 0.55, 0.75])  # in the picture: right, up, towards the reader
 _ARROW_SHARE = 0.25  # of the picture's size, that the larger errors of the first picture take
@@ -69,10 +70,11 @@ def arm_drawing(before: Version, after: Version, words: tuple[str, str], pose: i
     room = np.array([_PANEL - 46.0, HEIGHT - _HEAD - _FOOT - 46.0])  # px, with some left for arrows
     px_per_mm = float((room / np.maximum(high - low, 1.0)).min())
     longer = _round_factor(pictures[0].errors_mm, _ARROW_SHARE * room[1] / px_per_mm)
-    out = []
+    above = f'<rect width="{WIDTH}" height="{number(HEIGHT - _FOOT)}"/>'
+    out = [f'<defs><clipPath id="arm">{above}</clipPath></defs>']
     for k, (picture, colour) in enumerate(zip(pictures, (_BEFORE, _AFTER), strict=True)):
         view = _View(axes, 0.5 * (low + high), px_per_mm, k * (WIDTH - _PANEL))
-        out.append(_floor(picture, view))
+        out.append(f'<g clip-path="url(#arm)">{_floor(picture, view)}</g>')
         out.append(_solids(picture.arm, view))
         out.append(_arrows(picture, view, longer, colour))
         out.append(label(words[k], view.left + 0.5 * _PANEL, 14.0, size_px=14.0, css="bold"))
@@ -82,6 +84,11 @@ def arm_drawing(before: Version, after: Version, words: tuple[str, str], pose: i
         f'<svg class="plot" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escaped(title)}" '
         f'style="max-width:{WIDTH}px">{"".join(out)}</svg>'
     )
+
+
+def stride(points: int) -> int:
+    """Which points are shown: each first, second or third ... so that arrows do not hide one another."""
+    return max(1, -(-points // _MOST_ARROWS))
 
 
 def _shown(version: Version, pose: int) -> _Shown:
@@ -94,7 +101,9 @@ def _shown(version: Version, pose: int) -> _Shown:
         base_T_scanner = frames.invert(scanner_T_base)
         points_mm[rows] = frames.apply(base_T_scanner, dataset.points.xyz_mm[rows])
         errors_mm[rows] = evaluation.error_mm[rows] @ base_T_scanner[:3, :3].T
-    return _Shown(arm_shape(version.model, version.x, dataset.poses, pose), points_mm, errors_mm)
+    every = stride(len(points_mm))
+    arm = arm_shape(version.model, version.x, dataset.poses, pose)
+    return _Shown(arm, points_mm[::every], errors_mm[::every])
 
 
 def _extent_mm(picture: _Shown) -> Array:

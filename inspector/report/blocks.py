@@ -71,6 +71,7 @@ class Headline:
     stages: Sequence[tuple[str, str]]
     noise: str
     note: str
+    good: bool  # whether the last error is what noise leaves
 
 
 @dataclass(frozen=True)

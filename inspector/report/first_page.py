@@ -12,12 +12,13 @@ from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.conclusions import Unexplained
 from calib.diagnosis.words.headline import Headline as HeadlineFacts
 from calib.diagnosis.words.headline import headline_note, noise_words
-from calib.diagnosis.words.phrases import length_digits, poses_text
+from calib.diagnosis.words.phrases import capitalised, length_digits, poses_text
 from calib.effects.catalogue import descriptions
+from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.markup.learn.effects import VERDICTS
 from inspector.markup.parts import numbers
 from inspector.markup.parts.palette import NEUTRAL
-from inspector.report.arm_drawing import arm_drawing
+from inspector.report.arm_drawing import arm_drawing, stride
 from inspector.report.blocks import (
     Block,
     Bullets,
@@ -44,6 +45,7 @@ def first_page(report: Report, made: str) -> tuple[Block, ...]:
             [(told.shown(stage.error_mm), stage.name) for stage in told.stages],
             noise_words(told),
             headline_note(told),
+            told.reached_noise,
         ),
         _verdict(report),
         _picture(report, told),
@@ -73,9 +75,8 @@ def _verdict(report: Report) -> VerdictLine:
             f"No verdict: the model ({model_name(report.calibration)}) was put together by hand.", NEUTRAL
         )
     tied = numbers.listing(found.ambiguous_set, "or")
-    return VerdictLine(
-        verdict_text(found.explanation.verdict, reasons="below", tied=tied), VERDICTS[found.verdict]
-    )
+    words = verdict_text(found.explanation.verdict, reasons="below", tied=tied)
+    return VerdictLine(capitalised(words), VERDICTS[found.verdict])
 
 
 def _picture(report: Report, told: HeadlineFacts) -> Drawing:
@@ -87,9 +88,9 @@ def _picture(report: Report, told: HeadlineFacts) -> Drawing:
         f"{_name_now(report)}: {told.shown(last.error_mm)}",
     )
     pose = report.dataset.poses.ids[reference]
-    caption = (
-        f"The arm at pose {pose}, and the errors at all {len(shown[0].evaluation.pose)} measured points."
-    )
+    count, every = len(shown[0].evaluation.pose), stride(len(shown[0].evaluation.pose))
+    where = f"all {count}" if every == 1 else f"{-(-count // every)} of {count}"
+    caption = f"The arm at pose {pose}, and the errors at {where} measured points."
     return Drawing(arm_drawing(shown[0], shown[-1], words, reference), caption)
 
 
@@ -141,7 +142,8 @@ def _table_to_load(report: Report, told: HeadlineFacts) -> str:
 
 
 def _compensation(report: Report, told: HeadlineFacts) -> str:
-    names = numbers.listing([*report.calibration.model.family_names])
+    families = report.calibration.model.family_names
+    names = numbers.listing(["the learned curves" if name == LEARNED else name for name in families])
     return (
         f"Compensate {names}, which no table can hold: correct the joint targets of your programs (inspector correct), "
         f"and the error goes down to {told.shown(told.stages[-1].error_mm)}. Or mend the cause on the arm, and "

@@ -34,8 +34,8 @@ from inspector.report.page import MARK, render_page
 METHOD = (
     "Frame i of the arm is Rz(theta_i + q_i) Trans(a_i, 0, d_i) Rx(alpha_i) Ry(beta_i); a tool row of the same form "
     "without q ends the chain.",
-    "Measured points and predicted ones meet in the scanner's frame, whose place is unknown and solved for in closed "
-    "form at every step. Training poses are fitted by least squares, each point weighted by its covariance; "
+    "Measured points and predicted ones meet in the instrument's frame, whose place is unknown and solved for in "
+    "closed form at every step. Training poses are fitted by least squares, each point weighted by its covariance; "
     "parameters are held within about 1 mm and 0.5° of their nominal value, which exact data overrule. Test poses "
     "are only predicted.",
     "An effect is named only if it beats noise (F test, Holm's correction, p below 0.01, and log evidence above 3), "
@@ -45,7 +45,7 @@ METHOD = (
     "A parameter's sigma assumes a complete model: where more than noise is left, it is too small.",
 )
 REFERENCES = (
-    "Jang et al. 2025, Robot Kinematic Calibration Using a 3D Scanner (corners from scans, the model, distances).",
+    "Jang et al. 2025, Robot Kinematic Calibration Using a 3D Scanner (the five-parameter model, distances).",
     "Park et al. 2022, Kinematic Calibration Based on Position of Robot Manipulator Eliminating Redundancy of "
     "Parameters, JKSPE 39(7) 517-528, doi 10.7736/JKSPE.022.023 (redundancy).",
 )

@@ -48,12 +48,17 @@ def dataset(report: Report) -> list[Block]:
         ("robot", f"{given.robot.name}, {given.robot.n_joints} joints"),
         ("poses", f"{len(poses)}: 1 reference, {numbers.listing(roles)}"),
         ("measured", _measured(given, report.session.searches)),
-        ("placements of the scanner", len(setups)),
+        (f"placements of the {instrument(given)}", len(setups)),
         ("noise declared", _noise(report.calibration)),
         ("conditions written down", numbers.listing(_conditions(given)) or "none"),
     ]
     notes = [*report.calibration.warnings, *_of_scans(given, report.session.searches)]
     return [Facts(rows), *([Bullets(notes)] if notes else [])]
+
+
+def instrument(dataset: Dataset) -> str:
+    """What measured: a scanner, or, where no jig with faces was measured, whatever it was."""
+    return "scanner" if dataset.shows_faces else "instrument"
 
 
 def _measured(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> str:

@@ -33,6 +33,7 @@ def model_fitted(calibration: Calibration) -> ModelFitted:
         train_rmse_mm=train.rmse_mm if train and test else None,
         test_rmse_mm=test.rmse_mm if train and test else None,
         shots=calibration.shots,
+        instrument="scanner" if dataset.shows_faces else "instrument",
     )
 
 

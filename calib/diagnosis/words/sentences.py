@@ -33,6 +33,9 @@ class ModelFitted:
     train_rmse_mm: float | None  # 3D; None where there are no test poses to compare with
     test_rmse_mm: float | None
     shots: ShotCount | None = None  # of the whole dataset, where points are means over standing poses
+    instrument: str = (
+        "scanner"  # what measured: "scanner", or "instrument" where no jig with faces was measured
+    )
 
 
 @dataclass(frozen=True)

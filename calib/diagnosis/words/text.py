@@ -99,7 +99,7 @@ def _model_fitted(model: facts.ModelFitted) -> str:
     )
     return (
         f"The five-parameter model{with_effects} was fitted to {model.points} measured points of {model.robot} with the "
-        f"scanner's place unknown. It leaves {model.sigma_mm:.4g} mm a coordinate{noise}{errors}.{shots_text(model.shots)}"
+        f"{model.instrument}'s place unknown. It leaves {model.sigma_mm:.4g} mm a coordinate{noise}{errors}.{shots_text(model.shots)}"
     )
 
 

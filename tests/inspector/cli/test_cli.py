@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -670,3 +672,29 @@ def test_the_options_of_a_subcommand_are_its_arguments(subcommand: Subcommand) -
     given = {action.dest for action in subparsers.choices[subcommand.name]._actions} - {"help"}
     fields = {field.name for field in dataclasses.fields(subcommand.options)}
     assert fields == given | ({"stdout"} if "json" in given else set())
+
+
+@pytest.mark.slow
+def test_the_terminal_tells_angles_in_degrees_and_the_headline(
+    capsys: pytest.CaptureFixture[str], hidden_folder: Path
+) -> None:
+    """As robot.toml has them; --json keeps the unit that stands beside each value."""
+    fitted = {p["name"]: p for p in run_json(capsys, "calibrate", hidden_folder)["parameters"]}
+    assert main(["calibrate", str(hidden_folder)]) == 0
+    out = capsys.readouterr().out
+    rows = {words[0]: words for line in out.splitlines() if (words := line.split())}
+    assert rows["alpha2"][6] == "deg"
+    assert float(rows["alpha2"][2]) == pytest.approx(math.degrees(fitted["alpha2"]["value"]), rel=1e-5)
+    assert float(rows["alpha2"][4]) == pytest.approx(math.degrees(fitted["alpha2"]["sigma"]), rel=1e-5)
+    assert fitted["alpha2"]["unit"] == "rad"
+    assert float(rows["a2"][2]) == pytest.approx(fitted["a2"]["value"], rel=1e-5)
+    assert not re.search(r"^known: .* rad$", out, re.MULTILINE)
+    assert main(["diagnose", str(hidden_folder)]) == 0
+    out = capsys.readouterr().out
+    assert re.search(
+        r"^[\d.]+ mm as delivered → [\d.]+ mm with calibrated links → [\d.]+ mm with transmission_error "
+        r"\(noise [\d.]+ mm\)$",
+        out,
+        re.MULTILINE,
+    )
+    assert "3D error (RMS) at test poses, which no fit saw." in out

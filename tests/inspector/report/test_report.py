@@ -18,6 +18,7 @@ from calib.dataset.dataset import About, Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
 from inspector.cli.parser import main
 from inspector.markup.parts.numbers import millimetres
+from inspector.report.arm_drawing import stride
 from inspector.report.blocks import Table
 from inspector.report.content import report_of
 from inspector.report.page import render_page
@@ -25,6 +26,7 @@ from inspector.report.report import report_html, versions
 from inspector.session import measuring
 from inspector.session import transitions as sessions
 from tests.support import ROOT
+from tests.support.arms import dataset_of, jang_arm
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.tiny_dataset import HOSTILE
 
@@ -221,6 +223,24 @@ def test_only_a_report_is_replaced(folder: Path, tmp_path: Path, capsys: pytest.
     assert main(["report", str(tmp_path / "nowhere"), "--out", str(tmp_path / "new.html")]) == 2
     assert main([*arguments, "--effect", "rust"]) == 2
     assert sorted(path.name for path in tmp_path.iterdir()) == ["robot.toml"]
+
+
+@pytest.mark.slow
+def test_data_of_a_tracker_do_not_speak_of_scans_and_corners(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    robot = jang_arm()
+    tracked = replace(dataset_of(robot, robot, rng, poses=30, test=8), jig_is_declared=False, name="tracked")
+    write_dataset(tracked, tmp_path / "tracked")
+    out = tmp_path / "report.html"
+    assert main(["report", str(tmp_path / "tracked"), "--out", str(out)]) == 0
+    words = plain(out.read_text())
+    assert not re.search(r"\b(scans?|corners?)\b", words)
+    assert "with the instrument's place unknown" in words
+    assert "placements of the instrument" in words
+
+
+def test_of_many_points_so_many_are_shown_that_arrows_can_be_told_apart() -> None:
+    assert [stride(count) for count in (1, 120, 121, 500)] == [1, 1, 2, 5]
 
 
 PAGE_PX = (695, 1016)  # A4 less the margins of style.css, at 96 px an inch
