@@ -33,7 +33,8 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> st
     if "distance" in visible and distances_mm is not None and np.isfinite(distances_mm).any():
         parts.append(distance_bar(distances_mm))
     if "corner" in visible and corner_of(view, view.pose) is not None:
-        parts.append(elements.legend([(HIGHLIGHT, f"this corner, 1σ × {view.factor:g}")]))
+        what = "point" if view.session.dataset.scan_folder is None else "corner"
+        parts.append(elements.legend([(HIGHLIGHT, f"this {what}, 1σ × {view.factor:g}")]))
     compared = [version.name for version in view.versions if version.name in view.compared]
     if compared and visible & {"residuals", "predicted"}:
         models = ((MODEL_COLOURS[name], name) for name in compared)

@@ -43,7 +43,7 @@ ITEMS: dict[str, tuple[str, str]] = {  # what the button is called: icon, what t
     ),
     "Measured points (CSV)": (
         viser.Icon.TABLE,
-        "In the form of points.csv: corners in mm in the scanner's frame with covariance. "
+        "In the form of points.csv: what was measured, in mm in the scanner's frame with covariance. "
         "Command: inspector corners --out",
     ),
     "Redundancy (CSV)": (

@@ -36,6 +36,10 @@ LAYER_WORDS = {
         "scale": "Scale",
     },
 }
+# Of data that were not scanned: a tracker measures points, not corners of a jig.
+AS_POINTS = {"All corners": "All points", "Corner": "Point"}
+VIEW_OF = {label: view for view, label in AS_POINTS.items()}
+LAYERS_AS_POINTS = {"corner": "This point", "corners": "All points"}
 NOTHING_OPEN = "No dataset is open: choose another one, or mend this one and start the program again."
 KEYS = "Keys: N next, P previous, 1–7 views, F front, S side, T top, R reset, D dark"
 PREVIOUS, NEXT = "◀ Previous", "Next ▶"
@@ -95,7 +99,9 @@ class ReviewPanel:
         self.dataset.on_update(lambda e: a.open(str(e.target.value)) if by_page(e) else None)
         self.pose.on_update(lambda e: self._chosen(str(e.target.value)) if by_page(e) else None)
         self.walk.on_click(lambda e: a.step(1 if e.target.value == NEXT else -1))
-        self.view.on_click(lambda e: a.show_view(one_of(e.target.value, VIEWS, VIEWS[0])))
+        self.view.on_click(
+            lambda e: a.show_view(one_of(VIEW_OF.get(e.target.value, e.target.value), VIEWS, VIEWS[0]))
+        )
         self.leave_out.on_click(lambda _: a.leave_out(self._shown_pose, self.leave_out.label == LEAVE_OUT))
         self.sides.on_click(lambda e: a.look_from(one_of(e.target.value, SIDES, RESET)))
         self.keep.on_update(lambda e: a.keep_view(bool(e.target.value)) if by_page(e) else None)
@@ -140,7 +146,9 @@ class ReviewPanel:
         self._names = Names.of(view.session.dataset)
         has_scans = view.session.dataset.scan_folder is not None
         self._folders["Scan layers"].visible = has_scans
-        self.view.options = VIEWS if has_scans else POINT_VIEWS
+        self.view.options = VIEWS if has_scans else tuple(AS_POINTS.get(name, name) for name in POINT_VIEWS)
+        for layer, of_points in LAYERS_AS_POINTS.items():
+            self.layers[layer].label = LAYER_WORDS["Model layers"][layer] if has_scans else of_points
         self.list_poses(view)
 
     def list_poses(self, view: View) -> None:
@@ -168,6 +176,7 @@ class ReviewPanel:
                         "poses",
                         " · ".join(f"{roles.count(r)} {w}" for r, w in ROLE_WORDS.items() if r in roles),
                     ),
+                    *([("left out of these", len(view.session.uncounted))] if view.session.uncounted else []),
                     *([("scanner placements", len(set(poses.setup)))] if len(set(poses.setup)) > 1 else []),
                 ]
             )
@@ -200,18 +209,18 @@ class ReviewPanel:
         if view.joint is not None:
             rows.append(("joint", elements.joint_link(view.joint + 1, f"{view.joint + 1}, Esc lets it go")))
         found, search = corner_of(view, view.pose), view.search
-        alert = ""
+        scanned = view.session.dataset.scan_folder is not None
+        what, alert = "corner" if scanned else "point", ""
         if search is not None and search.failure:
             alert = elements.alert(f"No corner: {search.failure}")
         elif found is None:
-            waiting = view.session.dataset.scan_path(view.pose) is not None
-            rows.append(("corner", "waiting for the search" if waiting else "not measured"))
+            rows.append((what, "waiting for the search" if scanned else "not measured"))
         elif search is None or search.corner is None:
-            rows.append(("corner", "measured (points.csv)"))
+            rows.append((what, "measured (points.csv)"))
         else:
             doubts = len(search.corner.quality.doubts())
             said = f"found, {numbers.count(doubts, 'doubt')}: see the tab Corner"
-            rows.append(("corner", elements.named_swatch(DOUBT, said) if doubts else "found"))
+            rows.append((what, elements.named_swatch(DOUBT, said) if doubts else "found"))
         return elements.facts(rows) + alert
 
     def show_nothing(self) -> None:
@@ -232,7 +241,7 @@ class ReviewPanel:
         """How far the search through the scans has come; ids of poses whose corner failed or has doubts."""
         if total == 0:
             self.progress_text.content = elements.note(
-                "No scans to search: the points were measured (points.csv)."
+                "Nothing to search: the points were measured (points.csv)."
             )
             self.progress.visible = self.search.visible = False
             return

@@ -79,7 +79,7 @@ class DatasetController:
         self._show_progress(running=True)
         self._stage.draw_pose()
         self._panels.redundancy.update(self._state.now)
-        self._panels.fit.update(self._state.now, waiting=WAITING)
+        self._panels.fit.update(self._state.now, waiting=WAITING if self._state.session.scans else "")
         self._model.show()
 
     def process(self) -> LongWork:

@@ -19,6 +19,7 @@ from inspector.markup.learn.said import advice_said, known_links, reasons_said
 from inspector.markup.parts import elements, numbers
 from inspector.markup.parts.links import Names, linked
 from inspector.markup.parts.palette import BAD, DOUBT, GOOD, NEUTRAL, PROPOSAL
+from inspector.session.left_out import LEFT_OUT, TAKEN_IN
 from inspector.session.session import Session, StepErrors
 
 NOT_YET = "Not calibrated yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
@@ -69,6 +70,8 @@ def last_change(history: Sequence[StepErrors]) -> tuple[str, str]:
     if not (before > 0 and math.isfinite(after)):
         return "", NEUTRAL
     share = after / before - 1
+    if new.label.startswith((LEFT_OUT, TAKEN_IN)):  # of other poses than before, so neither better nor worse
+        return f"{new.label}: the {of} is {figures}, of the poses that count now.", NEUTRAL
     adds = not new.label.startswith("−")
     if abs(share) < SMALL:
         more = "It does not help; Undo takes it out again." if adds else "It was not needed."

@@ -53,7 +53,8 @@ def corner_html(view: View) -> str:
     if search is not None and corner is not None:
         took = f"{search.seconds:.2f} s, {numbers.count(search.search_passes, 'look')}"
         parts += [*quality_html(corner), elements.facts([*quality_facts(corner), ("search took", took)])]
-    return "".join([*parts, elements.note("Click a corner in the scene to select its pose.")])
+    what = "point" if view.session.dataset.scan_folder is None else "corner"
+    return "".join([*parts, elements.note(f"Click a {what} in the scene to select its pose.")])
 
 
 def doubts_html(corner: Corner) -> list[str]:

@@ -22,7 +22,9 @@ def planes_html(view: View) -> str:
     title = elements.heading(f"Pose {view.pose_id}")
     if search is None:
         if view.session.dataset.scan_path(view.pose) is None:
-            return title + elements.note("This pose has no scan, so there are no planes to look at.")
+            return title + elements.note(
+                "The points were measured (points.csv): there are no planes to look at."
+            )
         return title + elements.note("This scan has not been searched yet.")
     failure = elements.alert(f"No corner: {search.failure}") if search.failure else ""
     if not len(search.sets):

@@ -15,7 +15,7 @@ from inspector.markup.parts import elements, numbers
 from inspector.markup.parts.links import Names, joint_asks, joints_by_parameter, linked
 from inspector.markup.parts.numbers import parameter_label
 from inspector.markup.parts.palette import ROLE_COLOURS
-from inspector.session.measuring import no_full_poses
+from inspector.session.measuring import measured_kinds, no_full_poses
 from inspector.session.session import Session
 
 PARAMETER_COLUMNS = ("name", "nominal", "fitted", "change", "sigma", "unit")
@@ -34,6 +34,8 @@ def faces_words(session: Session) -> str:
     """What a fit of full poses has to go by, or what it lacks, in a sentence."""
     if session.unlabelled:
         return "pose needs the jig's faces named in the scans, which is done once their corners are found."
+    if "pose" not in measured_kinds(session):
+        return "Full poses are not offered: points.csv has no orientations (qw, qx, qy, qz)."
     problem = no_full_poses(session)
     if problem:
         return NO_POSES + problem.removeprefix(f"dataset {session.dataset.name}: ")

@@ -19,7 +19,8 @@ POINTS_NOTE = (
     "that it can be seen."
 )
 THIS, ALL, DISTANCES = "Show the corner", "Show all", "Distances"
-VIEW_OF = {THIS: "Corner", ALL: "All corners", DISTANCES: "Distance"}
+POINT = "Show the point"
+VIEW_OF = {THIS: "Corner", POINT: "Corner", ALL: "All corners", DISTANCES: "Distance"}
 
 
 class CornerPanel:
@@ -27,14 +28,14 @@ class CornerPanel:
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
         self._note = gui.add_html(elements.note(NOTE))
-        self._show = gui.add_button_group("In 3D", tuple(VIEW_OF))
+        self._show = gui.add_button_group("In 3D", (THIS, ALL, DISTANCES))
         self._show.on_click(lambda e: actions.show_view(VIEW_OF.get(e.target.value, "Corner")))
         self._content = gui.add_html("")
 
     def update(self, view: View) -> None:
         """The selected pose's corner."""
         has_scans = view.session.dataset.scan_folder is not None
-        shown = tuple(VIEW_OF) if has_scans else (THIS, ALL)
+        shown = (THIS, ALL, DISTANCES) if has_scans else (POINT, ALL)
         if shown != tuple(self._show.options):
             self._show.options = shown
         self._note.content = elements.note(NOTE if has_scans else POINTS_NOTE)

@@ -20,10 +20,13 @@ class PlanesPanel:
     """Counts and groups of the selected pose."""
 
     def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
-        gui.add_html(elements.note(NOTE))
-        gui.add_button_group("In 3D", ("Show the planes",)).on_click(lambda _: actions.show_view("Planes"))
+        self._note = gui.add_html(elements.note(NOTE))
+        self._show = gui.add_button_group("In 3D", ("Show the planes",))
+        self._show.on_click(lambda _: actions.show_view("Planes"))
         self._content = gui.add_html("")
 
     def update(self, view: View) -> None:
         """The selected pose's search."""
+        self._show.visible = view.session.dataset.scan_folder is not None
+        self._note.content = elements.note(NOTE) if self._show.visible else ""
         self._content.content = planes_html(view)

@@ -16,9 +16,7 @@ NOTE = (
     "The selected scan in full, all others in few points, in the colour of their role. Look for scans that miss the "
     "jig, are noisy, or stand apart from the rest. A pose without a corner is left out of the fit."
 )
-NO_SCANS = (
-    "This dataset has no scans: its points were measured (points.csv). The list says how well each is known."
-)
+NO_SCANS = "The points were measured (points.csv). The list says how well each is known."
 
 
 class ScansPanel:
@@ -60,7 +58,7 @@ def scan_facts(view: View, scan: Scan | None, drawn: int) -> str:
         ]
         if scan.dropped:
             rows.append(("points without a value, left out", f"{scan.dropped:,}"))
-    else:
+    elif dataset.scan_folder is not None:
         rows.append(("scan", "none: the point was measured (points.csv)"))
     joints = zip(dataset.robot.joints, poses.q[i], strict=True)
     rows.append(

@@ -397,7 +397,7 @@ def test_figures_follow_the_dark_page(app: App, page: WireClient) -> None:
 def test_switching_datasets_and_back_searches_nothing_again(app: App, page: WireClient) -> None:
     searches = session(app).searches
     page.set("Dataset", "points")
-    shows(page, "No scans to search")
+    shows(page, "Nothing to search")
     assert app.worker.wait_idle(IDLE_S)
     assert session(app).dataset.points is not None
     page.wait(lambda p: not [n for n in p.scene if n.startswith(f"{ROOT}/overview/")])
@@ -410,7 +410,7 @@ def test_switching_datasets_and_back_searches_nothing_again(app: App, page: Wire
 
 def test_names_from_files_never_become_markup(app: App, page: WireClient) -> None:
     page.set("Dataset", "points")
-    shows(page, "No scans to search")
+    shows(page, "Nothing to search")
     app.select(1)
     shows(page, f"Pose {HOSTILE}")
     assert app.worker.wait_idle(IDLE_S)
@@ -440,7 +440,7 @@ def test_where_no_dataset_can_be_opened_the_page_says_so(folder: Path, tmp_path:
     (tmp_path / "only" / "poses.csv").write_text("pose,role\n")
     with idle_app(tmp_path) as app, WireClient(app.server.get_port()) as page:
         shows(page, "poses.csv", "No dataset is open")
-        assert "No scans to search" not in plain(page)
+        assert "Nothing to search" not in plain(page)
 
 
 def test_our_own_bug_is_told_too(app: App, page: WireClient, monkeypatch: pytest.MonkeyPatch) -> None:

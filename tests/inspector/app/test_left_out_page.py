@@ -73,7 +73,10 @@ def test_left_out_and_taken_in_again(app: App, page: WireClient) -> None:
     assert session(app).uncounted == {POSE}
     assert session(app).screening is not None  # ranked again
     shows(
-        page, f"− pose {POSE}: the test error", "no fit and no figure takes it", f"left out as asked: {POSE}"
+        page,
+        f"− pose {POSE}: the test error is ",
+        "no fit and no figure takes it",
+        f"left out as asked: {POSE}",
     )
     assert page.value("Pose") == f"{POSE} · training · left out"
     page.wait(lambda p: grey_points(p) == 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -163,3 +164,12 @@ def test_buttons_that_would_do_nothing_are_off(app: App, page: WireClient) -> No
 def test_points_without_orientations_are_offered_no_full_poses(page: WireClient) -> None:
     for label in ("Fit", "Measured"):
         assert list(page.props(label)["options"]) == ["position", "distance", "pairs"]
+
+
+def test_measured_points_speak_of_no_scans_and_corners(page: WireClient) -> None:
+    """But for the names of tabs, which serve all datasets of a folder, and the command that has such a name."""
+    said = plain(page).replace("inspector corners", "")
+    assert not re.findall(r"\b(?:scans?|corners?|jig)\b[^.]*", said, re.IGNORECASE)
+    assert list(page.props("3D view")["options"]) == ["Arm", "All points", "Point"]
+    for label in ("This corner", "All corners"):
+        assert not page.has(label)

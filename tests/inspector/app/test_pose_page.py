@@ -252,7 +252,7 @@ def test_poses_that_were_chosen_for_one_dataset_are_not_the_next_ones(folder: Pa
         assert app.worker.wait_idle(IDLE_S)
         assert session(app).calibration.residual == "position"  # type: ignore[union-attr]
         page.wait(lambda p: p.value("Fit") == "position")
-        shows(page, "pose cannot be fitted: found no orientation at a training pose; give qw, qx, qy, qz")
+        shows(page, "Full poses are not offered: points.csv has no orientations (qw, qx, qy, qz).")
         assert page.props("Fit")["options"] == page.props("Measured")["options"]
         assert "pose" not in page.props("Fit")["options"]  # full poses only where there are any
         assert not page.notifications

@@ -262,6 +262,6 @@ def test_the_jig_lies_over_the_scan_coloured_by_distance(app: App, page: WireCli
 
 
 def test_points_alone_offer_the_views_that_they_have(app: App, page: WireClient) -> None:
-    assert list(page.props("3D view")["options"]) == ["Arm", "All corners", "Corner"]
+    assert list(page.props("3D view")["options"]) == ["Arm", "All points", "Point"]
     shows = [m for m in page.gui.values() if SHOW_ARM in m["props"].get("options", ())]
     assert [list(m["props"]["options"]) for m in shows] == [[SHOW_ARM]]

@@ -1,0 +1,74 @@
+"""In a real browser: a pose left out by its button, undone and redone by keys, also from a list that was used last."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from inspector.app.app import App
+from inspector.panels.learn.missing_effects import UNDO
+from inspector.panels.review import LEAVE_OUT, TAKE_IN
+from inspector.server.viser_server import url_of
+from tests.support.app import IDLE_S, idle_app
+from tests.support.browser import MS, browser, open_page, open_tab, says
+from tests.support.hidden_dataset import write_hidden
+
+pytestmark = pytest.mark.slow
+POSE = "p05"
+
+
+@pytest.fixture(scope="module")
+def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
+    with idle_app(write_hidden(tmp_path_factory.mktemp("left_out"))) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def page(app: App) -> Iterator[Any]:
+    with browser() as chromium, open_page(chromium, url_of(app.server)) as opened:
+        yield opened
+
+
+def button(page: Any, name: str) -> Any:
+    return page.get_by_role("button", name=name, exact=True)
+
+
+def test_a_pose_is_left_out_by_its_button_and_said_everywhere(page: Any, app: App) -> None:
+    open_tab(page, "Scans")
+    page.locator(f'tr[data-value="{POSE}"]').first.click()
+    says(page, "5 of 45, training")
+    button(page, LEAVE_OUT).click()
+    button(page, TAKE_IN).wait_for(timeout=MS)
+    row = page.locator(f'tr[data-value="{POSE}"]').first
+    row.get_by_text("left out").wait_for(timeout=MS)
+    says(page, "no fit and no figure takes it")
+    open_tab(page, "What is missing")
+    says(page, f"− pose {POSE}: the test error is")
+    assert app.worker.wait_idle(IDLE_S)
+    assert app.state.session.uncounted == {POSE}
+
+
+def test_the_keys_work_from_a_list_that_was_used_last(page: Any, app: App) -> None:
+    """A list keeps the focus, and viser takes no key from an input."""
+    page.get_by_role("combobox", name="Effect").click()
+    page.get_by_role("option").nth(2).click()
+    page.keyboard.press("Control+z")
+    button(page, LEAVE_OUT).wait_for(timeout=MS)
+    button(page, "Redo").wait_for(timeout=MS)
+    assert button(page, UNDO).count() == 0  # nothing to undo any more
+    page.keyboard.press("Control+y")
+    button(page, TAKE_IN).wait_for(timeout=MS)
+    assert app.worker.wait_idle(IDLE_S)
+    assert app.state.session.uncounted == {POSE}
+
+
+def test_a_field_that_is_typed_into_keeps_the_keys_for_its_text(page: Any, app: App) -> None:
+    page.evaluate("document.body.insertAdjacentHTML('beforeend', '<input id=typed>')")
+    page.locator("#typed").fill("some text")
+    page.locator("#typed").press("Control+z")
+    page.wait_for_timeout(200)
+    assert app.worker.wait_idle(IDLE_S)
+    assert app.state.session.uncounted == {POSE}
+    page.evaluate("document.getElementById('typed').remove()")
