@@ -233,8 +233,8 @@ class App(ModelRequests):
         """How much larger the uncertainty is drawn."""
         self.worker.submit("factor", lambda: self.stage.change(factor=factor))
 
-    def arrows(self, factor: float) -> None:
-        """How much longer residuals are drawn."""
+    def arrows(self, factor: float | None) -> None:
+        """How much longer residuals are drawn; None: as suits what is drawn."""
         self.worker.submit("arrows", lambda: self.stage.change_arrows(factor))
 
     def version(self, name: str) -> None:

@@ -23,8 +23,8 @@ class HeadlinePanel:
     def update(self, view: View) -> None:
         """The session and the version of its model on show."""
         before, self._view = self._view, view
-        same = before is not None and before.session is view.session and before.chosen == view.chosen
-        if not same:  # another pose changes nothing
+        # Another pose changes nothing.
+        if before is None or before.session is not view.session or before.shown_step != view.shown_step:
             self._show()
 
     def doing(self, **what: bool | str) -> None:

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import viser
 
-from calib.array_types import Array, ByteArray, IndexArray
+from calib.array_types import Array, BoolArray, ByteArray, IndexArray
 from calib.calibration.model_versions import Version
 from calib.corners.jig_distance import face_distances, jig_outline
 from calib.dataset.dataset import Dataset
@@ -28,12 +28,14 @@ from inspector.markup.parts.palette import (
 )
 from inspector.scene import corner_nodes, model_nodes
 from inspector.scene.arm_shape import arm_of
+from inspector.scene.arrow_lengths import drawn_as, field_mm
 from inspector.scene.link_mesh import load_link_mesh
 from inspector.scene.scene_view import ROOT, SceneView
 from inspector.session.view import BY_ERROR, View
 
 ARROW_SHARE = 0.0014  # of the field: radius of a residual's arrow
 TIP_SHARE = 0.8  # of a measured point: diameter of a predicted one
+TOLD_CUT = 3  # of the arrows that are cut, their lengths are told
 ABOVE_MM = 20.0  # how far over the points their text stands
 
 
@@ -41,7 +43,7 @@ def pose_colours(view: View) -> ByteArray:
     """(N, 3) the colour of each pose's measured point: its role's, or that of the chosen version's error."""
     if view.colouring == BY_ERROR and view.version is not None:
         return colour_scale.coloured(
-            view.version.pose_errors_mm(), 0.0, error_limit_mm(view), colour_scale.ERROR
+            view.version.pose_errors_mm(), 0.0, error_limit_mm(view), colour_scale.error_colours(view.dark)
         )
     poses = range(len(view.session.dataset.poses))
     return np.array([rgb(pose_colour(view, pose)) for pose in poses], dtype=np.uint8)
@@ -72,17 +74,27 @@ def draw_residuals(scene: SceneView, view: View, on_click: Callable[[int], None]
         for layer in ("residuals", "predicted"):
             scene.draw(layer, lambda api, name: [])
         return
-    tips = {name: at + view.arrows * error for name, (at, error, _) in drawn.items()}
+    field = field_mm(start)
+    long = {name: drawn_as(error, view, field) for name, (_, error, _) in drawn.items()}
+    tips = {name: at + long[name][0] for name, (at, _, _) in drawn.items()}
     arrows, colours, pose = _arrows(drawn, tips)
     of_tip = np.concatenate([pose for _, _, pose in drawn.values()])
-    field_mm = float(np.linalg.norm(np.ptp(start, axis=0))) + 50.0
     longest = {name: float(np.linalg.norm(e, axis=1).max(initial=0.0)) for name, (_, e, _) in drawn.items()}
-    text = residual_words(view.arrows, longest)
+    text = residual_words(view.arrows, longest, sum(int(cut.sum()) for _, cut in long.values()))
+    lengths = _lengths_of_cut(drawn, tips, {name: cut for name, (_, cut) in long.items()})
     top = np.array([start[:, 0].mean(), start[:, 1].min() - ABOVE_MM, start[:, 2].mean()])
     scene.draw(
         "residuals",
         lambda api, name: model_nodes.residuals(
-            api, name, arrows, colours, ARROW_SHARE * field_mm, text, top, lambda k: on_click(int(pose[k]))
+            api,
+            name,
+            arrows,
+            colours,
+            ARROW_SHARE * (field + 50.0),
+            text,
+            top,
+            lambda k: on_click(int(pose[k])),
+            lengths,
         ),
     )
     size_mm = TIP_SHARE * corner_nodes.dot_mm(start)
@@ -116,13 +128,27 @@ def _arrows(
     return np.concatenate(arrows), np.concatenate(colours), np.concatenate(poses)
 
 
-def residual_words(factor: float, longest_mm: Mapping[str, float]) -> str:
-    """What the arrows are: how many times too long, and the longest error of each version."""
+def _lengths_of_cut(
+    drawn: Mapping[str, Predictions], tips: Mapping[str, Array], cut: Mapping[str, BoolArray]
+) -> list[tuple[Array, str]]:
+    """Where the longest of the arrows that were cut end (3,), and how long their errors are."""
+    all_cut = [
+        (float(np.linalg.norm(error[i])), tips[name][i])
+        for name, (_, error, _) in drawn.items()
+        for i in np.flatnonzero(cut[name])
+    ]
+    told = sorted(all_cut, key=lambda each: -each[0])[:TOLD_CUT]
+    return [(tip, f"{numbers.length(length)}, cut") for length, tip in told]
+
+
+def residual_words(factor: float, longest_mm: Mapping[str, float], cut: int = 0) -> str:
+    """What the arrows are: how many times too long, the longest error of each version, how many are drawn shorter."""
     lengths = [numbers.length(mm) for mm in longest_mm.values()]
+    shorter = f"; {cut} cut" if cut else ""
     if len(lengths) == 1:
-        return f"residuals × {factor:g}, longest {lengths[0]}"
+        return f"residuals × {factor:g}, longest {lengths[0]}{shorter}"
     named = "; ".join(f"{name} {length}" for name, length in zip(longest_mm, lengths, strict=True))
-    return f"residuals × {factor:g}, longest: {named}"
+    return f"residuals × {factor:g}, longest: {named}{shorter}"
 
 
 # ---- the arm --------------------------------------------------------------------------------------------------------

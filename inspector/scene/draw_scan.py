@@ -143,16 +143,6 @@ def draw_corners(scene: SceneView, view: View, on_click: Callable[[int], None]) 
     return xyz
 
 
-def fitting_arrows(view: View) -> float:
-    """The enlargement by which most residuals are drawn a twelfth as long as the field that they lie in."""
-    calibration = view.session.calibration
-    if calibration is None or calibration.dataset.points is None:
-        return view.arrows
-    error = np.percentile(np.linalg.norm(calibration.after.error_mm, axis=1), 90)
-    field = float(np.linalg.norm(np.ptp(calibration.dataset.points.xyz_mm, axis=0)))
-    return float(max((f for f in FACTORS if f * error <= field / 12), default=FACTORS[0]))
-
-
 def fitting_ellipsoids(view: View) -> float:
     """The enlargement by which the first known corner's uncertainty is drawn about a centimetre large."""
     known = (corner_of(view, i) for i in range(len(view.session.dataset.poses)))

@@ -223,8 +223,12 @@ def residuals(
     text: str,
     at_mm: Array,
     on_click: Callable[[int], None],
+    lengths: Sequence[tuple[Array, str]] = (),
 ) -> list[viser.SceneNodeHandle]:
-    """Arrows (K, 2, 3) from measured to predicted, in colours (K, 3), and what they are; a click tells which."""
+    """Arrows (K, 2, 3) from measured to predicted, in colours (K, 3), and what they are; a click tells which.
+
+    lengths: places (3,) of arrows whose true lengths stand beside them.
+    """
     if not len(arrows_mm):
         return []
     size = size_mm * M_PER_MM
@@ -243,6 +247,13 @@ def residuals(
         api.add_label(
             f"{name}/label", text, position=tuple(to_scene(at_mm).astype(float)), font_screen_scale=0.85,
             anchor="bottom-center",
+        ),
+        *(
+            api.add_label(
+                f"{name}/length{number}", length, position=tuple(to_scene(tip_mm).astype(float)),
+                font_screen_scale=0.75, anchor="bottom-center",
+            )
+            for number, (tip_mm, length) in enumerate(lengths)
         ),
     ]  # fmt: skip
 

@@ -51,6 +51,7 @@ class View:
     dark: bool = False
     factor: float = 1000.0
     arrows: float = 100.0  # how many times longer residuals are drawn
+    arrows_chosen: bool = False  # whether the user has chosen that; else it suits what is drawn
     grey_rejected: bool = True
     failures: dict[str, str] = field(default_factory=dict)  # scans that could not be read, by pose id
     chosen: str = ""  # the version whose arm and errors are shown; the last where there is none of this name
@@ -94,7 +95,9 @@ class View:
         if version is None or version.name == NOMINAL:
             return None if version is None else 0
         fits = [step.calibration for step in self.session.steps]
-        return next((k + 1 for k, fit in enumerate(fits) if fit is version.calibration), None)
+        links = (k + 1 for k, step in enumerate(self.session.steps) if not step.selected)
+        known = (k + 1 for k, fit in enumerate(fits) if fit is version.calibration)
+        return next(known, next(links, None) if version.name == LINKS else None)
 
     def version_of_step(self, number: int) -> str:
         """Which of the versions the model after a step is; steps counted as in `shown_step`."""

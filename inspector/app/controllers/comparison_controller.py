@@ -9,6 +9,7 @@ from calib.calibration.model_versions import VERSIONS
 from calib.scans.scan import Scan
 from inspector.app.page.page_state import PageState
 from inspector.panels.model.compare import ComparePanel
+from inspector.scene.arrow_lengths import fitting_arrows
 from inspector.scene.draw_model import ArmDrawing, draw_distance, draw_jig, draw_residuals, jig_distances
 from inspector.scene.draw_scan import draw_corners
 from inspector.scene.scene_view import SceneView
@@ -38,6 +39,10 @@ class ComparisonController:
     def draw(self) -> None:
         """What the versions predict, at the selected pose."""
         view = self._state.now
+        factor = view.arrows if view.arrows_chosen else fitting_arrows(view)
+        if factor != view.arrows:
+            self._state.change(arrows=factor)
+            view = self._state.now
         with self._scene.atomic():
             draw_corners(self._scene, view, self._on_click)
             draw_residuals(self._scene, view, self._on_click)
@@ -67,14 +72,18 @@ class ComparisonController:
         return self._distances_mm
 
     def change(self, **what: float | str | frozenset[str] | None) -> None:
-        """Change how the model is shown (`View.arrows`, `chosen`, `compared`, `colouring`)."""
+        """Change how the model is shown (`View.arrows`, `arrows_chosen`, `chosen`, `compared`, `colouring`)."""
         self._state.change(**what)
         self.draw()
 
     def choose(self, name: str) -> None:
-        """Show the arm and the errors of a version, where there is one of this name."""
-        if name in [version.name for version in self._state.now.versions]:
-            self.change(chosen=name, step=None)
+        """Show the arm, the errors and the arrows of a version, where there is one of this name.
+
+        Of the arrows only those to others that the user has ticked stay.
+        """
+        view = self._state.now
+        if view.version is not None and name in [version.name for version in view.versions]:
+            self.change(chosen=name, compared=view.compared - {view.version.name} | {name}, step=None)
 
     def show(self, name: str, shown: bool) -> None:
         """Show or hide what a version predicts."""

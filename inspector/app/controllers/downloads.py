@@ -124,7 +124,8 @@ def _model(asked: Asked) -> tuple[str, bytes]:
 
 def _session(asked: Asked) -> tuple[str, bytes]:
     view = asked.view
-    shown = Shown(view.pose_id, asked.view_name, view.dark, view.arrows, view.factor)
+    arrows = view.arrows if view.arrows_chosen else None
+    shown = Shown(view.pose_id, asked.view_name, view.dark, arrows, view.factor)
     undo = asked.steps
     text = session_text(asked.session, beside=asked.root, shown=shown, past=undo.past, future=undo.future)
     return "session.json", text.encode()

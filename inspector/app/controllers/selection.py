@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from inspector.app.controllers.stage import Stage
+from inspector.app.controllers.stage import ARM, Stage
 from inspector.app.page.page_state import PageState
 from inspector.app.page.tabs import Panels
+
+MODEL_VIEWS = (ARM, "All corners")  # where the model's errors are seen
 
 
 class Selection:
@@ -29,7 +31,12 @@ class Selection:
         self._panels.missing_effects.update_curves(view)
 
     def step(self, number: int) -> None:
-        """Show the arm and the errors of the nominal robot (0), or of the model after a step, counted from 1."""
+        """Show the arm and the errors of the nominal robot (0), or of the model after a step, counted from 1.
+
+        In 3D, too, where something else is looked at.
+        """
         view = self._state.now.at_step(number)
         self._state.change(chosen=view.chosen, compared=view.compared, step=view.step)
         self._stage.comparison.draw()
+        if self._stage.view_name not in MODEL_VIEWS:
+            self._stage.follow(ARM)

@@ -21,7 +21,6 @@ from inspector.scene.draw_scan import (
     draw_overview,
     draw_planes,
     draw_pose,
-    fitting_arrows,
     fitting_ellipsoids,
 )
 from inspector.scene.scene_view import SceneView
@@ -95,8 +94,6 @@ class Stage:
 
     def draw_model(self, first: bool) -> None:
         """What the model predicts, in 3D and side by side; `first`: until now the dataset had none."""
-        if first:  # and then no more, so that arrows shrink as the error falls
-            self._state.change(arrows=fitting_arrows(self._state.now))
         self.comparison.draw()
         if first and self._camera.name == ARM and not self._camera.kept:
             self._camera.at(self._state.now, self._scans.medians)
@@ -146,9 +143,12 @@ class Stage:
             put(self._panels.review.factor, f"{shown.factor:g}")
             self.change(factor=shown.factor)
 
-    def change_arrows(self, factor: float) -> None:
-        """Draw residuals so many times too long."""
-        self.comparison.change(arrows=factor)
+    def change_arrows(self, factor: float | None) -> None:
+        """Draw residuals so many times too long; None: as suits what is drawn."""
+        if factor is None:
+            self.comparison.change(arrows_chosen=False)
+        else:
+            self.comparison.change(arrows=factor, arrows_chosen=True)
 
     def dark(self, dark: bool) -> None:
         """Dark or light, with new figures: they do not follow the page by themselves."""
@@ -158,6 +158,7 @@ class Stage:
         put(panels.review.dark, dark)
         if self._state.view is not None:
             self._state.change(dark=dark)
+            self.comparison.draw()
             view = self._state.now
             panels.redundancy.update(view)
             panels.fit.update(view)

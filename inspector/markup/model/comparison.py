@@ -63,7 +63,8 @@ def points_legend(view: View) -> str:
         return roles_legend(view)
     floor = noise_floor_mm(view.version.calibration)
     return colour_scale.bar(
-        f"Measured points: 3D error of {view.version.name}", 0.0, error_limit_mm(view), colour_scale.ERROR,
+        f"Measured points: 3D error of {view.version.name}", 0.0, error_limit_mm(view),
+        colour_scale.error_colours(view.dark),
         mark=None if floor is None else (floor, f"noise alone, {numbers.length(floor)}"),
     )  # fmt: skip
 

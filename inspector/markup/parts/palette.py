@@ -1,8 +1,11 @@
-"""The colours of the app, one meaning a colour, told apart also by colour-blind eyes (Okabe and Ito's set)."""
+"""The colours of the app, one meaning a colour, told apart also by colour-blind eyes.
+
+Roles and models are near Okabe and Ito's set, each as light as stands out from a light page and from a dark one.
+"""
 
 from __future__ import annotations
 
-ROLE_COLOURS = {"reference": "#009E73", "train": "#56B4E9", "test": "#D55E00"}
+ROLE_COLOURS = {"reference": "#2DA587", "train": "#0F96D2", "test": "#B43C00"}
 ROLE_WORDS = {"reference": "reference", "train": "training", "test": "test"}
 FACE_COLOURS = ("#0072B2", "#E69F00", "#CC79A7")  # the three chosen faces, in the order of the corner's faces
 GROUP_COLOURS = (
@@ -16,7 +19,7 @@ GROUP_COLOURS = (
     "#882255",
     "#6699CC",
 )
-MODEL_COLOURS = {"nominal": "#E69F00", "link errors": "#0072B2", "with effects": "#CC79A7"}
+MODEL_COLOURS = {"nominal": "#D97700", "link errors": "#0072DC", "with effects": "#8A5A86"}
 BESIDE_COLOURS = ("#0072B2", "#D55E00")  # the calibration on show, and the one beside it
 ARM, JOINT, SLIDE = "#C3C9D1", "#6B7787", "#8C7340"  # links; joints that turn; joints that slide
 MEASURE = "#7F868F"  # the floor's grid and the bar of known length

@@ -10,7 +10,7 @@ from calib.array_types import Array
 from calib.calibration.model_versions import VERSIONS
 from inspector.markup.model.comparison import arrows_and_points_legend, distance_html, figures_html, pose_html
 from inspector.markup.parts import elements
-from inspector.panels.base import Actions, ChangedValues, by_page
+from inspector.panels.base import Actions, ChangedValues, by_page, put
 from inspector.panels.input_checks import one_of
 from inspector.session.view import COLOURINGS, FACTORS, View
 
@@ -19,6 +19,7 @@ NOTE = (
     "that were added. Arrows go from measured to predicted. Look for arrows that point alike or grow with the reach: "
     "noise does neither."
 )
+AUTOMATIC = "automatic"
 SHOW_ARM, SHOW_DISTANCE = "Arm and arrows", "Jig over scan"
 NOT_YET = (
     "Nothing to compare yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
@@ -39,8 +40,9 @@ class ComparePanel:
         with gui.add_folder("Arrows to what these predict", expand_by_default=True):
             self.shown = {name: gui.add_checkbox(name, False) for name in VERSIONS}
         self.arrows = gui.add_dropdown(
-            "Residuals ×", tuple(str(f) for f in FACTORS), initial_value="100",
-            hint="how many times longer than they are residuals are drawn, measured to predicted",
+            "Residuals ×", (*(str(f) for f in FACTORS), AUTOMATIC), initial_value="100",
+            hint="how many times longer than they are residuals are drawn, measured to predicted; a number that you "
+            f"choose stays, {AUTOMATIC} goes back to what suits the arrows on show",
         )  # fmt: skip
         self.colouring = gui.add_dropdown("Measured points", COLOURINGS)
         self._legend = gui.add_html("")
@@ -55,13 +57,7 @@ class ComparePanel:
         self.colouring.on_update(lambda e: a.colouring(str(e.target.value)) if by_page(e) else None)
         for name, box in self.shown.items():
             box.on_update(partial(_ticked, a, name))
-        self.arrows.on_update(
-            lambda e: (
-                a.arrows(float(one_of(e.target.value, [str(f) for f in FACTORS], "100")))
-                if by_page(e)
-                else None
-            )
-        )
+        self.arrows.on_update(lambda e: a.arrows(_factor(e.target.value)) if by_page(e) else None)
 
     def update(self, view: View, problems: tuple[str, ...] = ()) -> None:
         """Everything but the distances, which come with the scan; `problems` with what should be drawn."""
@@ -75,6 +71,8 @@ class ComparePanel:
             self.version.options = tuple(names or VERSIONS)
         if view.version is not None:
             self._changed.put(self.version, view.version.name)
+        if self.arrows.value == AUTOMATIC:
+            put(self.arrows, f"{view.arrows:g}")
         self._changed.put(self.arrows, f"{view.arrows:g}")
         self._changed.put(self.colouring, view.colouring)
         self._figures.content = figures_html(view) if names else elements.note(NOT_YET)
@@ -85,6 +83,11 @@ class ComparePanel:
     def update_distance(self, view: View, distances_mm: Array | None) -> None:
         """The selected scan's distances to the jig's faces (N,), nan beside the jig; None without a corner."""
         self._distance.content = distance_html(view, distances_mm)
+
+
+def _factor(value: object) -> float | None:
+    """The factor that was chosen; None for the one that suits what is drawn."""
+    return None if value == AUTOMATIC else float(one_of(value, [str(f) for f in FACTORS], "100"))
 
 
 def _ticked(actions: Actions, name: str, event: viser.GuiEvent[viser.GuiCheckboxHandle]) -> None:

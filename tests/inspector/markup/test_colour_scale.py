@@ -7,25 +7,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from inspector.markup.parts.colour_scale import ERROR, SIGNED, bar, coloured, round_limit
+from inspector.markup.parts.colour_scale import (
+    ERROR_ON_DARK,
+    SIGNED,
+    bar,
+    coloured,
+    error_colours,
+    round_limit,
+)
 from inspector.markup.parts.palette import UNKNOWN, rgb
+from tests.support.colour_vision import DARK, LIGHT, contrast, lightness
 
 
-def lightness(colours: np.ndarray) -> np.ndarray:
-    """CIE L* of sRGB colours (N, 3), 0-255."""
-    c = colours / 255.0
-    linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
-    y = linear @ (0.2126, 0.7152, 0.0722)
-    return np.where(y > 0.008856, 116.0 * np.cbrt(y) - 16.0, 903.3 * y)
-
-
-def test_larger_errors_are_lighter_in_even_steps() -> None:
-    light = lightness(coloured(np.linspace(0, 2, 30), 0.0, 2.0, ERROR).astype(float))
-    steps = np.diff(light)
+@pytest.mark.parametrize("dark", [False, True])
+def test_larger_errors_stand_out_more_in_even_steps(dark: bool) -> None:
+    light = lightness(coloured(np.linspace(0, 2, 30), 0.0, 2.0, error_colours(dark)))
+    steps = np.diff(light) if dark else -np.diff(light)
     assert (steps > 0).all()
     assert steps.max() < 3 * steps.mean()
-    assert 15 < light[0] < 30  # to be seen on black
-    assert light[-1] < 90  # and on white
+    background = DARK if dark else LIGHT
+    assert min(contrast(colour, background) for colour in error_colours(dark)) >= 3.0
 
 
 def test_signed_colours_are_grey_at_zero_and_apart_in_blue_and_red_beside_it() -> None:
@@ -36,11 +37,11 @@ def test_signed_colours_are_grey_at_zero_and_apart_in_blue_and_red_beside_it() -
 
 
 def test_what_lies_outside_has_the_ends_colour_and_what_is_unknown_its_own() -> None:
-    got = coloured([-5.0, 0.0, 9.0, 1.0, np.nan], 0.0, 1.0, ERROR)
-    assert tuple(got[0]) == tuple(got[1]) == rgb(ERROR[0])
-    assert tuple(got[2]) == tuple(got[3]) == rgb(ERROR[-1])
+    got = coloured([-5.0, 0.0, 9.0, 1.0, np.nan], 0.0, 1.0, ERROR_ON_DARK)
+    assert tuple(got[0]) == tuple(got[1]) == rgb(ERROR_ON_DARK[0])
+    assert tuple(got[2]) == tuple(got[3]) == rgb(ERROR_ON_DARK[-1])
     assert tuple(got[4]) == rgb(UNKNOWN)
-    assert coloured(np.zeros(0), 0.0, 1.0, ERROR).shape == (0, 3)
+    assert coloured(np.zeros(0), 0.0, 1.0, ERROR_ON_DARK).shape == (0, 3)
 
 
 @given(st.floats(1e-9, 1e9))
@@ -60,7 +61,7 @@ def test_a_scale_of_nothing_is_one() -> None:
     [(0.0, 0.5, ["0 mm", "0.25 mm", "0.5 mm"]), (-0.1, 0.1, ["-0.1 mm", "0 mm", "+0.1 mm"])],
 )
 def test_the_bar_has_its_ends_with_their_unit(low: float, high: float, ends: list[str]) -> None:
-    text = bar("error <b>", low, high, ERROR)
+    text = bar("error <b>", low, high, ERROR_ON_DARK)
     for end in ends:
         assert f">{end}</span>" in text
     assert "error &lt;b&gt;" in text
@@ -68,6 +69,6 @@ def test_the_bar_has_its_ends_with_their_unit(low: float, high: float, ends: lis
 
 
 def test_a_mark_lies_where_its_number_does_or_is_left_out() -> None:
-    assert "calc(25.00% - 1px)" in bar("e", 0.0, 2.0, ERROR, mark=(0.5, "noise <i>"))
-    assert "line: noise &lt;i&gt;" in bar("e", 0.0, 2.0, ERROR, mark=(0.5, "noise <i>"))
-    assert "line:" not in bar("e", 0.0, 2.0, ERROR, mark=(2.5, "noise"))
+    assert "calc(25.00% - 1px)" in bar("e", 0.0, 2.0, ERROR_ON_DARK, mark=(0.5, "noise <i>"))
+    assert "line: noise &lt;i&gt;" in bar("e", 0.0, 2.0, ERROR_ON_DARK, mark=(0.5, "noise <i>"))
+    assert "line:" not in bar("e", 0.0, 2.0, ERROR_ON_DARK, mark=(2.5, "noise"))

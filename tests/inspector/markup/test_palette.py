@@ -1,0 +1,40 @@
+"""Colours that are drawn together can be told apart by all eyes, and seen on a light and on a dark page."""
+
+from __future__ import annotations
+
+from itertools import combinations, product
+
+import pytest
+
+from inspector.markup.parts.palette import HIGHLIGHT, MEASURE, MODEL_COLOURS, ROLE_COLOURS
+from tests.support.colour_vision import DARK, EYES, LIGHT, contrast, difference
+
+DRAWN = {**ROLE_COLOURS, **MODEL_COLOURS, "selected": HIGHLIGHT, "grid and scale": MEASURE}
+
+
+@pytest.mark.parametrize("name", DRAWN)
+@pytest.mark.parametrize("background", [LIGHT, DARK])
+def test_points_arrows_and_lines_stand_out_from_the_page(name: str, background: str) -> None:
+    assert contrast(DRAWN[name], background) >= 3.0  # WCAG 2.1, 1.4.11
+
+
+@pytest.mark.parametrize("eyes", EYES)
+@pytest.mark.parametrize("colours", [ROLE_COLOURS, MODEL_COLOURS])
+def test_colours_of_one_kind_are_told_apart_at_a_glance(colours: dict[str, str], eyes: str) -> None:
+    for one, other in combinations(colours.values(), 2):
+        assert difference(one, other, eyes) >= 35.0, (one, other)
+
+
+@pytest.mark.parametrize("eyes", EYES)
+def test_points_are_told_from_arrows(eyes: str) -> None:
+    for one, other in product(ROLE_COLOURS.values(), MODEL_COLOURS.values()):
+        assert difference(one, other, eyes) >= 20.0, (one, other)
+
+
+def test_eyes_see_what_is_known_of_them() -> None:
+    assert difference("#FF0000", "#00FF00", "normal") > 150
+    assert difference("#FFFFFF", "#808080", "deuteranopia") == pytest.approx(
+        difference("#FFFFFF", "#808080", "normal"), abs=0.5
+    )
+    assert difference("#2E7D32", "#8D6E00", "deuteranopia") < 0.5 * difference("#2E7D32", "#8D6E00", "normal")
+    assert contrast("#000000", "#FFFFFF") == pytest.approx(21.0)

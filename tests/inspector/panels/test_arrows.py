@@ -1,0 +1,105 @@
+"""Residuals as arrows: whose they are, how long they are drawn, and who decides that."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.calibration.model_versions import LINKS, NOMINAL
+from inspector.app.app import App
+from inspector.markup.parts.palette import MODEL_COLOURS, rgb
+from inspector.panels.model.compare import AUTOMATIC
+from inspector.scene.arrow_lengths import LONGEST_SHARE, drawn_as, field_mm
+from inspector.scene.draw_model import residual_words
+from inspector.scene.scene_view import ROOT
+from tests.support.app import IDLE_S, idle_app
+from tests.support.hidden_dataset import write_hidden
+from tests.support.wire_client import WireClient
+
+pytestmark = pytest.mark.slow  # a whole app, running
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
+    with idle_app(write_hidden(tmp_path_factory.mktemp("arrows") / "hidden")) as app:
+        yield app
+
+
+@pytest.fixture
+def app(running: App) -> App:
+    """The link errors with their arrows alone, as long as suits them."""
+    running.version(LINKS)
+    running.arrows(None)
+    for name in (NOMINAL, LINKS):
+        running.prediction(name, name == LINKS)
+    assert running.worker.wait_idle(IDLE_S)
+    return running
+
+
+@pytest.fixture
+def page(app: App) -> Iterator[WireClient]:
+    with WireClient(app.server.get_port()) as client:
+        yield client
+
+
+def array(page: WireClient, name: str) -> np.ndarray:
+    return np.asarray(page.scene[f"{ROOT}/residuals/arrows"]["props"][name])
+
+
+def arrow_lengths_mm(page: WireClient) -> np.ndarray:
+    drawn = 1000 * array(page, "points").reshape(-1, 2, 3)
+    return np.linalg.norm(drawn[:, 1] - drawn[:, 0], axis=1)
+
+
+def test_another_model_is_shown_with_its_own_arrows_and_those_that_were_ticked(
+    app: App, page: WireClient
+) -> None:
+    def colours() -> set[tuple[int, ...]]:
+        return {tuple(c) for c in array(page, "colors").reshape(-1, 3).tolist()}
+
+    assert app.state.now.compared == {LINKS}
+    page.set("Model shown", NOMINAL)
+    page.wait(lambda _: colours() == {rgb(MODEL_COLOURS[NOMINAL])})
+    page.wait(lambda p: p.scene[f"{ROOT}/arm/label"]["props"]["text"].endswith(NOMINAL))
+    page.set(LINKS, True)
+    page.wait(lambda _: len(colours()) == 2)
+    page.set("Model shown", LINKS)
+    page.wait(lambda _: colours() == {rgb(MODEL_COLOURS[LINKS])})
+
+
+def test_the_factor_suits_what_is_drawn_until_one_is_chosen(app: App, page: WireClient) -> None:
+    points = app.state.now.session.dataset.points
+    assert points is not None
+    field = field_mm(points.xyz_mm)
+    app.arrows(None)
+    for name in (NOMINAL, LINKS):
+        app.version(name)
+        assert app.worker.wait_idle(IDLE_S)
+        assert not app.state.now.arrows_chosen
+        longest = arrow_lengths_mm(page).max()
+        assert longest <= LONGEST_SHARE * field * 1.001
+        assert longest > 0.01 * field
+        page.wait(lambda p: p.value("Residuals ×") == f"{app.state.now.arrows:g}")
+    page.set("Residuals ×", "3000")
+    page.wait(lambda _: app.state.now.arrows_chosen)
+    for name in (NOMINAL, LINKS):
+        app.version(name)
+        app.step(1)
+        assert app.worker.wait_idle(IDLE_S)
+        assert app.state.now.arrows == 3000
+    page.set("Residuals ×", AUTOMATIC)
+    page.wait(lambda p: not app.state.now.arrows_chosen and p.value("Residuals ×") != AUTOMATIC)
+
+
+def test_a_wild_arrow_is_cut_and_its_length_told(app: App) -> None:
+    view = replace(app.state.now, arrows=100.0, arrows_chosen=False)
+    error = np.array([[0.1, 0, 0], [0, 9.0, 0], [0, 0, 0.0]])
+    arrows, cut = drawn_as(error, view, 1000.0)
+    np.testing.assert_allclose(arrows, [[10, 0, 0], [0, 150, 0], [0, 0, 0]])
+    assert cut.tolist() == [False, True, False]
+    chosen, _ = drawn_as(error, replace(view, arrows_chosen=True), 1000.0)
+    np.testing.assert_allclose(chosen[1], [0, 600, 0])
+    assert residual_words(100.0, {LINKS: 9.0}, 1) == "residuals × 100, longest 9.000 mm; 1 cut"
