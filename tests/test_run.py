@@ -157,18 +157,22 @@ def test_a_test_install_serves_too_but_not_the_other_way_round(sandbox: Sandbox)
 @pytest.mark.parametrize(
     ("args", "expected"),
     [
-        ((), "serve {project}/sample_data"),
-        (("--port", "9000"), "serve {project}/sample_data --port 9000"),
-        (("--host=::1",), "serve {project}/sample_data --host=::1"),
-        (("data",), "serve data"),
-        (("--port", "9000", "data"), "serve --port 9000 data"),
-        (("data", "--session", "s.json"), "serve data --session s.json"),
-        (("--port",), "serve {project}/sample_data --port"),
+        ((), "serve {project}/sample_data {own}"),
+        (("--port", "9000"), "serve {project}/sample_data {own} --port 9000"),
+        (("--host=::1",), "serve {project}/sample_data {own} --host=::1"),
+        (("data",), "serve {own} data"),
+        (("--port", "9000", "data"), "serve {own} --port 9000 data"),
+        (("data", "--session", "s.json"), "serve {own} data --session s.json"),
+        (("--port",), "serve {project}/sample_data {own} --port"),
+        (("--data", "mine"), "serve {project}/sample_data --data mine"),
+        (("data", "--data=mine"), "serve data --data=mine"),
     ],
 )
 def test_serve_without_a_path_shows_the_sample_data(sandbox: Sandbox, args: tuple[str, ...], expected: str):
     _, calls = sandbox.run("serve", *args)
-    assert inspector_call(calls) == expected.format(project=sandbox.project)
+    assert inspector_call(calls) == expected.format(
+        project=sandbox.project, own=f"--data {sandbox.project}/my_data"
+    )
 
 
 def test_no_value_of_an_option_of_serve_is_taken_for_a_path(sandbox: Sandbox):

@@ -145,7 +145,7 @@ def _with_numbers(
         f"{table.path}: joints are {', '.join(meant.columns[name].name for name in names)}"
         + (f"; {how}" if how else f" in {' and '.join(sorted(set(units)))} by their names")
     )
-    columns[table.path] = (table, _with_units(meant, names, units, how))
+    columns[table.path] = (table, _with_units(meant, names, units, _short(how)))
     if other is None:
         of_points = columns[table.path][1]
     scale = np.array([ANGLES_RAD.get(unit) or LENGTHS_MM[unit] for unit in units])
@@ -154,7 +154,9 @@ def _with_numbers(
     sample, off, unit = None, 1.0, "mm"
     if seen is not None and near is not None:
         unit, how, off = points_unit(work, other or table, of_points, near, q)
-        of_points = _with_units(of_points, list("xyz"), [unit] * 3, how)
+        of_points = _with_units(
+            of_points, list("xyz"), [unit] * 3, "the arm's tool spreads so" if how else ""
+        )
         columns[(other or table).path] = (other or table, of_points)
         setups = table.text(meant.columns["setup"].name) if "setup" in meant.columns else []
         place = of_one_place(near, row_of, (other or table, of_points), setups)
@@ -183,13 +185,18 @@ def _with_numbers(
     return _plan(work, given, columns, content if fault is None else None, len(table), robot_file)
 
 
+def _short(how: str) -> str:
+    """How a unit was found, in a table's cell."""
+    return f"the largest is {how.rpartition(' ')[2]}" if how else ""
+
+
 def _with_units(meant: Recognised, names: list[str], units: list[str], how: str) -> Recognised:
     """The columns with the units that were found, and how."""
     columns = dict(meant.columns)
     for name, unit in zip(names, units, strict=True):
         column = columns[name]
         if not column.unit:
-            why = f"{column.why}; {how}" if how else column.why
+            why = f"{column.why}; {unit}: {how}" if how else column.why
             columns[name] = Column(column.name, name, unit, column.sign, column.offset, why)
     return Recognised(columns, meant.rest, meant.faults)
 

@@ -81,7 +81,10 @@ def recognised(
 
 def joint_values(work: Work, table: UserTable, meant: Recognised) -> Array | None:
     """(N, n) as they stand in the file."""
-    if work.robot is None:
+    if work.robot is None:  # its cells are judged all the same
+        for name, column in meant.columns.items():
+            if name[:1] == "q" and name[1:].isdigit():
+                _numbers(work, table, column.name)
         return None
     names = [f"q{k + 1}" for k in range(work.robot.n_joints)]
     if not all(name in meant.columns for name in names):
@@ -99,7 +102,7 @@ def joint_values(work: Work, table: UserTable, meant: Recognised) -> Array | Non
 def point_values(work: Work, table: UserTable, meant: Recognised, *, needed: bool) -> Array | None:
     """(M, 3) as they stand in the file; None where there are none."""
     if not all(axis in meant.columns for axis in "xyz"):
-        if needed and not any(axis in meant.columns for axis in "xyz") and not work.faults:
+        if needed and not any(axis in meant.columns for axis in "xyz"):
             work.fault(
                 f"{table.path}: line 1: no columns x, y, z; give --points FILE.csv, --scans FOLDER or --map column=x"
             )

@@ -17,6 +17,7 @@ from calib.array_types import Array
 from calib.errors import CalibError
 from inspector.app.controllers.dataset_controller import DatasetController
 from inspector.app.controllers.downloads import Downloads
+from inspector.app.controllers.imports import Imports
 from inspector.app.controllers.model_controller import ModelController
 from inspector.app.controllers.selection import Selection
 from inspector.app.controllers.side_by_side_controller import SideBySideController
@@ -49,17 +50,22 @@ class App(ModelRequests):
         effects_file: Path | None = None,
         saved: Opening | None = None,
         root: Path = Path(),
+        data: Path | None = None,
     ) -> None:
+        """data: where datasets that pages import are written; None: pages import none."""
         super().__init__()
         self.server = server
         named = dict(zip(names_of(folders), folders, strict=True))
-        self._known = tuple(named)
+        self._folders = named
         self._wanted = 0  # the pose asked for last
-        start = self._known[0]
+        start = next(iter(named))
         if saved is not None:
             start = next(name for name, folder in named.items() if folder == saved.folder)
         user_effects, scans = UserEffects(effects_file), ScanCache()
-        panels = add_panels(server.gui, self, self._known, scans_first=has_scans(folders[0]))
+        scans_first = has_scans(folders[0])
+        panels = add_panels(
+            server.gui, self, tuple(named), scans_first=scans_first, takes_data=data is not None
+        )
         self.panels, self.state = panels, PageState(panels.headline.update)
         self.stage = Stage(
             server, self.state, scans, panels, on_click=self.select, on_joint=self.select_joint
@@ -87,6 +93,7 @@ class App(ModelRequests):
             panels.downloads,
             root,
         )
+        self.imports = Imports(server, data, panels.own_data, self.worker, on_made=self._imported)
         server.requests.on("pose", self.select_id)
         server.requests.on("tabs", self.tabs)
         server.requests.on("find", lambda _: self.find(True))
@@ -98,6 +105,7 @@ class App(ModelRequests):
         """End the work and the server."""
         self._watch.stop()
         self._playback.stop()
+        self.imports.close()
         self.worker.stop()
         self.downloads.close()
         self.model.close()
@@ -118,8 +126,15 @@ class App(ModelRequests):
 
     def open(self, name: str) -> None:
         """Show another dataset."""
-        if name in self._known:
+        if name in self._folders:
             self.worker.submit("open", lambda: self.dataset.open(name))
+
+    def _imported(self, folder: Path) -> None:
+        """List a dataset that was just written, and show it."""
+        name = folder.name if folder.name not in self._folders else str(folder)
+        self._folders[name] = folder
+        self.panels.review.list_datasets(tuple(self._folders))
+        self.open(name)
 
     def _opened(self) -> None:
         with self._asking:

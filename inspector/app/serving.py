@@ -24,8 +24,11 @@ def serving(
     port: int = 8080,
     effects_file: Path | None = None,
     saved: Opening | None = None,
+    data: Path | None = None,
 ) -> Iterator[App]:
     """The app on a dataset folder or a folder of datasets, while inside.
+
+    `data`: a folder, made when it is needed, to which pages may import datasets; those in it are listed, too.
 
     Raises:
         DatasetError: no dataset at `path`.
@@ -33,15 +36,24 @@ def serving(
         ServerError: the address cannot be served on.
     """
     # Those with scans first: a page that opens on one shows the whole way, from scan to model.
-    folders = sorted(find_datasets(path), key=lambda folder: not has_scans(folder))
+    found = {folder.resolve(): folder for folder in [*find_datasets(path), *_imported_before(data)]}
+    folders = sorted(found.values(), key=lambda folder: not has_scans(folder))
     if effects_file is not None and not effects_file.is_file():
         raise CalibError(f"{effects_file}: no such effects file")
     server = start_server(host, port, label="Calibration inspector")
-    app = App(server, folders, effects_file, saved, path)
+    app = App(server, folders, effects_file, saved, path, data)
     try:
         yield app
     finally:
         app.close()
+
+
+def _imported_before(data: Path | None) -> list[Path]:
+    if data is None or not data.exists():
+        return []
+    if not data.is_dir():
+        raise CalibError(f"--data {data}: is no folder; name one for the datasets that pages import")
+    return sorted(path.parent for path in data.glob("*/dataset.toml"))
 
 
 def serve(
@@ -51,12 +63,15 @@ def serve(
     port: int = 8080,
     effects_file: Path | None = None,
     saved: Opening | None = None,
+    data: Path | None = None,
 ) -> None:
     """Serve until interrupted (Ctrl-C); says on stdout where the page is.
 
     Raises: as `serving`.
     """
-    with serving(path, host=host, port=port, effects_file=effects_file, saved=saved) as app:
+    with serving(path, host=host, port=port, effects_file=effects_file, saved=saved, data=data) as app:
+        if data is not None:
+            sys.stdout.write(f"Your own data, dropped on the page, goes to {data.resolve()}.\n")
         sys.stdout.write(f"Open {url_of(app.server)} in a browser. Ctrl-C ends.\n")
         sys.stdout.flush()
         try:

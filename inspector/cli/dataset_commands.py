@@ -50,7 +50,14 @@ def run_serve(options: ServeOptions) -> int:
         saved, notes = opening(load_session(options.session), options.path, options.effects_file)
         for note in notes:
             print(f"inspector: warning: {options.session}: {note}", file=sys.stderr)
-    serve(options.path, host=options.host, port=options.port, effects_file=options.effects_file, saved=saved)
+    serve(
+        options.path,
+        host=options.host,
+        port=options.port,
+        effects_file=options.effects_file,
+        saved=saved,
+        data=options.data,
+    )
     return 0
 
 

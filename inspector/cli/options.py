@@ -29,6 +29,7 @@ class ServeOptions:
     port: int
     session: Path | None
     effects_file: Path | None
+    data: Path | None
 
 
 @dataclass(frozen=True, kw_only=True)

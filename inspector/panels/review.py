@@ -223,6 +223,10 @@ class ReviewPanel:
             rows.append((what, elements.named_swatch(DOUBT, said) if doubts else "found"))
         return elements.facts(rows) + alert
 
+    def list_datasets(self, names: tuple[str, ...]) -> None:
+        """The datasets that can be chosen."""
+        self.dataset.options, self.dataset.disabled = names, len(names) < 2
+
     def show_nothing(self) -> None:
         """No dataset could be opened; the reason stands above."""
         self.progress_text.content = elements.note(NOTHING_OPEN)

@@ -4,7 +4,7 @@ Viser as it comes binds every interface, moves to the next port when the asked o
 connections that any web page in the user's browser opens, lets any client open a public share tunnel, and applies
 whatever value a client sends, also to fields that are not values. `start_server` prevents all five.
 
-This file and `viser_caches` alone lean on viser's private names, so viser is pinned to >=1.1.1,<1.2.
+This file, `viser_caches` and `uploads` alone lean on viser's private names, so viser is pinned to >=1.1.1,<1.2.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def _value_fits(props: Any, current: object, value: object, is_button: bool) -> 
     return False
 
 
-def _guard_gui(gui: viser.GuiApi) -> None:
+def guard_gui(gui: viser.GuiApi) -> None:
     """Let through only changes of `value` that the widget on the page could have made."""
     handlers = gui._websock_interface._incoming_handlers
     apply = gui._handle_gui_updates
@@ -154,7 +154,8 @@ def _guard_gui(gui: viser.GuiApi) -> None:
         await apply(client_id, message)
 
     handlers[_messages.GuiUpdateMessage] = [guarded]  # type: ignore[list-item]
-    # Nothing here takes uploads, and nothing may open a tunnel: without a handler the messages are dropped.
+    # Nothing takes uploads but what `uploads.take_uploads` allows, and nothing may open a tunnel: without a handler the
+    # messages are dropped.
     for kind in (
         _messages.FileTransferStartUpload,
         _messages.FileTransferPart,
@@ -272,7 +273,7 @@ def start_server(host: str = LOOPBACK, port: int = 8080, *, label: str | None = 
         listener.close()
         raise
     server.requests = requests
-    _guard_gui(server.gui)
+    guard_gui(server.gui)
     return server
 
 

@@ -269,4 +269,4 @@ def test_decimal_commas_and_examples_are_shown(truth: Dataset, tmp_path: Path) -
     plan = plan_import(Given(ASKED, log))
     assert plan.faults == ()
     assert plan.columns[0].examples[0] == f"{truth.poses.q[0, 0]:.9f}"
-    assert plan.columns[6].why.startswith("by its name; taken for mm")
+    assert plan.columns[6].why.startswith("by its name; mm: ")

@@ -144,7 +144,9 @@ def _judged(path: Path) -> UserFile:
         return _judged_table(path)
     if suffix in (*_CLOUDS, *_MESHES):
         return UserFile(path, SCAN, "a point cloud")
-    return UserFile(path, UNUSED, "of no form that is read")
+    if suffix in (".xlsx", ".xls", ".ods", ".numbers"):
+        return UserFile(path, UNUSED, "a spreadsheet: save its sheet as CSV")
+    return UserFile(path, UNUSED, "a zip within" if suffix == ".zip" else "of no form that is read")
 
 
 def _judged_table(path: Path) -> UserFile:

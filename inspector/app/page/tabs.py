@@ -22,6 +22,7 @@ from inspector.panels.model.fit import FitPanel
 from inspector.panels.model.redundancy import RedundancyPanel
 from inspector.panels.model.side_by_side import SideBySidePanel
 from inspector.panels.review import ReviewPanel
+from inspector.panels.your_data import OwnDataButton
 
 STEPS: dict[str, tuple[str, ...]] = {  # a step without tabs of its own is one itself
     "Measure": ("Scans", "Planes", "Corner"),
@@ -44,6 +45,7 @@ class Panels:
     """All panels of the page."""
 
     headline: HeadlinePanel
+    own_data: OwnDataButton
     review: ReviewPanel
     scans: ScansPanel
     planes: PlanesPanel
@@ -63,11 +65,17 @@ class Panels:
 
 
 def add_panels(
-    gui: viser.GuiApi, actions: Actions, datasets: tuple[str, ...], *, scans_first: bool
+    gui: viser.GuiApi,
+    actions: Actions,
+    datasets: tuple[str, ...],
+    *,
+    scans_first: bool,
+    takes_data: bool = False,
 ) -> Panels:
     """The page's panels in the order in which they are read."""
     left = gui.add_panel()
     with left.add_tab("Review", icon=viser.Icon.LIST_SEARCH):
+        own_data = OwnDataButton(gui, takes_data=takes_data)
         review = ReviewPanel(gui, actions, datasets)
     headline = HeadlinePanel(gui)
     tab = add_tabs(gui, scans_first=scans_first)
@@ -97,6 +105,7 @@ def add_panels(
     gui.main_panel.set_width(RIGHT_WIDTH)
     return Panels(
         headline,
+        own_data,
         review,
         scans,
         planes,

@@ -152,6 +152,13 @@ def note(sentence: object) -> str:
     return f'<div style="{style}">{_markup(sentence)}</div>'
 
 
+def code(lines: object) -> str:
+    """Lines to be typed as they are."""
+    style = "margin:4px 16px 8px 16px;padding:6px 10px;font-size:12px;white-space:pre-wrap;"
+    style += "background:rgba(128,128,128,0.14);"
+    return f'<pre style="{style}{_BREAK}">{text(lines)}</pre>'
+
+
 def heading(title: object) -> str:
     """A small heading inside a tab."""
     return (

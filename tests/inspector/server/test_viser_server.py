@@ -234,10 +234,10 @@ def test_tell_reaches_every_page(server: server_module.InspectorServer) -> None:
             assert client.notifications[0]["props"]["body"] == "because of this"
 
 
-def test_private_names_stay_in_one_file() -> None:
+def test_private_names_stay_in_two_files() -> None:
     folder = Path(server_module.__file__).parents[1]
     for path in folder.rglob("*.py"):
-        if path.name != "viser_server.py":
+        if path.name not in ("viser_server.py", "uploads.py"):
             text = path.read_text()
             assert "_messages" not in text, path
             assert "_impl" not in text, path

@@ -1,0 +1,253 @@
+"""Imports what pages send: recognise, plan, show, correct, write, open. On the worker's thread, but for the asking."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import viser
+
+from calib.dataset_import.columns import Meaning
+from calib.dataset_import.files.choice import Choice, plan_of_files, without_folder
+from calib.dataset_import.files.user_files import UserFiles, look_through
+from calib.dataset_import.import_dataset import copy_dataset, write_plan
+from calib.dataset_import.plan import ImportPlan
+from calib.errors import CalibError
+from calib.robot_formats.robot_file import Reading
+from calib.robot_formats.tables import CONVENTIONS
+from inspector.panels.your_data import (
+    CHOOSE,
+    SAME,
+    Offer,
+    OwnDataButton,
+    YourDataWindow,
+    all_meanings,
+    explain,
+)
+from inspector.server.arrived_files import add_file, dataset_faults, robots_of, tips_or_none
+from inspector.server.background import Background
+from inspector.server.uploads import Upload, Uploads, answer, plain_name, take_uploads
+from inspector.server.viser_server import InspectorServer, guard_gui
+from inspector.server.worker import LongWork, Worker
+
+
+@dataclass
+class _Import:
+    """What one page is about to import."""
+
+    client: int
+    window: YourDataWindow
+    folder: Path
+    files: UserFiles | None = None
+    plan: ImportPlan | None = None
+    choice: Choice = field(default_factory=Choice)
+    suggested: str = ""
+    tips: tuple[str, ...] = ()
+    plans: int = 0  # begun so far
+
+
+class Imports:
+    """The imports of all pages, each in a window of its own."""
+
+    def __init__(
+        self,
+        server: InspectorServer,
+        folder: Path | None,
+        button: OwnDataButton,
+        worker: Worker,
+        *,
+        on_made: Callable[[Path], None],
+    ) -> None:
+        """folder: where datasets are written, None: nowhere; on_made: called with each."""
+        self._server, self._worker, self._on_made = server, worker, on_made
+        self._folder = folder or Path()
+        self._open: dict[int, _Import] = {}
+        self._background = Background("import")
+        self._uploads = Uploads(
+            self._folder,
+            self._arrived,
+            lambda client, message: answer(server, client, message),
+            self._refused,
+        )
+        if button.upload is not None:
+            take_uploads(server, button.upload, self._uploads)
+        if button.how is not None:
+            button.how.on_click(self._explain)
+
+    def close(self) -> None:
+        """End the thread; remove what was not imported."""
+        self._background.close()
+        self._uploads.close()
+
+    # ---- what pages ask for: from any thread ----
+
+    def _arrived(self, upload: Upload) -> None:
+        self._worker.submit(("arrived", upload.path), lambda: self._take(upload))
+
+    def _refused(self, client: int, why: str) -> None:
+        self._tell(client, "That file was not taken", why)
+
+    def _explain(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+        """Say how the server is to be started so that pages may import."""
+        if event.client is None:
+            return
+        guard_gui(event.client.gui)
+        explain(event.client.gui)
+
+    def choose(self, client: int) -> None:
+        """Plan again with what is chosen in the window now."""
+        self._worker.submit(("import", client), lambda: self._chosen(client))
+
+    def column(self, client: int, column: str, words: str) -> None:
+        """Take a column for something else."""
+        self._worker.submit(("import column", client, column), lambda: self._corrected(client, column, words))
+
+    def finish(self, client: int) -> None:
+        """Write the dataset and open it."""
+        self._worker.submit(("import finish", client), lambda: self._finish(client))
+
+    def cancel(self, client: int) -> None:
+        """Give up."""
+        self._worker.submit(("import cancel", client), lambda: self._end(client))
+
+    # ---- on the worker's thread ----
+
+    def _tell(self, client: int, title: str, body: str) -> None:
+        page = self._server.get_clients().get(client)
+        if page is not None:
+            page.add_notification(title, body, color="red", auto_close_seconds=15.0)
+
+    def _take(self, upload: Upload) -> LongWork:
+        """A file has come: open the page's window, or add to what is there."""
+        page = self._server.get_clients().get(upload.client)
+        for gone in [client for client in self._open if client not in self._server.get_clients()]:
+            self._end(gone)
+        if page is None:
+            self._uploads.release(upload.client)
+            return
+        at = self._open.get(upload.client)
+        if at is None:
+            guard_gui(page.gui)
+            with page.atomic():  # all at once, so that the window opens as it will stay
+                window = YourDataWindow(page.gui, upload.client, self)
+            at = _Import(upload.client, window, self._uploads.of(upload.client) / "files")
+            self._open[upload.client] = at
+        at.suggested = at.suggested or Path(upload.name).stem
+        folder = at.folder
+        try:
+            yield from self._background.run(lambda: add_file(upload.path, upload.name, folder))
+            yield from self._plan(at)
+        except CalibError as error:
+            words = str(error).replace(f"{upload.path.parent}/", "").replace(f"{folder}/", "")
+            if at.files is None:
+                self._end(upload.client)
+                self._tell(upload.client, "That did not work", words)
+            else:
+                at.window.say(words)
+
+    def _plan(self, at: _Import) -> LongWork:
+        """Recognise and plan anew, and show it."""
+        at.plans += 1
+        number, choice, folder = at.plans, at.choice, at.folder
+
+        def planned() -> tuple[UserFiles, ImportPlan | None, tuple[str, ...], tuple[str, ...]]:
+            files = look_through(folder)
+            if files.datasets:
+                return files, None, (), dataset_faults(files)
+            robot = choice.robot or next(map(str, files.robots), None)
+            tips = tips_or_none(robot)
+            reading = choice.reading
+            if len(tips) > 1 and reading.tip is None:
+                reading = replace(reading, tip=tips[0])  # the longest arm; the list shows it
+            plan = without_folder(plan_of_files(files, replace(choice, reading=reading)), folder)
+            return files, plan, tips, ()
+
+        made = yield from self._background.run(planned, lambda: self._open.get(at.client) is at)
+        # One that was begun later, and knows more, may have ended before this one.
+        if made is None or self._open.get(at.client) is not at or at.plans != number:
+            return
+        at.files, at.plan, at.tips, faults = made
+        at.window.show(self._offer(at, faults))
+
+    def _offer(self, at: _Import, faults: tuple[str, ...]) -> Offer:
+        files, choice = at.files, at.choice
+        assert files is not None
+        robot = choice.robot or next(map(str, files.robots), None)
+        named = robots_of(files)
+        chosen = next((words for words, name in named.items() if name == robot), CHOOSE)
+        suffix = "" if robot is None else Path(robot).suffix.lower()
+        joints = choice.joints or files.joints
+        points = choice.points or (files.points if choice.joints is None else None)
+        name = str(at.window.name.value) or self._free_name(at.suggested)
+        return Offer(
+            files, at.plan, faults, (CHOOSE, *named), chosen, at.tips, choice.reading.tip or (at.tips or ("–",))[0],
+            suffix == ".csv", suffix == ".conf", "–" if joints is None else joints.name,
+            SAME if points is None else points.name, name, self._folder.resolve() / name,
+        )  # fmt: skip
+
+    def _free_name(self, wanted: str) -> str:
+        name = plain_name(wanted).lower().replace(" ", "_")
+        taken = {path.name for path in self._folder.iterdir()} if self._folder.is_dir() else set()
+        names = (name if k == 1 else f"{name}_{k}" for k in range(1, 10_000))
+        return next(free for free in names if free not in taken)
+
+    def _chosen(self, client: int) -> LongWork:
+        at = self._open.get(client)
+        if at is None or at.files is None:
+            return
+        window, by_name = at.window, {path.name: path for path in at.files.tables}
+        robot = robots_of(at.files).get(str(window.robot.value))
+        before = at.choice.robot or next(map(str, at.files.robots), None)
+        tip = str(window.tip.value) if robot == before else None
+        convention = str(window.convention.value)
+        suffix = "" if robot is None else Path(robot).suffix.lower()
+        reading = Reading(
+            tip=tip if tip in at.tips and len(at.tips) > 1 else None,
+            convention=convention if suffix == ".csv" and convention in CONVENTIONS else None,
+            model=str(window.model.value).strip() or None if suffix == ".conf" else None,
+        )
+        joints = by_name.get(str(window.joints.value))
+        points = by_name.get(str(window.points.value))
+        at.choice = replace(at.choice, robot=robot, reading=reading, joints=joints, points=points or joints)
+        yield from self._plan(at)
+
+    def _corrected(self, client: int, column: str, words: str) -> LongWork:
+        at = self._open.get(client)
+        if at is None or at.plan is None or at.plan.robot is None:
+            return
+        meant = all_meanings(at.plan.robot.robot.n_joints).get(words)
+        if meant is None:
+            return
+        # Whoever corrects one column has seen the others: what was guessed of them is no longer guessed anew.
+        known = {c.name: c.meaning for c in at.plan.columns if c.meaning is not None and c.meaning.unit}
+        mapping: dict[str, Meaning] = {**known, **at.choice.mapping, column: meant}
+        at.choice = replace(at.choice, mapping=mapping)
+        yield from self._plan(at)
+
+    def _finish(self, client: int) -> LongWork:
+        at = self._open.get(client)
+        if at is None or at.files is None:
+            return
+        files, plan, name = at.files, at.plan, plain_name(str(at.window.name.value))
+        out = self._folder / name
+        at.window.busy()
+        try:
+            if out.exists():
+                raise CalibError(f"{name}: there is a dataset of this name already; give another one")
+            if plan is None:
+                yield from self._background.run(lambda: copy_dataset(files.datasets[0], out))
+            else:
+                yield from self._background.run(lambda: write_plan(plan, out))
+        except CalibError as error:
+            at.window.say(str(error).replace(f"{at.folder}/", ""))
+            at.window.open.disabled = False
+            return
+        self._end(client)
+        self._on_made(out)
+
+    def _end(self, client: int) -> None:
+        at = self._open.pop(client, None)
+        if at is not None:
+            at.window.close()
+            self._uploads.release(client)

@@ -1,0 +1,99 @@
+"""HTML of an import: what each file is, what each column is taken for and why, what is doubtful and what is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from calib.dataset_import.columns import Meaning
+from calib.dataset_import.files.user_files import UNUSED, UserFile
+from calib.dataset_import.plan import ImportPlan, PlannedColumn
+from inspector.markup.parts import elements
+from inspector.markup.parts.elements import Html
+
+_MOST_FILES, _MOST_UNUSED = 12, 6  # named each
+_MOST_LINES = 30
+_DOUBT = "#E69F00"
+# As wide as the table needs; viser makes its windows 440 pixels wide.
+WIDE = (
+    "<style>.mantine-Modal-content:has(.inspector-import){flex:0 0 min(54rem,94vw)}"
+    ".mantine-Modal-inner:has(.inspector-import){padding-inline:2vw}</style>"
+    "<div class='inspector-import' tabindex='-1' data-autofocus style='outline:none'></div>"  # else a list opens itself
+)
+OTHER_WAY = "other way round"
+CORRECT = "Correct what a column is taken for"
+CORRECT_IT = f"to change it, open “{CORRECT}”"
+
+
+def files_html(files: Sequence[UserFile], folder: Path) -> str:
+    """What each file was taken for; those of no use last and in one line."""
+    used = [file for file in files if file.kind not in (UNUSED, "scan")]
+    scans = [file for file in files if file.kind == "scan"]
+    unused = [file for file in files if file.kind == UNUSED]
+    rows: list[tuple[object, object, object]] = [
+        (_name(file, folder), file.kind, elements.wrapping(file.why)) for file in used[:_MOST_FILES]
+    ]
+    if len(used) > _MOST_FILES:
+        rows.append((f"{len(used) - _MOST_FILES} more", "", ""))
+    if scans:
+        rows.append((f"{len(scans)} files as {_name(scans[0], folder)}", "scans", "a point cloud a pose"))
+    html = elements.table(("File", "is", "seen by"), rows, left=3) if rows else ""
+    if unused:
+        names = ", ".join(f"{_name(file, folder)} ({file.why})" for file in unused[:_MOST_UNUSED])
+        more = f" and {len(unused) - _MOST_UNUSED} more" if len(unused) > _MOST_UNUSED else ""
+        html += elements.note(f"Not used: {names}{more}.")
+    return html
+
+
+def _name(file: UserFile, folder: Path) -> str:
+    return str(file.path.relative_to(folder)) if file.path.is_relative_to(folder) else file.path.name
+
+
+def meaning_words(meaning: Meaning | None) -> str:
+    """A meaning in words, such as "joint 3, deg, other way round"."""
+    if meaning is None or meaning.name == "ignore":
+        return "–"
+    if not (meaning.name[:1] == "q" and meaning.name[1:].isdigit()):
+        return f"{meaning.name}, {meaning.unit}" if meaning.unit else meaning.name
+    words = [f"joint {meaning.name[1:]}"]
+    words += [meaning.unit] if meaning.unit else []
+    words += [OTHER_WAY] if meaning.sign < 0 else []
+    words += [f"{meaning.offset:+g}"] if meaning.offset else []
+    return ", ".join(words)
+
+
+def columns_html(columns: Sequence[PlannedColumn]) -> str:
+    """A row a column: its first value, what it is taken for, and why."""
+    several = len({column.table for column in columns}) > 1
+    rows = [
+        (
+            *([column.table.name] if several else []),
+            column.name,
+            column.examples[0][:24] if column.examples else "",
+            Html(f"<b>{elements.text(meaning_words(column.meaning))}</b>"),
+            elements.wrapping(column.why or "kept as it is"),
+        )
+        for column in columns
+    ]
+    headers = (*(["Table"] if several else []), "Column", "First value", "Taken for", "Why")
+    return elements.table(headers, rows, left=5 if several else 4, height="13.5rem") if rows else ""
+
+
+def plan_html(plan: ImportPlan) -> str:
+    """What was found out beyond the columns: faults first, then doubts, then what was chosen."""
+    html = ""
+    if plan.faults:
+        count = "This keeps it" if len(plan.faults) == 1 else f"These {len(plan.faults)} faults keep it"
+        html += elements.heading(f"{count} from being imported")
+        html += "".join(elements.alert(_here(line)) for line in plan.faults[:_MOST_LINES])
+        if len(plan.faults) > _MOST_LINES:
+            html += elements.note(f"... and {len(plan.faults) - _MOST_LINES} more.")
+    html += "".join(elements.alert(_here(line), colour=_DOUBT) for line in plan.doubts[:_MOST_LINES])
+    told = [line for line in plan.said if "misses the points" in line or "its table is" in line]
+    html += "".join(elements.alert(_here(line), colour="#56B4E9") for line in told)
+    return html
+
+
+def _here(line: str) -> str:
+    """A line that names an option of the command, for the page, which has lists instead."""
+    return line.replace("--map says it otherwise", CORRECT_IT).replace("tell with --map", CORRECT_IT)

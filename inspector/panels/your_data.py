@@ -1,0 +1,223 @@
+"""The window of an import: what was recognised, to be corrected, named and opened. Each page has its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import viser
+
+from calib.dataset_import.columns import Meaning
+from calib.dataset_import.files.user_files import UserFiles
+from calib.dataset_import.plan import ImportPlan, PlannedColumn
+from inspector.markup.measure.your_data import (
+    CORRECT,
+    WIDE,
+    columns_html,
+    files_html,
+    meaning_words,
+    plan_html,
+)
+from inspector.markup.parts import elements
+from inspector.panels.base import by_page, put
+
+OWN_DATA = "Open your own data …"
+OWN_HINT = "a zip, or a robot's file and CSV tables of joints and points; or drop them anywhere on the page"
+OPEN = "Import and open"
+CANCEL = "Cancel"
+CHOOSE = "choose …"
+SAME = "in the table of joints"
+NOTE = "More files? Drop them on the page; one of the same name replaces the one before."
+HOW = (
+    "This server was started without a place for your data. End it (Ctrl-C) and start it with a folder to write "
+    "datasets to, which it then lists, too:"
+)
+COMMANDS = "inspector serve PATH --data my_data\ninspector import my_data/my_cell --from my.zip"
+_OTHERS = ("pose", "role", "target", "setup", "payload_kg", "temperature_c", "time_s", "scan")
+
+
+class OwnDataButton:
+    """At the top of the left panel: takes files where the server takes data, else says how it would."""
+
+    def __init__(self, gui: viser.GuiApi, *, takes_data: bool) -> None:
+        self.upload: viser.GuiUploadButtonHandle | None = None
+        self.how: viser.GuiButtonHandle | None = None
+        if takes_data:
+            self.upload = gui.add_upload_button(OWN_DATA, icon=viser.Icon.UPLOAD, hint=OWN_HINT)
+        else:
+            self.how = gui.add_button(OWN_DATA, icon=viser.Icon.UPLOAD, color="gray", hint=OWN_HINT)
+
+
+class ImportActions(Protocol):
+    """What the window may ask for; each call returns at once."""
+
+    def choose(self, client: int) -> None: ...
+    def column(self, client: int, column: str, words: str) -> None: ...
+    def finish(self, client: int) -> None: ...
+    def cancel(self, client: int) -> None: ...
+
+
+@dataclass(frozen=True)
+class Offer:
+    """What there is to choose from, and what is chosen."""
+
+    files: UserFiles
+    plan: ImportPlan | None  # None: a ready dataset, which needs no plan
+    faults: tuple[str, ...]  # of a ready dataset
+    robots: tuple[str, ...]
+    robot: str
+    tips: tuple[str, ...]  # of a URDF with several
+    tip: str
+    is_table: bool  # of theta, d, a, alpha
+    needs_model: bool  # a UR controller's file
+    joints: str
+    points: str
+    name: str
+    place: Path
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether it can be imported."""
+        return not self.faults and (self.plan is None or self.plan.content is not None)
+
+
+class YourDataWindow:
+    """Widgets of one page's import."""
+
+    def __init__(self, gui: viser.GuiApi, client: int, actions: ImportActions) -> None:
+        self._gui, self._client, self._actions = gui, client, actions
+        self._modal = gui.add_modal("Your own data")
+        with self._modal:
+            self._files = gui.add_html(WIDE + elements.note("Reading …"))
+            self._said = gui.add_html("")
+            self.robot = gui.add_dropdown("Robot", (CHOOSE,))
+            self.tip = gui.add_dropdown("Ends at", ("–",), visible=False, hint="the link where the arm ends")
+            self.convention = gui.add_dropdown(
+                "Table is", ("the points tell", "standard", "modified"), visible=False,
+                hint="the convention of Denavit and Hartenberg; modified is Craig's",
+            )  # fmt: skip
+            self.model = gui.add_text("Model", "", visible=False, hint="which arm it is, such as ur10e")
+            self.joints = gui.add_dropdown("Joint values", ("–",), visible=False)
+            self.points = gui.add_dropdown("Points", ("–",), visible=False)
+            self._columns = gui.add_html("")
+            self._folder = gui.add_folder(CORRECT, expand_by_default=False, visible=False)
+            self.name = gui.add_text("Name", "")
+            self._place = gui.add_html("")
+            self.open = gui.add_button(OPEN, disabled=True, icon=viser.Icon.FOLDER_OPEN)
+            self.cancel = gui.add_button(CANCEL, color="gray")
+        self._choices: dict[str, viser.GuiDropdownHandle[str]] = {}  # by column
+        self._connect()
+
+    def _connect(self) -> None:
+        actions, client = self._actions, self._client
+
+        def choose(event: Any) -> None:
+            if by_page(event):
+                actions.choose(client)
+
+        for widget in (self.robot, self.tip, self.convention, self.joints, self.points, self.model):
+            widget.on_update(choose)
+        self.open.on_click(lambda _: actions.finish(client))
+        self.cancel.on_click(lambda _: actions.cancel(client))
+
+    def show(self, offer: Offer) -> None:
+        """What was recognised."""
+        plan = offer.plan
+        self._files.content = WIDE + files_html(offer.files.files, offer.files.folder) + elements.note(NOTE)
+        for widget in (self.robot, self._columns, self._folder):
+            widget.visible = plan is not None
+        _offer(self.robot, offer.robots, offer.robot)
+        _offer(self.tip, offer.tips or ("–",), offer.tip)
+        self.tip.visible = len(offer.tips) > 1
+        self.convention.visible, self.model.visible = offer.is_table, offer.needs_model
+        tables = tuple(path.name for path in offer.files.tables)
+        _offer(self.joints, tables or ("–",), offer.joints)
+        _offer(self.points, (SAME, *tables), offer.points)
+        self.joints.visible = self.points.visible = plan is not None and _is_open(offer)
+        if plan is None:
+            self._said.content = "".join(map(elements.alert, offer.faults))
+        else:
+            self._columns.content = columns_html(plan.columns)
+            self._said.content = plan_html(plan)
+            self._correct(plan)
+        if self.name.value != offer.name:
+            put(self.name, offer.name)
+        self._place.content = elements.note(
+            f"It will be written to {offer.place} and listed at the top left."
+        )
+        self.open.disabled = not offer.is_ready
+        self.open.label = OPEN
+
+    def _correct(self, plan: ImportPlan) -> None:
+        """A dropdown for each column."""
+        joints = 0 if plan.robot is None else plan.robot.robot.n_joints
+        labels = [f"{column.name}\0{column.table}" for column in plan.columns]
+        for label in [known for known in self._choices if known not in labels]:
+            self._choices.pop(label).remove()
+        with self._folder:
+            for label, column in zip(labels, plan.columns, strict=True):
+                options, value = tuple(all_meanings(joints, column)), meaning_words(column.meaning)
+                if label not in self._choices:
+                    self._choices[label] = self._gui.add_dropdown(
+                        column.name, options, initial_value=value, hint=f"{column.table.name}: {column.name}"
+                    )
+                    self._choices[label].on_update(self._chosen(column.name))
+                _offer(self._choices[label], options, value)
+        self._folder.visible = bool(labels)
+
+    def _chosen(self, column: str) -> Callable[[viser.GuiEvent[viser.GuiDropdownHandle[str]]], None]:
+        def ask(event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
+            if by_page(event):
+                self._actions.column(self._client, column, str(event.target.value))
+
+        return ask
+
+    def say(self, words: str) -> None:
+        """What went wrong, or is going on; it can be tried again."""
+        self._said.content = elements.alert(words)
+
+    def busy(self) -> None:
+        """It is being imported."""
+        self.open.disabled, self.open.label = True, "Importing …"
+
+    def close(self) -> None:
+        """Take the window away."""
+        if not self._modal.closed:
+            self._modal.close()
+
+
+def _is_open(offer: Offer) -> bool:
+    """Whether there is a choice of tables, beyond one of joints and one of points."""
+    files = offer.files
+    return len(files.tables) > 2 or (len(files.tables) == 2 and files.points is None)
+
+
+def explain(gui: viser.GuiApi) -> None:
+    """A window that says how a server takes data."""
+    modal = gui.add_modal("Your own data")
+    with modal:
+        gui.add_html(elements.note(HOW) + elements.code(COMMANDS))
+        close = gui.add_button("Close", color="gray")
+    close.on_click(lambda _: modal.close())
+
+
+def all_meanings(joints: int, column: PlannedColumn | None = None) -> dict[str, Meaning]:
+    """What a column may be taken for, by the words of its list; what it is taken for now is among them."""
+    meanings = [Meaning("ignore")]
+    for k in range(1, joints + 1):
+        meanings += [Meaning(f"q{k}", unit, sign) for unit in ("deg", "rad") for sign in (1.0, -1.0)]
+    meanings += [Meaning(axis, unit) for axis in "xyz" for unit in ("mm", "m", "in")]
+    meanings += [Meaning(name) for name in _OTHERS]
+    if column is not None and column.meaning is not None:
+        meanings.append(column.meaning)
+    return {meaning_words(meaning): meaning for meaning in meanings}
+
+
+def _offer(widget: viser.GuiDropdownHandle[str], options: Sequence[str], value: str) -> None:
+    """New options and value of a list, where they are others."""
+    if tuple(widget.options) != tuple(options):
+        widget.options = tuple(options)
+    if widget.value != value and value in options:
+        put(widget, value)

@@ -1,0 +1,63 @@
+"""Files that a page sent: put below a folder, and what can be chosen of them."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+from calib.dataset.files.folder import load_dataset
+from calib.dataset_import.files.archive import Limits, unpack
+from calib.dataset_import.files.user_files import UserFiles
+from calib.errors import CalibError
+from calib.options import BUILTIN_ROBOTS
+from calib.robot_formats.robot_file import tips_of
+
+_UNPACKED = Limits(total_bytes=1_000_000_000)
+_BUILT_IN = {f"{name} (built in)": name for name in BUILTIN_ROBOTS}
+
+
+def robots_of(files: UserFiles) -> dict[str, str]:
+    """The robots to choose from, by their words: what `Choice.robot` is."""
+    own = {str(path.relative_to(files.folder)): str(path) for path in files.robots}
+    return own | _BUILT_IN
+
+
+def tips_or_none(robot: str | None) -> tuple[str, ...]:
+    """The links that an arm of a URDF may end at; () where there is no choice."""
+    try:
+        return () if robot is None or robot in BUILTIN_ROBOTS else tips_of(Path(robot))
+    except CalibError:  # it is told as a fault of the plan
+        return ()
+
+
+def dataset_faults(files: UserFiles) -> tuple[str, ...]:
+    """What keeps a ready dataset from being opened."""
+    if len(files.datasets) > 1:
+        return (f"These are {len(files.datasets)} datasets; drop one of them alone.",)
+    try:
+        load_dataset(files.datasets[0])
+    except CalibError as error:
+        return (str(error).replace(f"{files.folder}/", ""),)
+    return ()
+
+
+def add_file(path: Path, name: str, folder: Path) -> None:
+    """Put what came below the folder; a file of the same name gives way."""
+    folder.mkdir(exist_ok=True)
+    if not name.lower().endswith(".zip"):
+        os.replace(path, folder / name)
+        return
+    fresh = path.with_name(f"{path.name}.unpacked")
+    try:
+        for file in unpack(path, fresh, _UNPACKED):
+            place = folder / file.relative_to(fresh)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            os.replace(file, place)
+    except CalibError as error:
+        raise CalibError(str(error).replace(str(path), name)) from None
+    except OSError as error:
+        raise CalibError(f"{name}: cannot be unpacked beside what is there ({error.strerror})") from None
+    finally:
+        path.unlink(missing_ok=True)
+        shutil.rmtree(fresh, ignore_errors=True)

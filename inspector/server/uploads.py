@@ -1,0 +1,270 @@
+"""Files that a page sends, let in by the one button that was made for them, within limits, and straight to a folder.
+
+Viser keeps all parts in memory, of any number, from anyone, for any widget. Here a transfer has to come from the upload
+button, of a size that is told and held to, its parts whole and in order, one transfer a page at a time; what arrives is
+written at once, below a folder of its own for each page.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any, BinaryIO
+
+import viser
+from viser import _messages
+
+log = logging.getLogger(__name__)
+
+PART_BYTES = 512 * 1024  # as the page cuts files
+_LONGEST_NAME = 120
+_STALLED_S = 60.0  # without a part; another transfer may then take its place
+
+
+@dataclass(frozen=True)
+class UploadLimits:
+    """What pages may send."""
+
+    page_bytes: int = 500_000_000  # of one page until it imports or gives up
+    total_bytes: int = 1_000_000_000  # of all pages
+    free_bytes: int = 500_000_000  # that stay free on the disk
+    pages: int = 8  # that may have files here at a time
+
+
+@dataclass(frozen=True)
+class Upload:
+    """A file that came whole."""
+
+    client: int
+    name: str  # its last part, a plain file name
+    path: Path
+
+
+@dataclass
+class _Transfer:
+    uuid: str
+    name: str
+    path: Path
+    file: BinaryIO
+    size: int
+    parts: int
+    source: str
+    arrived: int = 0  # parts
+    last: float = field(default_factory=time.monotonic)
+
+    def bytes_of(self, part: int) -> int:
+        """How long a part has to be."""
+        return PART_BYTES if part < self.parts - 1 else self.size - PART_BYTES * (self.parts - 1)
+
+
+class Uploads:
+    """The transfers of all pages. Its methods are called on the server's event loop, but for `release` and `close`."""
+
+    def __init__(
+        self,
+        folder: Path,
+        done: Callable[[Upload], None],
+        answer: Callable[[int, Any], None],
+        refused: Callable[[int, str], None],
+        limits: UploadLimits | None = None,
+    ) -> None:
+        """
+        folder: below which files arrive, in a hidden folder that is removed at the end; made where it is not there.
+        done, answer, refused: called with the file, with viser's acknowledgement, with the reason, and the page.
+        """
+        self.folder, self.limits = folder, limits or UploadLimits()
+        self.button = ""  # uuid of the one widget that files may come from
+        self._done, self._answer, self._refused = done, answer, refused
+        self._staging: Path | None = None
+        self._made = False  # whether the folder itself is ours
+        self._now: dict[int, _Transfer] = {}
+        self._held: dict[int, int] = {}  # bytes by page
+
+    # ---- what pages send ----
+
+    def start(self, client: int, message: _messages.FileTransferStartUpload) -> None:
+        """A page announces a file."""
+        before = self._now.get(client)
+        if before is not None and time.monotonic() - before.last < _STALLED_S:
+            log.warning("client %s: refused a second transfer beside the first", client)
+            return
+        self._drop(client)
+        if not _is_sound(message) or message.source_component_uuid != self.button or not self.button:
+            log.warning("client %s: refused the transfer %.200r", client, message)
+            return
+        try:
+            why = self._in_the_way(client, message.size_bytes)
+            if why:
+                self._refuse(client, message, why)
+                return
+            place = self.of(client)
+            name = plain_name(message.filename)
+            handle, path = tempfile.mkstemp(dir=place, prefix="part.")
+        except OSError as error:
+            self._refuse(client, message, f"it cannot be written here ({error.strerror or error})")
+            return
+        self._now[client] = _Transfer(
+            message.transfer_uuid,
+            name,
+            Path(path),
+            os.fdopen(handle, "wb"),
+            message.size_bytes,
+            message.part_count,
+            self.button,
+        )
+        self._held[client] = self._held.get(client, 0) + message.size_bytes
+        if message.part_count == 0:
+            self._finish(client)
+
+    def part(self, client: int, message: _messages.FileTransferPart) -> None:
+        """A page sends the next piece of its file."""
+        transfer = self._now.get(client)
+        if transfer is None or message.transfer_uuid != transfer.uuid:
+            return
+        content = message.content
+        fits = (
+            isinstance(content, bytes)
+            and message.part_index == transfer.arrived
+            and not isinstance(message.part_index, bool)
+            and len(content) == transfer.bytes_of(transfer.arrived)
+        )
+        if not fits:
+            log.warning(
+                "client %s: not the next part of %s, or not of its length",
+                client,
+                transfer.name,
+            )
+            self._drop(client)
+            return
+        try:
+            transfer.file.write(content)
+        except OSError as error:
+            self._drop(client)
+            self._refuse(client, message, f"it cannot be written here ({error.strerror or error})")
+            return
+        transfer.arrived += 1
+        transfer.last = time.monotonic()
+        sent = min(transfer.arrived * PART_BYTES, transfer.size)
+        self._answer(client, _ack(transfer.source, transfer.uuid, sent, transfer.size))
+        if transfer.arrived == transfer.parts:
+            self._finish(client)
+
+    def leave(self, client: int) -> None:
+        """A page is gone."""
+        self._drop(client)
+        self.release(client)
+
+    def _in_the_way(self, client: int, size: int) -> str:
+        held, limits = self._held.get(client, 0), self.limits
+        if held + size > limits.page_bytes:
+            beside = f" with the {held / 1e6:.0f} MB that are here already" if held else ""
+            return f"it has {size / 1e6:.0f} MB{beside}; {limits.page_bytes / 1e6:.0f} MB are taken at a time"
+        if client not in self._held and len(self._held) >= limits.pages:
+            return "too many pages have files here at the moment; try again later"
+        if sum(self._held.values()) + size > limits.total_bytes:
+            return "too many files are here at the moment; try again later"
+        if shutil.disk_usage(self._place()).free - size < limits.free_bytes:
+            return "the disk of the server is nearly full"
+        return ""
+
+    def _finish(self, client: int) -> None:
+        transfer = self._now.pop(client)
+        transfer.file.close()
+        if transfer.size == 0:
+            self._answer(client, _ack(transfer.source, transfer.uuid, 0, 0))
+        self._done(Upload(client, transfer.name, transfer.path))
+
+    def _refuse(self, client: int, message: Any, why: str) -> None:
+        size = getattr(message, "size_bytes", 1)
+        # Without it the page would show the transfer, and keep its button off, for ever.
+        self._answer(client, _ack(self.button, message.transfer_uuid, size, size))
+        self._refused(client, why)
+
+    def _drop(self, client: int) -> None:
+        transfer = self._now.pop(client, None)
+        if transfer is not None:
+            transfer.file.close()
+            transfer.path.unlink(missing_ok=True)
+            self._held[client] -= transfer.size
+
+    # ---- folders ----
+
+    def _place(self) -> Path:
+        if self._staging is None:
+            self._made = not self.folder.exists()
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._staging = Path(tempfile.mkdtemp(dir=self.folder, prefix=".arriving-"))
+        return self._staging
+
+    def of(self, client: int) -> Path:
+        """The folder of a page's files."""
+        place = self._place() / str(int(client))
+        place.mkdir(exist_ok=True)
+        return place
+
+    def release(self, client: int) -> None:
+        """Remove what a page sent."""
+        self._held.pop(client, None)
+        if self._staging is not None:
+            shutil.rmtree(self._staging / str(int(client)), ignore_errors=True)
+
+    def close(self) -> None:
+        """Remove all that arrived and was not imported."""
+        for client in list(self._now):
+            self._drop(client)
+        if self._staging is not None:
+            shutil.rmtree(self._staging, ignore_errors=True)
+            self._staging = None
+            if self._made and not any(self.folder.iterdir()):
+                self.folder.rmdir()
+
+
+def take_uploads(server: viser.ViserServer, button: viser.GuiUploadButtonHandle, uploads: Uploads) -> None:
+    """Let files in by one button, as far as `uploads` takes them."""
+    uploads.button = button._impl.uuid
+    handlers = server.gui._websock_interface._incoming_handlers
+    handlers[_messages.FileTransferStartUpload] = [uploads.start]  # type: ignore[list-item]
+    handlers[_messages.FileTransferPart] = [uploads.part]  # type: ignore[list-item]
+
+    async def left(client: viser.ClientHandle) -> None:
+        uploads.leave(client.client_id)
+
+    server.on_client_disconnect(left)
+
+
+def answer(server: viser.ViserServer, client_id: int, message: _messages.Message) -> None:
+    """Send a message to one page, if it is still there."""
+    client = server.get_clients().get(client_id)
+    if client is not None:
+        client._websock_connection.queue_message(message)
+
+
+def plain_name(name: str) -> str:
+    """A file's name without folders and without what a name should not hold; "file" where nothing is left."""
+    last = PurePosixPath(name.replace("\\", "/")).name
+    kept = "".join(c if c.isprintable() and c not in ':*?"<>|' else "_" for c in last).strip(" .")
+    stem, suffix = Path(kept).stem, Path(kept).suffix
+    return (stem[: _LONGEST_NAME - len(suffix[:10])] + suffix[:10]) or "file"
+
+
+def _is_sound(message: _messages.FileTransferStartUpload) -> bool:
+    """Whether an announcement has the types and the number of parts that a page sends."""
+    counts = (message.size_bytes, message.part_count)
+    texts = (message.filename, message.transfer_uuid, message.source_component_uuid)
+    return (
+        all(isinstance(count, int) and not isinstance(count, bool) and count >= 0 for count in counts)
+        and all(isinstance(text, str) and len(text) <= 1000 for text in texts)
+        and message.part_count == -(-message.size_bytes // PART_BYTES)
+    )
+
+
+def _ack(source: str, uuid: str, sent: int, size: int) -> _messages.FileTransferPartAck:
+    return _messages.FileTransferPartAck(
+        source_component_uuid=source, transfer_uuid=uuid, transferred_bytes=sent, total_bytes=size
+    )

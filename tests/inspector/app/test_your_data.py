@@ -1,0 +1,269 @@
+"""A page imports the user's own data: by drop, by the file dialog, corrected, refused, remembered; never unasked."""
+
+from __future__ import annotations
+
+import base64
+import io
+import time
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib.dataset.files.folder import load_dataset
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.robot_formats.chain.five_parameters import chain_of
+from calib.robot_formats.urdf.text import plain_urdf
+from calib.simulation.simulate import simulate_dataset
+from inspector.app.app import App
+from inspector.app.serving import serving
+from inspector.panels.your_data import CANCEL, OPEN, OWN_DATA
+from inspector.server.uploads import PART_BYTES
+from inspector.server.viser_server import url_of
+from tests.support.app import IDLE_S, plain, shows
+from tests.support.browser import MS, open_page, says
+from tests.support.hidden_dataset import write_hidden
+from tests.support.wire_client import WireClient
+
+pytestmark = pytest.mark.slow
+
+EVIL = "<img src=x onerror=alert(1)>"
+
+
+@pytest.fixture(scope="module")
+def given() -> dict[str, bytes]:
+    """A URDF, joints in degrees with joint 3 counted the other way, points in metres."""
+    robot = builtin_robot("rb5")
+    dataset = simulate_dataset(robot, rng=np.random.default_rng(2), poses=40, noise_mm=0.02).dataset
+    assert dataset.points is not None
+    q = np.degrees(dataset.poses.q) * [1, 1, -1, 1, 1, 1]
+    joints = ["Nr;" + ";".join(f"A{k}" for k in range(1, 7))]
+    joints += [f"{i};" + ";".join(f"{v:.6f}".replace(".", ",") for v in row) for i, row in enumerate(q)]
+    points = ["id,X,Y,Z"]
+    points += [
+        f"{i}," + ",".join(f"{v:.7f}" for v in row) for i, row in enumerate(1e-3 * dataset.points.xyz_mm)
+    ]
+    return {
+        "arm.urdf": plain_urdf(chain_of(robot)).encode(),
+        "achsen.csv": "\n".join(joints).encode(),
+        "tracker.csv": "\n".join(points).encode(),
+    }
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_hidden(tmp_path_factory.mktemp("served") / "hidden")
+
+
+@pytest.fixture
+def app(served: Path, tmp_path: Path) -> Iterator[App]:
+    with serving(served, port=0, data=tmp_path / "data") as running:
+        assert running.worker.wait_idle(IDLE_S)
+        yield running
+
+
+def packed(files: dict[str, bytes]) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    return out.getvalue()
+
+
+def send(page: WireClient, name: str, content: bytes, source: str = OWN_DATA) -> None:
+    """Upload a file as viser's page does."""
+    uuid, parts = page.find(source), -(-len(content) // PART_BYTES)
+    page.send(
+        type="FileTransferStartUpload", source_component_uuid=uuid, transfer_uuid=name, filename=name, mime_type="",
+        part_count=parts, size_bytes=len(content),
+    )  # fmt: skip
+    for k in range(parts):
+        part = content[k * PART_BYTES : (k + 1) * PART_BYTES]
+        page.send(
+            type="FileTransferPart",
+            source_component_uuid=uuid,
+            transfer_uuid=name,
+            part_index=k,
+            content=part,
+        )
+
+
+def open_button(page: WireClient) -> bool:
+    """Whether what is there can be imported."""
+    return page.has(OPEN) and not page.props(OPEN)["disabled"]
+
+
+def test_a_zip_becomes_a_dataset_that_is_open_listed_and_found_again(
+    app: App, given: dict[str, bytes], tmp_path: Path, served: Path
+) -> None:
+    with WireClient(app.server.get_port()) as page, WireClient(app.server.get_port()) as other:
+        send(page, "my cell.zip", packed(given))
+        page.wait(open_button)
+        said = plain(page)
+        for part in ("achsen.csv", "joint 3, deg, other way round", "x, m", "misses the points by"):
+            assert part in said
+        assert not other.has(OPEN)  # the window is the page's own
+        assert page.value("Name") == "my_cell"
+        assert not (tmp_path / "data" / "my_cell").exists()
+        page.set("Name", "cell 7")
+        page.click(OPEN)
+        page.wait(lambda p: p.value("Dataset") == "cell 7")
+        page.wait(lambda p: not p.has(OPEN))
+        other.wait(lambda p: "cell 7" in p.props("Dataset")["options"])
+    assert app.worker.wait_idle(IDLE_S)
+    assert app.state.session.calibration is not None
+    assert load_dataset(tmp_path / "data" / "cell 7").name == "cell 7"
+    assert [path.name for path in (tmp_path / "data").iterdir() if not path.name.startswith(".")] == [
+        "cell 7"
+    ]
+    app.close()
+    assert [path.name for path in (tmp_path / "data").iterdir()] == ["cell 7"]
+    with (
+        serving(served, port=0, data=tmp_path / "data") as again,
+        WireClient(again.server.get_port()) as page,
+    ):
+        assert set(page.props("Dataset")["options"]) == {"hidden", "cell 7"}
+
+
+def test_files_come_one_by_one_and_faults_go_as_they_are_mended(app: App, given: dict[str, bytes]) -> None:
+    broken = given["achsen.csv"].replace(b"3;", b"3;n/a;", 1).replace(b"A6", b"", 1)
+    with WireClient(app.server.get_port()) as page:
+        send(page, "achsen.csv", broken)
+        shows(page, "no robot is chosen", "faults keep it from being imported")
+        send(page, "arm.urdf", given["arm.urdf"])
+        page.wait(lambda p: p.value("Robot") == "arm.urdf")
+        assert not open_button(page)
+        send(page, "tracker.csv", given["tracker.csv"])
+        send(page, "achsen.csv", given["achsen.csv"])
+        page.wait(open_button)
+        page.click(CANCEL)
+        page.wait(lambda p: not p.has(OPEN))
+
+
+def test_a_column_is_corrected(app: App, given: dict[str, bytes], tmp_path: Path) -> None:
+    with WireClient(app.server.get_port()) as page:
+        send(page, "log.zip", packed(given))
+        page.wait(open_button)
+        assert page.value("A3") == "joint 3, deg, other way round"
+        page.set("A3", "joint 3, deg")
+        shows(page, "would fit better")
+        page.set("A3", "joint 3, deg, other way round")
+        page.wait(lambda p: "would fit better" not in plain(p) and open_button(p))
+        page.set("A2", "joint 1, deg")
+        shows(page, "both stand for q1")
+        page.set("A2", "joint 2, deg")
+        page.wait(open_button)
+        page.click(OPEN)
+        page.wait(lambda p: p.value("Dataset") == "log")
+
+
+def test_a_ready_dataset_opens_as_it_is_and_no_name_is_taken_twice(
+    app: App, served: Path, tmp_path: Path
+) -> None:
+    content = packed({f"cell/{path.name}": path.read_bytes() for path in served.iterdir() if path.is_file()})
+    with WireClient(app.server.get_port()) as page:
+        for name in ("cell", "cell_2"):
+            send(page, "cell.zip", content)
+            page.wait(open_button)
+            assert page.value("Name") == name
+            page.click(OPEN)
+            page.wait(lambda p, name=name: p.value("Dataset") == name)  # type: ignore[misc]
+        send(page, "cell.zip", content)
+        page.wait(open_button)
+        page.set("Name", "../cell")
+        page.click(OPEN)
+        shows(page, "there is a dataset of this name already")
+    assert (tmp_path / "data" / "cell" / "poses.csv").read_bytes() == (served / "poses.csv").read_bytes()
+    assert not (tmp_path / "cell").exists()
+
+
+def test_what_is_no_data_is_told_to_the_page_that_sent_it(app: App, tmp_path: Path) -> None:
+    with WireClient(app.server.get_port()) as page, WireClient(app.server.get_port()) as other:
+        send(page, "bad.zip", b"PK no zip")
+        page.wait(lambda p: any("bad.zip" in n["props"]["body"] for n in p.notifications))
+        send(page, "evil.zip", packed({"../../evil.csv": b"1"}))
+        page.wait(lambda p: any("leads out of the folder" in n["props"]["body"] for n in p.notifications))
+        assert other.notifications == []
+        assert not page.has(OPEN)
+    assert not list(tmp_path.rglob("evil*"))
+
+
+def test_hostile_names_and_values_stay_text_and_change_nothing(app: App, tmp_path: Path) -> None:
+    header = f"{EVIL},q1,q2,q3,q4,q5,q6,x,y,z"
+    rows = np.random.default_rng(0).uniform(-2, 2, (30, 9))
+    lines = [header, *(f"{EVIL}{i}," + ",".join(map(str, row)) for i, row in enumerate(rows))]
+    with WireClient(app.server.get_port()) as page:
+        send(page, "table of joints.csv", "\n".join(lines).encode(), source="Pose")  # not the button
+        send(page, f"{EVIL}.csv", "\n".join(lines).encode())
+        page.wait(lambda p: p.has(OPEN))
+        shows(page, "no robot is chosen")
+        assert "<img" not in page.text()
+        for label in ("Robot", "q1", "Name", OPEN):
+            for value in ("../../etc/passwd", 7, None, [], {"a": 1}, True, "x" * 5000):
+                page.send(type="GuiUpdateMessage", uuid=page.find(label), updates={"value": value})
+            page.send(
+                type="GuiUpdateMessage", uuid=page.find(label), updates={"disabled": False, "visible": True}
+            )
+        page.click(OPEN)
+        assert app.worker.wait_idle(IDLE_S)
+        page.vanish()
+    end = time.monotonic() + 10.0
+    while any(
+        path.is_file() for path in (tmp_path / "data").rglob("*")
+    ):  # until the server sees that it is gone
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def test_without_a_place_for_data_the_page_says_how_to_start_it(
+    served: Path, given: dict[str, bytes]
+) -> None:
+    with serving(served, port=0) as app, WireClient(app.server.get_port()) as page:
+        send(page, "log.zip", packed(given))  # nothing takes it
+        page.click(OWN_DATA)
+        shows(page, "inspector serve PATH --data my_data")
+        assert not page.has(OPEN)
+        page.click("Close")
+        page.wait(lambda p: not p.has("Close"))
+
+
+# ---- in a real browser ----------------------------------------------------------------------------------------------
+
+DROP = """(files) => {
+  const transfer = new DataTransfer();
+  for (const [name, text] of files)
+    transfer.items.add(new File([Uint8Array.from(atob(text), c => c.charCodeAt(0))], name));
+  const on = document.querySelector("canvas");
+  const how = { dataTransfer: transfer, bubbles: true, cancelable: true };
+  const send = kind => on.dispatchEvent(new DragEvent(kind, how));
+  send("dragenter");
+  window.__zone = getComputedStyle(document.getElementById("inspector-drop")).display;
+  send("dragover");
+  send("drop");
+}"""
+
+
+@pytest.mark.browser
+def test_in_a_browser_by_drop_and_by_the_file_dialog(
+    chromium: Any, app: App, given: dict[str, bytes], tmp_path: Path
+) -> None:
+    files = [[name, base64.b64encode(content).decode()] for name, content in given.items()]
+    with open_page(chromium, url_of(app.server), 900, 650) as page:
+        page.evaluate(DROP, files)
+        assert page.evaluate("() => window.__zone") == "flex"
+        says(page, "joint 3, deg, other way round")
+        assert page.locator("#inspector-drop").is_hidden()
+        page.get_by_role("button", name=OPEN).click()
+        page.get_by_role("button", name=OPEN).wait_for(state="detached", timeout=MS)
+        assert app.worker.wait_idle(IDLE_S)
+        assert app.state.name == "achsen"
+        for name, content in given.items():
+            (tmp_path / name).write_bytes(content)
+        with page.expect_file_chooser() as chooser:
+            page.get_by_role("button", name=OWN_DATA).click()
+        assert chooser.value.is_multiple()
+        chooser.value.set_files([tmp_path / name for name in given])
+        says(page, "joint 3, deg, other way round")
