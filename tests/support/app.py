@@ -23,10 +23,20 @@ ADD = "Add to the model"  # the button
 
 
 @contextmanager
-def idle_app(folder: Path, effects_file: Path | None = None, saved: Opening | None = None) -> Iterator[App]:
-    """The app on `folder`, at a port of its own, once everything that it begins with is done."""
+def idle_app(
+    folder: Path,
+    effects_file: Path | None = None,
+    saved: Opening | None = None,
+    *,
+    as_users_see_it: bool = False,
+) -> Iterator[App]:
+    """The app on `folder`, at a port of its own, once everything that it begins with is done.
+
+    `as_users_see_it` is for pictures: otherwise nothing is reflected, and metal is black.
+    """
     with serving(folder, port=0, effects_file=effects_file, saved=saved) as app:
-        without_reflections(app)
+        if not as_users_see_it:
+            without_reflections(app)
         assert app.worker.wait_idle(IDLE_S)
         yield app
 
