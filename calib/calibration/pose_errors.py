@@ -10,10 +10,13 @@ from numpy.typing import ArrayLike
 
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.calibration.evaluation import Evaluation
 from calib.calibration.input_variables import inputs_at
 from calib.calibration.joint_directions import directions_at
 from calib.calibration.result import Calibration
+from calib.dataset.dataset import Dataset
 from calib.distributions import chi2_ppf
+from calib.fitting.model import Model
 from calib.fitting.observations import Observations, with_scanner_frames
 from calib.fitting.pose_means import mean_by_pose, sum_by_pose
 from calib.fitting.scanner_frame import whitener
@@ -79,22 +82,26 @@ class PoseErrors:
 
 
 def pose_errors_of(calibration: Calibration) -> PoseErrors:
-    """The errors of a calibration at all measured poses.
+    """The errors of a calibration at all measured poses, as `pose_errors_at`."""
+    return pose_errors_at(calibration.dataset, calibration.model, calibration.fit.x, calibration.after)
+
+
+def pose_errors_at(dataset: Dataset, model: Model, x: Array, evaluation: Evaluation) -> PoseErrors:
+    """The errors of a model at x (P,) at all measured poses, with its evaluation there.
 
     The apparent error of joint j at a pose is the least-squares motion of that joint alone, -d_j . e / |d_j|^2 with the
     whitened error e and the derivative d_j of the measured point by the joint. Joints are taken one at a time, so their
     errors do not add up.
     """
-    dataset, model, x = calibration.dataset, calibration.model, calibration.fit.x
     everything = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
     trained = ~dataset.poses.is_test[everything.points.pose]
-    if calibration.after.is_outlier is not None:
-        trained &= ~calibration.after.is_outlier[everything.points.pose]
+    if evaluation.is_outlier is not None:
+        trained &= ~evaluation.is_outlier[everything.points.pose]
     observed = with_scanner_frames(everything, model, x, trained)
     poses, row = observed.used_poses
-    scanner_T_base = np.stack([calibration.after.scanner_T_base[str(name)] for name in observed.setup])
+    scanner_T_base = np.stack([evaluation.scanner_T_base[str(name)] for name in observed.setup])
     whiten = whitener(observed.covariance_mm2)
-    error_mm = calibration.after.error_mm
+    error_mm = evaluation.error_mm
     raw = np.einsum("mij,mj->mi", whiten, error_mm)
     apparent = np.zeros((len(poses), model.robot.n_joints))
     noise = np.full_like(apparent, np.nan)

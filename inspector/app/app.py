@@ -96,6 +96,7 @@ class App(ModelRequests):
         self.imports = Imports(server, data, panels.own_data, self.worker, on_made=self._imported)
         server.requests.on("pose", self.select_id)
         server.requests.on("tabs", self.tabs)
+        server.requests.on("look", self.look_from)
         server.requests.on("find", lambda _: self.find(True))
         server.requests.on("joint", lambda number: self.select_joint(whole_number(number)))
         server.requests.on("step", lambda number: self.show_step(whole_number(number)))
@@ -254,7 +255,7 @@ class App(ModelRequests):
 
     def version(self, name: str) -> None:
         """Show the arm and the errors of a version of the model."""
-        self.worker.submit("version", lambda: self.stage.comparison.choose(name))
+        self.worker.submit("version", lambda: self.selection.version(name))
 
     def prediction(self, name: str, shown: bool) -> None:
         """Show or hide what a version of the model predicts."""

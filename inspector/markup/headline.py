@@ -1,4 +1,4 @@
-"""The headline over the 3D view: how far the arm is off, stage by stage, and the four steps of the work, as HTML.
+"""What stands over the 3D view, as HTML: how far the arm is off, stage by stage, the four steps of the work, and sides.
 
 Its classes are styled in `server/client/page.css`; the page's script shows it over the 3D view.
 """
@@ -11,7 +11,7 @@ from inspector.markup.parts.elements import Html, asking, opening
 from inspector.markup.parts.palette import MODEL_COLOURS
 from inspector.session.loop import FIND, FIT, MEASURE, STEPS, TAKE, Doing, Progress
 from inspector.session.session import Session
-from inspector.session.view import View
+from inspector.session.view import SIDES, View
 
 OFF_BY = "How far the arm is off"
 TABS = {  # where each step is done
@@ -37,6 +37,13 @@ def headline_html(view: View | None, doing: Doing) -> str:
     way = "" if told is None else _way(told, view)
     now = f'<div class="headline-now">{elements.text(_now(session, progress, doing))}</div>'
     return f'<div class="headline">{way}{_steps(progress, doing)}{now}</div>'
+
+
+def looks_html() -> str:
+    """Where the 3D view may be looked at from, as buttons in its corner."""
+    return "".join(
+        f'<span class="look"{asking("look", side)} title="key {side[0]}">{side}</span>' for side in SIDES
+    )
 
 
 def _way(told: Headline, view: View) -> str:

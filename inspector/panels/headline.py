@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import viser
 
-from inspector.markup.headline import headline_html
+from inspector.markup.headline import headline_html, looks_html
 from inspector.session.loop import IDLE, Doing
 from inspector.session.view import View
 
@@ -16,6 +16,7 @@ class HeadlinePanel:
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._html = gui.add_html("")
+        gui.add_html(f'<div data-over-view="looks">{looks_html()}</div>')
         self._sent = ""
         self._doing: Doing = IDLE
         self._view: View | None = None

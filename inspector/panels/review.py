@@ -12,7 +12,7 @@ from inspector.markup.parts.palette import DOUBT, FAILED, LEFT_OUT, ROLE_WORDS, 
 from inspector.panels.base import Actions, ChangedValues, by_page, put
 from inspector.panels.input_checks import clamped, one_of
 from inspector.panels.timeline import TimelinePanel
-from inspector.session.view import FACTORS, POINT_VIEWS, RESET, SIDES, VIEW_LAYERS, VIEWS, View, corner_of
+from inspector.session.view import FACTORS, POINT_VIEWS, SIDES, VIEW_LAYERS, VIEWS, View, corner_of
 
 LAYER_WORDS = {
     "Scan layers": {
@@ -68,7 +68,6 @@ class ReviewPanel:
         self._shown_pose = ""  # id
         self.timeline = TimelinePanel(gui, actions)
         self.view = gui.add_button_group("3D view", VIEWS, hint="keys: 1 to 7")
-        self.sides = gui.add_button_group("Look from", SIDES, hint="keys: F, S, T, R")
         self.keep = gui.add_checkbox(
             "Keep this view", False, hint="the 3D view stays as it is when another tab is opened"
         )
@@ -103,7 +102,6 @@ class ReviewPanel:
             lambda e: a.show_view(one_of(VIEW_OF.get(e.target.value, e.target.value), VIEWS, VIEWS[0]))
         )
         self.leave_out.on_click(lambda _: a.leave_out(self._shown_pose, self.leave_out.label == LEAVE_OUT))
-        self.sides.on_click(lambda e: a.look_from(one_of(e.target.value, SIDES, RESET)))
         self.keep.on_update(lambda e: a.keep_view(bool(e.target.value)) if by_page(e) else None)
         self.search.on_click(lambda _: a.search(self.search.label != "Stop the search"))
         self.dark.on_update(lambda e: a.dark(bool(e.target.value)) if by_page(e) else None)

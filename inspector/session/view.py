@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.calibration.model_versions import EFFECTS, LINKS, NOMINAL, Version, fitted_version
+from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from calib.options import RESIDUAL_KINDS
 from inspector.session.session import Session
@@ -87,6 +88,22 @@ class View:
         return next(
             (v for v in self.versions if v.name == self.chosen), self.versions[-1] if self.versions else None
         )
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """The fit of the version on show; of the nominal robot, which is none's, that of the model."""
+        version = self.version
+        return self.session.calibration if version is None else version.calibration
+
+    @property
+    def shows_last(self) -> bool:
+        """Whether the model itself is shown, none of the versions before it."""
+        return not self.is_nominal and self.calibration is self.session.calibration
+
+    @property
+    def is_nominal(self) -> bool:
+        """Whether the nominal robot is shown."""
+        return self.version is not None and self.version.name == NOMINAL
 
     @property
     def shown_step(self) -> int | None:

@@ -38,5 +38,16 @@ class Selection:
         view = self._state.now.at_step(number)
         self._state.change(chosen=view.chosen, compared=view.compared, step=view.step)
         self._stage.comparison.draw()
+        self._show_version()
         if self._stage.view_name not in MODEL_VIEWS:
             self._stage.follow(ARM)
+
+    def version(self, name: str) -> None:
+        """Show the arm, the errors and the arrows of a version of the model."""
+        self._stage.comparison.choose(name)
+        self._show_version()
+
+    def _show_version(self) -> None:
+        """The plots and tables of the version on show."""
+        self._panels.fit.update(self._state.now)
+        self._panels.residuals.update(self._state.now)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import viser
 
-from calib.calibration.pose_errors import PoseErrors, running_median
+from calib.calibration.evaluation import Evaluation
+from calib.calibration.pose_errors import PoseErrors, pose_errors_at, running_median
 from calib.screening.scan_statistic import Channel
 from inspector.figures.residual_plots import place_views, residual_against, select
 from inspector.markup.learn.residuals import AXES, LENGTH, band_note, input_title, joint_title, shown, turned
@@ -52,6 +53,7 @@ class ResidualsPanel:
         self._ids: dict[str, str] = {}  # pose id by label
         self._drawn: tuple[object, ...] = ()  # what the figure on show is of
         self._dataset: object = None
+        self._of: tuple[Evaluation, PoseErrors] | None = None  # of an earlier version on show
         self._chose = False  # whether a user has chosen what to see of this dataset
         self.against.on_update(lambda e: self._choose() if by_page(e) else None)
         self.what.on_update(lambda e: self._choose() if by_page(e) else None)
@@ -82,7 +84,7 @@ class ResidualsPanel:
 
     def update(self, view: View) -> None:
         """The session's residual."""
-        pose_errors = view.session.pose_errors
+        pose_errors = self._pose_errors(view)
         if pose_errors is None:
             self._plot.visible = self._places.visible = False
             self._table.content = ""
@@ -123,12 +125,26 @@ class ResidualsPanel:
                     x, values, pose_errors.pose_ids, pose_errors.is_test, x_title=title, y_title=y_title, band=band,
                     smooth=running_median(x[train], values[train]), selected=view.pose_id, dark=view.dark,
                 )  # fmt: skip
+            whose = "" if view.shows_last or view.version is None else f"Of {view.version.name}. "
             self._state.content = elements.note(
-                PLACES_NOTE if places else f"{band_note(pose_errors, band)} {RINGED}"
+                whose + PLACES_NOTE if places else f"{whose}{band_note(pose_errors, band)} {RINGED}"
             )
             self._drawn = drawing
         self._plot.visible, self._places.visible = not places, places
         self._show_worst(pose_errors, view)
+
+    def _pose_errors(self, view: View) -> PoseErrors | None:
+        """The errors of the version on show; None before those of the model are known."""
+        version = view.version
+        if version is None or view.shows_last or view.session.pose_errors is None:
+            return view.session.pose_errors
+        if self._of is None or self._of[0] is not version.evaluation:
+            dataset = version.calibration.dataset
+            self._of = (
+                version.evaluation,
+                pose_errors_at(dataset, version.model, version.x, version.evaluation),
+            )
+        return self._of[1]
 
     def _suggest(self, view: View, inputs: dict[str, str], joints: dict[str, int]) -> None:
         """Show where the pattern is clearest, as long as nobody has chosen anything else."""

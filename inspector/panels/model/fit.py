@@ -51,7 +51,7 @@ class FitPanel:
         self._unlabelled: tuple[Mapping[str, CornerSearch], str] | None = (
             None  # faces not labelled: of what, why
         )
-        self._drawn: tuple[Calibration, bool] | None = None  # what the bars on show are of
+        self._drawn: tuple[Calibration, bool, bool] | None = None  # what the bars on show are of
         self._fitted: Calibration | None = None  # what the figures are of
         self._busy = False  # whether a fit runs
         self._fresh = ""  # the residual by which another fit would change nothing
@@ -102,6 +102,7 @@ class FitPanel:
             put(self.residual, result.residual)
         self._fitted = result
         self.update_faces(view)
+        result = view.calibration or result  # of the version on show
         self._state.content = state_html(result)
         distances = result.residual == "distance"
         train = [s.train_distance_rmse_mm if distances else s.train_rmse_mm for s in result.iteration_errors]
@@ -122,14 +123,14 @@ class FitPanel:
 
     def update_residuals(self, view: View) -> None:
         """The error of each pose after the fit, the selected one outlined."""
-        result = view.session.calibration
+        result, before = view.calibration, view.is_nominal
         if result is None:
             return
-        if self._drawn and result is self._drawn[0] and view.dark == self._drawn[1]:
+        if self._drawn and result is self._drawn[0] and (view.dark, before) == self._drawn[1:]:
             self._residuals.figure = outline(self._residuals.figure, view.pose_id)  # only another pose
             return
-        self._drawn = (result, view.dark)
-        errors = result.after.to_frame(result.dataset)
+        self._drawn = (result, view.dark, before)
+        errors = (result.before if before else result.after).to_frame(result.dataset)
         column = "distance_error_mm" if result.residual == "distance" else "error_mm"
         errors = errors.dropna(subset=[column])
         self._residuals.figure = pose_residuals(
@@ -137,6 +138,6 @@ class FitPanel:
             errors["role"].tolist(),
             errors[column].abs().to_numpy(),
             selected=view.pose_id,
-            what=f"{what_is_fitted(result)} error after",
+            what=f"{what_is_fitted(result)} error {'before' if before else 'after'}",
             dark=view.dark,
         )

@@ -1,24 +1,43 @@
-// The headline stands over the 3D view: what the server puts into [data-over-view] is shown in a bar of ours between the
-// docks, and the 3D view begins below it. On a phone the view ends where viser's sheet begins.
+// What stands over the 3D view: the server's [data-over-view="headline"] is shown in a bar of ours between the docks, and
+// the 3D view begins below it; [data-over-view="looks"] in the view's corner. On a phone the view ends where viser's
+// sheet begins.
 "use strict";
 
 (() => {
-  const bar = document.createElement("section");
-  bar.id = "inspector-bar";
-  bar.setAttribute("aria-label", "How far the arm is off, and what comes next");
-  document.body.append(bar);
   const root = document.documentElement;
+  const shown = new Map(); // what each of ours was copied from
+  const bar = added("headline", "How far the arm is off, and what comes next");
+  const looks = added("looks", "Where the view is looked at from");
+
+  function added(name, label) {
+    const element = document.createElement("section");
+    element.id = `inspector-${name}`;
+    element.dataset.of = name;
+    element.setAttribute("aria-label", label);
+    document.body.append(element);
+    return element;
+  }
 
   // A copy: the original belongs to viser's panel, which may be folded away.
+  function copy(element) {
+    const source = document.querySelector(`[data-over-view="${element.dataset.of}"]`);
+    if (!source || source.innerHTML === shown.get(element)) return;
+    shown.set(element, source.innerHTML);
+    const focused = [...element.querySelectorAll("[tabindex]")].indexOf(document.activeElement);
+    element.innerHTML = source.innerHTML;
+    if (focused >= 0) element.querySelectorAll("[tabindex]")[focused]?.focus();
+  }
+
+  let waiting = false;
   function show() {
-    const source = document.querySelector("[data-over-view]");
-    if (source && source.innerHTML !== bar.dataset.shown) {
-      bar.dataset.shown = source.innerHTML;
-      const focused = [...bar.querySelectorAll("[tabindex]")].indexOf(document.activeElement);
-      bar.innerHTML = source.innerHTML;
-      if (focused >= 0) bar.querySelectorAll("[tabindex]")[focused]?.focus();
-    }
-    place();
+    if (waiting) return;
+    waiting = true;
+    requestAnimationFrame(() => {
+      waiting = false;
+      copy(bar);
+      copy(looks);
+      place();
+    });
   }
 
   function set(name, pixels) {

@@ -97,3 +97,16 @@ def test_a_fit_that_is_not_ranked_yet_is_said_to_be_weighed(app: App) -> None:
 
     session = replace(app.state.session, advice=None, diagnosis=None)
     assert RANKING in headline_html(View(session), Doing())
+
+
+def test_a_stage_is_shown_in_plots_and_tables_too(app: App) -> None:
+    with WireClient(app.server.get_port()) as page:
+        app.show_step(0)
+        page.wait(lambda p: "Of nominal. " in plain(p))
+        page.wait(lambda p: any("error before" in figure for figure in p.figures()))
+        worst = max(app.state.now.version.pose_errors_mm())  # type: ignore[union-attr]
+        page.wait(lambda p: f"{worst:.4f}" in plain(p))  # in the table of the worst poses
+        assert re.search(r'aria-pressed="true"[^>]*data-value="0"', page.text())
+        app.show_step(1)
+        page.wait(lambda p: "Of nominal. " not in plain(p))
+        page.wait(lambda p: not any("error before" in figure for figure in p.figures()))
