@@ -32,6 +32,8 @@ from inspector.session.measuring import with_face_labels
 from inspector.session.session import Separation, Session, untested
 
 SEPARATING_POSES = 3  # at which two causes are compared
+HISTORY_STEPS = 50  # that a session keeps: the first, and the last ones
+RANKED_STEPS = 8  # the last ones, which keep their rankings; a search has five at most
 
 
 def seen_since(session: Session, now: Session) -> Session:
@@ -223,7 +225,15 @@ def _judged(session: Session, found: Diagnosis) -> Session:
 def with_steps(session: Session, steps: Sequence[FitStep]) -> Session:
     """Take over fits that were made, the last as the model; nothing more is known of that yet."""
     calibration, effects = steps[-1].calibration, steps[-1].selected
+    if len(steps) > HISTORY_STEPS:
+        steps = (steps[0], *steps[1 - HISTORY_STEPS :])
+    steps = [without_ranking(step) for step in steps[:-RANKED_STEPS]] + list(steps[-RANKED_STEPS:])
     return untested(replace(session, calibration=calibration, effects=effects, steps=tuple(steps)))
+
+
+def without_ranking(step: FitStep) -> FitStep:
+    """The step without its ranking of the effects, which is most of what it holds and can be made again."""
+    return step if step.screening is None else replace(step, screening=None)
 
 
 def _calibrated(session: Session) -> Calibration:

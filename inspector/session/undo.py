@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from calib.errors import CalibError
 from inspector.session.reopening import replayed
-from inspector.session.session import Session
+from inspector.session.session import Session, untested
 from inspector.session.session_file import Saved, SavedModel
+from inspector.session.transitions import without_ranking
 
-UNDO_STEPS = 50  # changes that can be taken back; a session of a thousand poses holds some megabytes
+UNDO_STEPS = 50  # changes that can be taken back
+WHOLE = 8  # the last of them, which come back with their ranking; older ones are ranked again when they are gone to
 
 
 @dataclass
@@ -35,6 +37,8 @@ class Undo:
         if before.calibration is not None:
             self.past.append(before)
             del self.past[:-UNDO_STEPS]
+            if len(self.past) > WHOLE:
+                self.past[-WHOLE - 1] = _lean(self.past[-WHOLE - 1])
         self.future.clear()
 
     def move(self, now: Session, by: int) -> Session:
@@ -57,3 +61,10 @@ class Undo:
         other.extend(source[:-count:-1] if count > 1 else ())
         del source[-count:]
         return target
+
+
+def _lean(entry: Session | SavedModel) -> Session | SavedModel:
+    """A model without what can be worked out again: its rankings, tests and versions."""
+    if isinstance(entry, SavedModel) or entry.diagnosis is not None:
+        return entry
+    return untested(replace(entry, steps=tuple(map(without_ranking, entry.steps))))

@@ -273,3 +273,16 @@ def test_undo_is_bounded(fitted: Session) -> None:
     for _ in range(UNDO_STEPS + 7):
         undo.changed(fitted)
     assert len(undo.past) == UNDO_STEPS
+
+
+def test_a_session_keeps_so_many_steps_and_the_last_rankings_only(fitted: Session) -> None:
+    """Two thousand changes hold no more than fifty."""
+    ranked = sessions.with_ranking(fitted).steps[0]
+    now = sessions.with_steps(fitted, [replace(ranked, label=str(k)) for k in range(70)])
+    assert [step.label for step in now.steps] == ["0", *map(str, range(21, 70))]
+    assert [step.screening is not None for step in now.steps] == [False] * 42 + [True] * 8
+    undo = Undo()
+    for _ in range(20):
+        undo.changed(sessions.with_ranking(fitted))
+    kept = [isinstance(entry, Session) and entry.screening is not None for entry in undo.past]
+    assert kept == [False] * 12 + [True] * 8
