@@ -1,11 +1,12 @@
-"""Every arm of every URDF below a folder, imported, beside MuJoCo's reading of the same file.
+"""Every arm of every URDF below a folder, imported, beside MuJoCo's or Pinocchio's reading of the same file.
 
-    python benchmarks/robot_files.py FOLDER [--vectors 100] [--tips 20] [--tell]
+    python benchmarks/robot_files.py FOLDER [--oracle mujoco|pinocchio] [--vectors 100] [--tips 20] [--tell]
 
 For each file and each of its tips: the tool's place and attitude by robot.toml, written and read again, at random joint
 vectors; gravity's torques where the file has masses; and whether the file comes back byte for byte where
 nothing is calibrated. MuJoCo gets the file without shapes, with joints beside the arm fixed and other inertias, as many
-files have some that no body can have; links without mass get one, and torques are then not compared.
+files have some that no body can have; links without mass get one, and torques are then not compared. Pinocchio (`pip
+install pin`) gets the file as it is.
 """
 
 from __future__ import annotations
@@ -14,18 +15,20 @@ import argparse
 import tempfile
 import xml.etree.ElementTree as ET
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import simulated  # noqa: F401  (sets the paths)
 
 from calib.dataset.files.robot_toml import load_robot, robot_to_toml
 from calib.effects.gravity import GravityLoads
 from calib.errors import CalibError
+from calib.frames import invert, make_transform
 from calib.kinematics.chain import forward
+from calib.kinematics.robot import Robot
 from calib.robot_formats.calibrated_file import calibrated_urdf
 from calib.robot_formats.robot_file import Reading, read_arm, read_robot
 from calib.robot_formats.urdf.chain import ArmPath
@@ -45,8 +48,60 @@ class Worst:
     changed: int = 0  # files that did not come back as they were
 
 
-def in_mujoco(arm: ArmPath) -> Any:
+# Joint values (n,), rad or m -> base_T_tip (4, 4) mm, and gravity's generalized forces (n,) in Nm or N.
+Oracle = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def by_mujoco(arm: ArmPath, robot: Robot) -> Oracle:
+    """MuJoCo's answers."""
+    import mujoco
+
+    model = mujoco_model(arm)
+    data, joints = mujoco.MjData(model), [model.joint(joint.name) for joint in robot.joints]
+    qpos, dof = [int(joint.qposadr[0]) for joint in joints], [int(joint.dofadr[0]) for joint in joints]
+
+    def answer(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        data.qpos[qpos] = q
+        mujoco.mj_forward(model, data)
+        body = data.body(arm.tip)
+        return make_transform(body.xmat.reshape(3, 3), 1e3 * body.xpos), data.qfrc_bias[dof].copy()
+
+    return answer
+
+
+def by_pinocchio(arm: ArmPath, robot: Robot) -> Oracle:
+    """Pinocchio's answers."""
+    import pinocchio
+
+    model = pinocchio.buildModelFromXML(arm.tree.file.content.decode())
+    data, neutral = model.createData(), pinocchio.neutral(model)
+    joints = [model.joints[model.getJointId(joint.name)] for joint in robot.joints]
+    ends = [model.getFrameId(name, pinocchio.FrameType.BODY) for name in (arm.base, arm.tip)]
+
+    def answer(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        values = neutral.copy()
+        for joint, value in zip(joints, q, strict=True):
+            turns_on = joint.nq == 2  # a continuous joint is a point of the circle
+            values[joint.idx_q : joint.idx_q + joint.nq] = (
+                [np.cos(value), np.sin(value)] if turns_on else value
+            )
+        pinocchio.framesForwardKinematics(model, data, values)
+        base, tip = (data.oMf[end].homogeneous for end in ends)
+        place = invert(base) @ tip
+        place[:3, 3] *= 1e3
+        pulls = pinocchio.computeGeneralizedGravity(model, data, values)
+        return place, pulls[[joint.idx_v for joint in joints]]
+
+    return answer
+
+
+ORACLES = {"mujoco": by_mujoco, "pinocchio": by_pinocchio}
+
+
+def mujoco_model(arm: ArmPath) -> Any:
     """MuJoCo's model of the arm's file."""
+    import mujoco
+
     root = ET.fromstring(arm.tree.file.content)
     moving = {joint.name for joint in arm.moving}
     for link in root.iter("link"):
@@ -73,7 +128,7 @@ def in_mujoco(arm: ArmPath) -> Any:
     return spec.compile()
 
 
-def compare(path: Path, tip: str | None, vectors: int, worst: Worst, folder: Path) -> None:
+def compare(path: Path, tip: str | None, oracle: str, vectors: int, worst: Worst, folder: Path) -> None:
     """One arm of one file."""
     reading = Reading(tip=tip)
     found, arm = read_robot(path, reading), read_arm(path, tip=tip)
@@ -81,23 +136,20 @@ def compare(path: Path, tip: str | None, vectors: int, worst: Worst, folder: Pat
     robot = load_robot(folder / "robot.toml")
     worst.arms += 1
     worst.changed += calibrated_urdf(path, robot).content != path.read_bytes()
-    model = in_mujoco(arm)
+    answer = ORACLES[oracle](arm, robot)
     q = np.random.default_rng(0).uniform(-2, 2, (vectors, robot.n_joints)) * np.where(
         robot.is_revolute, 1, 300
     )
     chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
     weighed = all(joint.mass_kg is not None for joint in robot.joints)
     torques = GravityLoads(robot, chain, None).joint_torques
-    data, joints = mujoco.MjData(model), [model.joint(joint.name) for joint in robot.joints]
-    qpos, dof = [int(joint.qposadr[0]) for joint in joints], [int(joint.dofadr[0]) for joint in joints]
     for k, values in enumerate(q):
-        data.qpos[qpos] = np.where(robot.is_revolute, values, values / 1e3)
-        mujoco.mj_forward(model, data)
-        body, mine = data.body(arm.tip), chain.base_T_frame[k, -1]
-        worst.place_mm = max(worst.place_mm, float(np.abs(mine[:3, 3] - 1e3 * body.xpos).max()))
-        worst.attitude = max(worst.attitude, float(np.abs(mine[:3, :3] - body.xmat.reshape(3, 3)).max()))
+        theirs, pulls = answer(np.where(robot.is_revolute, values, values / 1e3))
+        mine = chain.base_T_frame[k, -1]
+        worst.place_mm = max(worst.place_mm, float(np.abs(mine[:3, 3] - theirs[:3, 3]).max()))
+        worst.attitude = max(worst.attitude, float(np.abs(mine[:3, :3] - theirs[:3, :3]).max()))
         if weighed:
-            worst.torque_nm = max(worst.torque_nm, float(np.abs(torques[k] + data.qfrc_bias[dof]).max()))
+            worst.torque_nm = max(worst.torque_nm, float(np.abs(torques[k] + pulls).max()))
     worst.weighed += weighed
 
 
@@ -117,6 +169,7 @@ def main() -> None:
     """Read the command line, compare, print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--oracle", choices=ORACLES, default="mujoco")
     parser.add_argument("--vectors", type=int, default=100)
     parser.add_argument("--tips", type=int, default=20, help="of a file, at the most")
     parser.add_argument("--tell", action="store_true", help="every refusal")
@@ -133,12 +186,12 @@ def main() -> None:
                 print(error) if given.tell else None
             for tip in tips:
                 try:
-                    compare(path, tip, given.vectors, worst, Path(made))
+                    compare(path, tip, given.oracle, given.vectors, worst, Path(made))
                 except CalibError as error:
                     refused[str(error).split("; ")[-1]] += 1
                     print(error) if given.tell else None
                 except (ValueError, ET.ParseError) as error:
-                    print(f"MuJoCo cannot read {path.name}: {error}")
+                    print(f"{given.oracle} cannot read {path.name}: {error}")
     print(f"{files} files, {worst.arms} arms, {sum(refused.values())} refused:")
     for words, times in refused.most_common():
         print(f"  {times:4d}  {words[:110]}")

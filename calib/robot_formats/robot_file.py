@@ -21,6 +21,7 @@ from calib.robot_formats.ur_calibration import read_ur_calibration
 from calib.robot_formats.urdf.chain import ArmPath, chain_of_arm, find_arm, tip_links
 from calib.robot_formats.urdf.safe_xml import XmlFile, parse_xml, read_bytes
 from calib.robot_formats.urdf.tree import read_tree
+from calib.robot_formats.urdf.xacro import Xacro, expanded_xacro
 
 SOURCE = "source"  # the table of robot.toml that says which file and links it was made of
 SUFFIXES = (".toml", ".urdf", ".xml", ".yaml", ".yml", ".conf", ".csv", ".xacro")
@@ -57,6 +58,7 @@ class Reading:
     base: str | None = None
     convention: str | None = None  # of a table of theta, d, a, alpha: "standard" or "modified"
     model: str | None = None  # of a UR controller's calibration.conf
+    xacro: Xacro | None = None  # None: a xacro is refused, as it computes and reads other files
 
 
 def read_robot(path: Path, reading: Reading = Reading()) -> RobotFile:
@@ -81,7 +83,7 @@ def read_robot(path: Path, reading: Reading = Reading()) -> RobotFile:
     elif suffix in (".yaml", ".yml"):
         chain = chain_of_yaml(read_origin_yaml(path))
     else:
-        file = read_xml(path)
+        file = read_xml(path, reading.xacro)
         if file.root.tag == "mujoco":
             chain = chain_of_mjcf(file, reading.tip, reading.base)
         else:
@@ -104,8 +106,10 @@ def named_robot(name: str, reading: Reading = Reading()) -> RobotFile:
     return read_robot(Path(name), reading)
 
 
-def read_xml(path: Path) -> XmlFile:
-    """The elements of an XML file."""
+def read_xml(path: Path, xacro: Xacro | None = None) -> XmlFile:
+    """The elements of an XML file; those that a .xacro makes, where it may be expanded."""
+    if xacro is not None and path.suffix.lower() == ".xacro":
+        return expanded_xacro(path, xacro)
     return parse_xml(path, read_bytes(path))
 
 

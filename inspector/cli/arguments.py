@@ -100,7 +100,9 @@ def add_residual(sub: ArgumentParser) -> None:
 
 def convert_arguments(sub: ArgumentParser) -> None:
     """IN, OUT and what chooses the arm in them."""
-    sub.add_argument("source", type=Path, metavar="IN", help="a robot: .urdf .toml .yaml .conf .csv .xml")
+    sub.add_argument(
+        "source", type=Path, metavar="IN", help="a robot: .urdf .xacro .toml .yaml .conf .csv .xml"
+    )
     sub.add_argument("out", type=Path, metavar="OUT", help="the form follows the suffix: .toml .urdf .yaml")
     links_arguments(sub)
     sub.add_argument(
@@ -149,3 +151,19 @@ def links_arguments(sub: ArgumentParser) -> None:
         help="of a table of theta, d, a, alpha (modified: Craig's)",
     )
     sub.add_argument("--model", metavar="NAME", help="which arm a UR calibration.conf is of, such as ur10e")
+    sub.add_argument(
+        "--xacro-arg",
+        action="append",
+        default=[],
+        type=values.xacro_argument,
+        metavar="NAME:=VALUE",
+        help="an argument of a .xacro; may be given several times",
+    )
+    sub.add_argument(
+        "--xacro-package",
+        action="append",
+        default=[],
+        type=values.named_folder,
+        metavar="NAME=FOLDER",
+        help="what $(find NAME) is in a .xacro, and may be read beside its own folder; several times",
+    )

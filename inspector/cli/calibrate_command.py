@@ -124,7 +124,10 @@ def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
         if out is not None:
             found[out] = fitting[0]
     if len(found) < len(options.template):
-        raise CalibError("--template: a template is a .urdf or .yaml")
+        raise CalibError(
+            "--template: a template is a .urdf or .yaml; the origins of a .xacro are computed: give --kinematics-out "
+            "with the YAML of joint origins that it reads, or expand it first"
+        )
     for template in found.values():
         require_template_of(template, dataset.robot)
     return found

@@ -169,29 +169,33 @@ class CheckOptions(_FittingOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConvertOptions(Output):
-    """Of `convert`."""
+class RobotFileOptions(Output):
+    """What a robot's file does not say by itself."""
 
-    source: Path
-    out: Path
     tip: str | None
     base: str | None
     convention: str | None
     model: str | None
+    xacro_arg: Sequence[tuple[str, str]]
+    xacro_package: Sequence[tuple[str, Path]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConvertOptions(RobotFileOptions):
+    """Of `convert`."""
+
+    source: Path
+    out: Path
     template: Path | None
     force: bool
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImportOptions(Output):
+class ImportOptions(RobotFileOptions):
     """Of `import`."""
 
     path: Path
     robot: str | None
-    tip: str | None
-    base: str | None
-    convention: str | None
-    model: str | None
     source: Path | None  # a folder or a zip that holds all of it
     joints: Path | None
     points: Path | None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from pathlib import Path
 
 
 def named_number(text: str) -> tuple[str, float]:
@@ -13,6 +14,24 @@ def named_number(text: str) -> tuple[str, float]:
         return name.strip(), float(value)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE, such as a1=0.5") from None
+
+
+def xacro_argument(text: str) -> tuple[str, str]:
+    """ "name:=ur10e" as name and value."""
+    name, between, value = text.partition(":=")
+    if not between or not name.strip():
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME:=VALUE, such as name:=ur10e")
+    return name.strip(), value
+
+
+def named_folder(text: str) -> tuple[str, Path]:
+    """ "ur_description=ros/ur_description" as name and folder."""
+    name, _, folder = text.partition("=")
+    if not name.strip() or not folder:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not NAME=FOLDER, such as ur_description=ros/ur_description"
+        )
+    return name.strip(), Path(folder)
 
 
 def process_count(text: str) -> int:

@@ -28,6 +28,12 @@ class Element:
     line: int
     start: int  # of its start tag in the file's bytes
     children: list[Element] = field(default_factory=list)
+    file: Path | None = None  # that it was written in, where that is another than the one that was named
+
+    @property
+    def stands(self) -> str:
+        """Its line, and its file where that is another than the one that was named."""
+        return str(self.line) if self.file is None else f"{self.line} of {self.file}"
 
     def all(self, tag: str) -> Iterator[Element]:
         """The children of a name."""
@@ -48,7 +54,7 @@ class XmlFile:
 
     def fail(self, at: Element | int, found: str, remedy: str) -> NoReturn:
         """Raise RobotFileError with file and line."""
-        line = at if isinstance(at, int) else at.line
+        line = str(at) if isinstance(at, int) else at.stands
         raise RobotFileError(f"{self.path}: line {line}: {found}; {remedy}")
 
 

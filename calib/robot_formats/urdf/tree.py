@@ -120,9 +120,10 @@ def _refuse_xacro(file: XmlFile) -> None:
             file.fail(
                 element,
                 f"found <{element.tag[:40]}>, a macro that is not expanded",
-                "run `xacro FILE.xacro > FILE.urdf` first and give FILE.urdf",
+                "`inspector convert` and `import` expand a .xacro that is named on the command line; or run "
+                "`xacro FILE.xacro > FILE.urdf` and give FILE.urdf",
             )
-        waiting += element.children
+        waiting += reversed(element.children)
 
 
 def _joint(file: XmlFile, element: Element, links: Mapping[str, object]) -> UrdfJoint:

@@ -12,10 +12,11 @@ from calib.kinematics.robot import Robot
 from calib.robot_formats.calibrated_file import calibrated_urdf, calibrated_yaml
 from calib.robot_formats.chain.five_parameters import chain_of
 from calib.robot_formats.origin_yaml import plain_yaml
-from calib.robot_formats.robot_file import Reading, RobotFile, conversion_error_mm, read_robot
+from calib.robot_formats.robot_file import RobotFile, conversion_error_mm, read_robot
 from calib.robot_formats.urdf.text import plain_urdf
 from inspector.cli.dataset_commands import show
 from inspector.cli.options import ConvertOptions
+from inspector.cli.robots.reading import reading_of
 
 _OUTPUTS = (".toml", ".urdf", ".yaml", ".yml")
 
@@ -23,16 +24,12 @@ _OUTPUTS = (".toml", ".urdf", ".yaml", ".yml")
 def run_convert(options: ConvertOptions) -> int:
     """Read a robot and write it in another form."""
     _check_out(options)
-    found = read_robot(options.source, _reading(options))
+    found = read_robot(options.source, reading_of(options))
     content, said = _content(options, found)
     write_bytes_atomically(options.out, content)
     text = "\n".join([f"{options.out}: {found.summary}", *said])
     show(options, _document(options, found, said), text)
     return 0
-
-
-def _reading(options: ConvertOptions) -> Reading:
-    return Reading(options.tip, options.base, options.convention, options.model)
 
 
 def _content(options: ConvertOptions, found: RobotFile) -> tuple[bytes, list[str]]:

@@ -14,10 +14,10 @@ from calib.dataset_import.files.user_files import UserFiles
 from calib.dataset_import.import_dataset import copy_dataset, require_free, scan_files, write_plan
 from calib.dataset_import.plan import ImportPlan
 from calib.errors import CalibError
-from calib.robot_formats.robot_file import Reading
 from inspector.cli.dataset_commands import measured, show
 from inspector.cli.options import ImportOptions
 from inspector.cli.progress import stages
+from inspector.cli.robots.reading import reading_of
 from inspector.export.import_document import plan_document, plan_lines
 
 
@@ -49,7 +49,7 @@ def _named(options: ImportOptions) -> UserFiles:
 
 
 def _choice(options: ImportOptions) -> Choice:
-    reading = Reading(options.tip, options.base, options.convention, options.model)
+    reading = reading_of(options, named=options.robot is not None)
     return Choice(options.robot, reading, options.joints, options.points, parsed_mapping(options.map))
 
 
