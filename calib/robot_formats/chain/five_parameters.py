@@ -59,6 +59,7 @@ def robot_of(chain: SerialChain, near_mm: Sequence[ArrayLike] | None = None) -> 
         joints=tuple(joints),
         tool=Tool(*tool),
         gravity_m_s2=chain.gravity_m_s2,
+        coupling=chain.coupling,
         base=Base(_vector(xyz), (roll, pitch, yaw)),
     )
 

@@ -50,6 +50,7 @@ class SerialChain:
     gravity_m_s2: Vector = (0.0, 0.0, -9.81)  # in the base frame
     base: str = ""  # names of the links, where the file has them
     tip: str = ""
+    coupling: tuple[tuple[float, ...], ...] = ()  # as of Robot: (n, n) joint values by commanded ones
     notes: tuple[str, ...] = ()  # what was left out or taken for granted, a sentence each
 
     @property

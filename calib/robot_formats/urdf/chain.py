@@ -11,6 +11,7 @@ from calib.array_types import Array
 from calib.frames import apply
 from calib.kinematics.robot import Vector
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
+from calib.robot_formats.urdf.mimic import Following, coupling_of, followings
 from calib.robot_formats.urdf.tree import UrdfJoint, UrdfTree
 
 _GRAVITY_M_S2 = np.array([0.0, 0.0, -9.81])  # a URDF's root stands upright
@@ -29,6 +30,11 @@ class ArmPath:
     def moving(self) -> tuple[UrdfJoint, ...]:
         """Those that move, in order."""
         return tuple(joint for joint in self.joints if joint.moves)
+
+    @property
+    def following(self) -> tuple[Following, ...]:
+        """How the moving joints follow one another. Raises RobotFileError where a master is no joint of the arm."""
+        return followings(self.tree.file, self.moving)
 
 
 def find_arm(tree: UrdfTree, tip: str | None = None, base: str | None = None) -> ArmPath:
@@ -73,6 +79,7 @@ def chain_of_arm(arm: ArmPath) -> SerialChain:
     joints: list[ChainJoint] = []
     notes: list[str] = []
     before = np.eye(4)
+    following = iter(arm.following)
     weighed = [
         inertial for inertial in arm.tree.links.values() if inertial is not None and inertial.mass_kg > 0.0
     ]
@@ -82,19 +89,21 @@ def chain_of_arm(arm: ArmPath) -> SerialChain:
             continue
         mass_kg, com_mm = _lump(arm, joint.child) if weighed else (None, None)
         scale = 1e3 if joint.type == "prismatic" else 1.0
+        follows = next(following)
         joints.append(
             ChainJoint(
                 name=joint.name,
-                before_T_joint=before,
+                before_T_joint=before @ follows.joint_T_offset,
                 axis=joint.axis,
                 type="prismatic" if joint.type == "prismatic" else "revolute",
-                min=None if joint.low is None else joint.low * scale,
-                max=None if joint.high is None else joint.high * scale,
+                min=None if joint.low is None else (joint.low - follows.offset) * scale,
+                max=None if joint.high is None else (joint.high - follows.offset) * scale,
                 mass_kg=mass_kg,
                 com_mm=com_mm,
             )
         )
         before = np.eye(4)
+    notes += [follows.words for follows in arm.following if follows.words]
     massless = [joint.name for joint in joints if joint.mass_kg == 0.0]
     if massless:
         notes.append(f"the file gives no mass to what {', '.join(massless)} carries up to the next joint")
@@ -111,6 +120,7 @@ def chain_of_arm(arm: ArmPath) -> SerialChain:
         gravity_m_s2=gravity,
         base=arm.base,
         tip=arm.tip,
+        coupling=coupling_of(arm.following),
         notes=tuple(notes),
     )
 
@@ -141,17 +151,12 @@ def _refuse_unserial(arm: ArmPath) -> None:
             file.fail(
                 joint.element, f"joint {joint.name!r} is {joint.type}", "name a base behind it with --base"
             )
-        if joint.mimics is not None and joint.moves:
-            file.fail(
-                joint.element,
-                f"joint {joint.name!r} mimics {joint.mimics!r}: its value is not commanded by itself",
-                "only arms whose joints are commanded one by one can be read",
-            )
     if not arm.moving:
         raise RobotFileError(
             f"{file.path}: no joint moves between {arm.base!r} and {arm.tip!r}; name another tip: "
             f"{_listed(tip_links(arm.tree))}"
         )
+    followings(file, arm.moving)
 
 
 def _carried(arm: ArmPath, link: str) -> Iterator[tuple[str, Array, UrdfJoint | None]]:

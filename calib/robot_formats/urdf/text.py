@@ -41,11 +41,13 @@ def with_origins(arm: ArmPath, chain: SerialChain, comment: str = "") -> UrdfTex
     edits: list[tuple[int, int, bytes]] = []
     changed: list[str] = []
     fixed: list[UrdfJoint] = []
+    following = iter(arm.following)
     for joint in arm.joints:
         if joint.moves:
             before = _product(fixed)
             fixed = []
-            edits += _edit(arm, joint, invert(before) @ next(wanted), changed)
+            place = next(wanted) @ invert(next(following).joint_T_offset)
+            edits += _edit(arm, joint, invert(before) @ place, changed)
         else:
             fixed.append(joint)
     last = next(wanted)

@@ -31,7 +31,9 @@ class UrdfJoint:
     axis: Vector  # unit vector
     low: float | None  # rad, or m
     high: float | None
-    mimics: str | None  # the joint that it follows
+    mimics: str | None  # the joint that it follows, as multiplier x its value + offset
+    multiplier: float
+    offset: float  # rad, or m
     element: Element
 
     @property
@@ -144,6 +146,7 @@ def _joint(file: XmlFile, element: Element, links: Mapping[str, object]) -> Urdf
         ends.append(link)
     limit, mimic = element.first("limit"), element.first("mimic")
     low = high = None
+    followed = f"<mimic> of joint {name!r}"
     if limit is not None and type_ in ("revolute", "prismatic"):
         low = _number(file, limit, "lower", f"<limit> of joint {name!r}", 0.0)
         high = _number(file, limit, "upper", f"<limit> of joint {name!r}", 0.0)
@@ -158,7 +161,9 @@ def _joint(file: XmlFile, element: Element, links: Mapping[str, object]) -> Urdf
         axis=_axis(file, element, name, type_),
         low=low,
         high=high,
-        mimics=None if mimic is None else mimic.attributes.get("joint", "?"),
+        mimics=None if mimic is None else _required(file, mimic, "joint", followed),
+        multiplier=1.0 if mimic is None else _number(file, mimic, "multiplier", followed, 1.0),
+        offset=0.0 if mimic is None else _number(file, mimic, "offset", followed, 0.0),
         element=element,
     )
 
