@@ -159,7 +159,7 @@
     show(
       input()
         ? "Drop your data: a zip, a folder, or a robot's file with CSV tables of joints and points"
-        : "This server takes no data: “Open your own data …” at the top left says how to start it",
+        : "Files go in by “Open your own data …” in the panel Review: open it; the button takes them or says what is missing",
     );
   });
   document.addEventListener("dragleave", (event) => {

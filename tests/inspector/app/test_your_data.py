@@ -23,7 +23,7 @@ from inspector.app.serving import serving
 from inspector.panels.your_data import CANCEL, OPEN, OWN_DATA
 from inspector.server.uploads import PART_BYTES
 from inspector.server.viser_server import url_of
-from tests.support.app import IDLE_S, plain, shows
+from tests.support.app import IDLE_S, plain, shows, without_reflections
 from tests.support.browser import MS, open_page, says
 from tests.support.hidden_dataset import write_hidden
 from tests.support.wire_client import WireClient
@@ -61,6 +61,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def app(served: Path, tmp_path: Path) -> Iterator[App]:
     with serving(served, port=0, data=tmp_path / "data") as running:
+        without_reflections(running)
         assert running.worker.wait_idle(IDLE_S)
         yield running
 
