@@ -7,7 +7,14 @@ import numpy as np
 from calib.array_types import Array
 from inspector.markup.model.comparison import distance_bar, points_legend, roles_legend
 from inspector.markup.parts import elements
-from inspector.markup.parts.palette import FACE_COLOURS, FILTER_COLOURS, HIGHLIGHT, MODEL_COLOURS, REJECTED
+from inspector.markup.parts.palette import (
+    FACE_COLOURS,
+    FILTER_COLOURS,
+    HIGHLIGHT,
+    MEASURE,
+    MODEL_COLOURS,
+    REJECTED,
+)
 from inspector.session.view import View, corner_of
 
 EMPTY = "Nothing is on show: choose a view above, or tick a layer below."
@@ -19,8 +26,10 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> st
         return elements.note(EMPTY)
     search, corner = view.search, view.search.corner if view.search is not None else None
     parts = []
-    if "corners" in visible:
+    if "corners" in visible and any(corner_of(view, i) for i in range(len(view.session.dataset.poses))):
         parts.append(points_legend(view))
+        if "corner" not in visible and corner_of(view, view.pose) is not None:
+            parts.append(elements.legend([(HIGHLIGHT, f"selected pose, {view.pose_id}")]))
     elif "overview" in visible:
         parts.append(roles_legend(view))
     if corner is not None and visible & {"faces", "jig"}:
@@ -39,5 +48,14 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> st
     if compared and visible & {"residuals", "predicted"}:
         models = ((MODEL_COLOURS[name], name) for name in compared)
         parts.append(elements.legend(models, before=f"residuals × {view.arrows:g} to"))
+    if view.version is not None and visible & {"arm", "floor"}:
+        parts.append(_of_the_base(visible))
     # The margin keeps it clear of the folder below.
     return f'<div style="margin-bottom:14px">{"".join(parts)}</div>' if parts else ""
+
+
+def _of_the_base(visible: set[str]) -> str:
+    """The axes that are drawn with the arm, and how wide the floor's grid is."""
+    axes = (("#CC0000", "x"), ("#00CC00", "y"), ("#0000CC", "z")) if "arm" in visible else ()
+    grid = ((MEASURE, "floor, 100 mm a square"),) if "floor" in visible else ()
+    return elements.legend([*axes, *grid], before="base" if axes else "")

@@ -44,13 +44,10 @@ def _of(figures: Figures | None) -> tuple[str, str]:
     return numbers.millimetres(figures.rmse_mm), numbers.millimetres(figures.max_mm)
 
 
-def arrows_and_points_legend(view: View) -> str:
-    """How much is exaggerated, and what the points' colours mean."""
-    return exaggeration(view) + points_legend(view)
-
-
 def exaggeration(view: View) -> str:
-    """How many times longer than they are residuals are drawn."""
+    """How many times longer than they are residuals are drawn; "" where none are."""
+    if not any(version.name in view.compared for version in view.versions):
+        return ""
     return elements.note(
         f"Arrows and predicted points are drawn {view.arrows:g} times farther from the measured points than they are; "
         "the arm is not exaggerated."
@@ -131,9 +128,10 @@ def distance_html(view: View, distances_mm: Array | None) -> str:
 
 
 def roles_legend(view: View) -> str:
-    """Which colour is which role, and which poses are left out, where some are."""
+    """Which colour is which role that these poses have, and which are left out, where some are."""
+    present = set(map(str, view.session.dataset.poses.role))
     out = [(LEFT_OUT, "left out")] if view.session.uncounted else []
-    return elements.legend([*((ROLE_COLOURS[r], w) for r, w in ROLE_WORDS.items()), *out])
+    return elements.legend([*((ROLE_COLOURS[r], w) for r, w in ROLE_WORDS.items() if r in present), *out])
 
 
 def error_limit_mm(view: View) -> float:

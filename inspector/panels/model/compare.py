@@ -8,7 +8,7 @@ import viser
 
 from calib.array_types import Array
 from calib.calibration.model_versions import VERSIONS
-from inspector.markup.model.comparison import arrows_and_points_legend, distance_html, figures_html, pose_html
+from inspector.markup.model.comparison import distance_html, exaggeration, figures_html, pose_html
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, ChangedValues, by_page, put
 from inspector.panels.input_checks import one_of
@@ -76,7 +76,7 @@ class ComparePanel:
         self._changed.put(self.arrows, f"{view.arrows:g}")
         self._changed.put(self.colouring, view.colouring)
         self._figures.content = figures_html(view) if names else elements.note(NOT_YET)
-        self._legend.content = arrows_and_points_legend(view) if names else ""
+        self._legend.content = exaggeration(view)
         self._pose.content = pose_html(view)
         self._problems.content = "".join(elements.alert(p, colour="#E69F00") for p in problems)
 

@@ -18,6 +18,7 @@ from inspector.app.app import App
 from inspector.markup.legend import EMPTY, legend_html
 from inspector.markup.measure.corner import corner_html
 from inspector.markup.measure.planes import NOT_SEARCHED, passes_note, planes_html
+from inspector.markup.model.comparison import exaggeration
 from inspector.markup.parts.palette import FILTER_COLOURS, rgb
 from inspector.panels.base import ChangedValues
 from inspector.panels.measure.corner import DISTANCES
@@ -126,7 +127,7 @@ def test_the_legend_tells_what_the_colours_of_each_view_mean(app: App, page: Wir
         "Corner": ("face 3", "this corner"),
         "All corners": ("training", "residuals ×"),
         "Distance": ("Distance to the nearest chosen face", "face 2"),
-        "Arm": ("training", "residuals ×"),
+        "Arm": ("training", "residuals ×", "selected pose", "floor, 100 mm a square"),
     }
     app.show_view(look)
     assert app.worker.wait_idle(IDLE_S)
@@ -141,6 +142,15 @@ def test_the_legend_leaves_out_what_is_not_there(app: App) -> None:
     assert EMPTY in legend_html(view(app), set(), None)
     nothing = legend_html(view(app, FEW), VIEW_LAYERS["Planes"] | VIEW_LAYERS["Distance"] | {"corner"}, None)
     assert nothing == ""
+    arm = legend_html(view(app), VIEW_LAYERS["Arm"], None)
+    assert "test" in arm
+    now = view(app)
+    poses = replace(now.session.dataset.poses, role=np.full_like(now.session.dataset.poses.role, "train"))
+    trained = replace(now, session=replace(now.session, dataset=replace(now.session.dataset, poses=poses)))
+    assert "reference" not in legend_html(trained, VIEW_LAYERS["Arm"], None)
+    unfitted = replace(now, session=replace(now.session, versions=()))
+    assert "floor" not in legend_html(unfitted, VIEW_LAYERS["Arm"], None)
+    assert exaggeration(replace(now, compared=frozenset())) == ""
 
 
 @pytest.mark.parametrize("look", ["Scan", "Planes", "Corner", "Distance"])
