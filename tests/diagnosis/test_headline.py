@@ -108,6 +108,7 @@ def test_noise_is_said_only_where_the_test_error_agrees() -> None:
     assert headline_note(told(1.9, 0.72, 0.03954)).endswith(
         "What is left is 6.4 times what noise alone would leave."
     )
+    assert headline_note(told(1.9, 0.744)).endswith("What is left is 120 times what noise alone would leave.")
     assert told(1.0, NOISE_AGREES * 0.0062).reached_noise
     assert not told(1.0, 1.01 * NOISE_AGREES * 0.0062).reached_noise
 

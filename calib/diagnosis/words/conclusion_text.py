@@ -14,6 +14,7 @@ from calib.diagnosis.words.phrases import (
     input_text,
     length_text,
     listed,
+    times_text,
 )
 
 _SHOWN_INPUTS = 3
@@ -138,7 +139,7 @@ def _nothing_else(verdict: facts.Adequate | facts.Named) -> str:
     """Whether the test poses, too, are off by noise alone."""
     if verdict.test_excess is not None:
         return (
-            f"nothing else shows at the training poses; but the test poses are off by {verdict.test_excess:.2g} times what "
+            f"nothing else shows at the training poses; but the test poses are off by {times_text(verdict.test_excess)} what "
             "noise leaves there: they were measured in another way, on another day, or they show what the training poses "
             "do not"
         )
@@ -146,7 +147,7 @@ def _nothing_else(verdict: facts.Adequate | facts.Named) -> str:
     if held_out is not None:
         return (
             f"nothing else shows at the training poses; the test poses are off by {length_text(held_out.rmse_mm)}, "
-            f"{held_out.noise_ratio:.2g} times the noise, as they may be where training poses tell little of such poses"
+            f"{times_text(held_out.noise_ratio)} the noise, as they may be where training poses tell little of such poses"
         )
     return "nothing else shows"
 
@@ -235,7 +236,7 @@ def _summarised(summary: facts.ResidualSummary) -> str:
     if summary.held_out is not None:
         held_out = summary.held_out
         return (
-            f"noise at the training poses; {length_text(held_out.rmse_mm)} at the test poses, {held_out.noise_ratio:.2g} "
-            "times the noise"
+            f"noise at the training poses; {length_text(held_out.rmse_mm)} at the test poses, "
+            f"{times_text(held_out.noise_ratio)} the noise"
         )
     return "noise"

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from calib.calibration.noise_check import noise_floor_mm
 from calib.calibration.result import Calibration
 from calib.diagnosis.words.conclusions import HeldOutError
-from calib.diagnosis.words.phrases import length_digits, listed
+from calib.diagnosis.words.phrases import length_digits, listed, times_text
 from calib.screening.curves.smooth_joint_error import LEARNED
 
 NOISE_AGREES = 1.5  # times the noise: up to this an error is what noise leaves, as few poses can tell
@@ -128,4 +128,4 @@ def headline_note(told: Headline) -> str:
         return f"{of} The dataset declares no noise to compare it with."
     if told.reached_noise:
         return f"{of} What is left is no more than noise."
-    return f"{of} What is left is {ratio:.2g} times what noise alone would leave."
+    return f"{of} What is left is {times_text(ratio)} what noise alone would leave."

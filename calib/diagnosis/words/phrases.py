@@ -54,6 +54,11 @@ def length_text(length_mm: float) -> str:
     return f"{length_digits(length_mm)} mm"
 
 
+def times_text(ratio: float) -> str:
+    """ "6.4 times", "120 times"."""
+    return f"{float(f'{ratio:.2g}'):.7g} times"
+
+
 def shots_text(count: ShotCount | None) -> str:
     """A further sentence on several shots of a standing pose; "" where there are none."""
     if count is None:

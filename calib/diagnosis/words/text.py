@@ -10,7 +10,15 @@ from collections.abc import Sequence
 from calib.diagnosis.words import sentences as facts
 from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.noise_text import noise_text
-from calib.diagnosis.words.phrases import capitalised, curves_text, fault_text, listed, poses_text, shots_text
+from calib.diagnosis.words.phrases import (
+    capitalised,
+    curves_text,
+    fault_text,
+    listed,
+    poses_text,
+    shots_text,
+    times_text,
+)
 
 _SHOWN_VALUES = 4  # fitted parameters of an effect that are told; the others are counted
 _STANDING = {"claimed": "Missing", "suspected": "Suspected", "open": "Missing, it or what is like it"}
@@ -89,7 +97,7 @@ def _model_fitted(model: facts.ModelFitted) -> str:
     noise = (
         "; no noise is declared"
         if model.noise_ratio is None
-        else f", {model.noise_ratio:.2g} times the declared noise"
+        else f", {times_text(model.noise_ratio)} the declared noise"
     )
     errors = (
         f"; the training poses are off by {model.train_rmse_mm:.4g} mm (3D RMSE), the test poses by "

@@ -12,7 +12,13 @@ from calib.calibration.input_variables import joint_input
 from calib.calibration.result import Calibration
 from calib.effects.effect import full_name
 from calib.screening.curves.effect_file import formula_text
-from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, input_values
+from calib.screening.curves.smooth_joint_error import (
+    LEARNED,
+    FormulaModes,
+    FormulaTerm,
+    SmoothJointError,
+    input_values,
+)
 
 _PLACES = 401  # at which a curve is worked out
 _BEYOND = 0.12  # of the measured range, on either side
@@ -34,6 +40,8 @@ class FittedCurve:
     known: int  # parameters that the data know to better than half their prior sigma
     parameters: int
     formula: str | None  # where it is a short formula
+    shape: str = ""  # its terms in words, where it is one
+    peak: float | None = None  # of the input, where it is one bump
 
     @property
     def unit(self) -> str:
@@ -58,6 +66,8 @@ class FittedCurve:
     @property
     def largest(self) -> tuple[float, float]:
         """Where in the measured range the curve is largest, and what it is there."""
+        if self.peak is not None and self.measured[0] <= self.peak <= self.measured[-1]:
+            return self.peak, float(np.interp(self.peak, self.u, self.value))
         at = int(np.argmax(np.where(self.inside, np.abs(self.value), -1.0)))
         return float(self.u[at]), float(self.value[at])
 
@@ -99,9 +109,40 @@ def fitted_curves(calibration: Calibration) -> tuple[FittedCurve, ...]:
             known=int(np.count_nonzero(fit.sigma[own] < 0.5 * np.array(member.prior_sigma_rad))),
             parameters=len(own),
             formula=formula_text([member], values),
+            shape=shape_text(member, calibration),
+            peak=_peak(member),
         )
         out.append(curve)
     return tuple(out)
+
+
+def shape_text(member: SmoothJointError, calibration: Calibration) -> str:
+    """ "a bump at 29 deg, 12 deg wide": the terms of a short formula; "" of a curve that has none.
+
+    The same before and after it is fitted: the fit finds the sizes of the terms, not their places.
+    """
+    modes = member.modes
+    if not isinstance(modes, FormulaModes):
+        return ""
+    unit = _input_unit(modes.input, calibration)
+    scale = 180.0 / np.pi if unit == "deg" else 1.0
+
+    def told(term: FormulaTerm) -> str:
+        place = f"{scale * term.place:.3g} {unit}".rstrip()
+        return {
+            "harmonic": f"a wave, {term.order} a turn",
+            "bump": f"a bump at {place}, {scale * term.width:.2g} {unit}".rstrip() + " wide",
+            "kink": f"a kink at {place}",
+            "step": f"a step at {place}",
+            "square": "a part that grows with the square",
+        }[term.kind]
+
+    return ", ".join(map(told, modes.terms))
+
+
+def _peak(member: SmoothJointError) -> float | None:
+    terms = member.modes.terms if isinstance(member.modes, FormulaModes) else ()
+    return terms[0].place if len(terms) == 1 and terms[0].kind == "bump" else None
 
 
 def without_curves(parameters: pd.DataFrame) -> pd.DataFrame:
@@ -117,7 +158,7 @@ def curve_lines(calibration: Calibration) -> list[str]:
 def _line(curve: FittedCurve) -> str:
     place, largest = curve.largest
     at = f"{curve.input_scale * place:.4g} {curve.input_unit}".rstrip()
-    told = f"; {curve.formula}" if curve.formula else ""
+    told = f"; {curve.formula} ({curve.shape})" if curve.formula else ""
     return (
         f"{LEARNED}: joint {curve.joint + 1} over {curve.input}: rms {curve.scale * curve.rms:.3g} {curve.unit}, "
         f"largest {curve.scale * largest:+.3g} {curve.unit} at {at}, {curve.known} of {curve.parameters} modes known"

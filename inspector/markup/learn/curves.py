@@ -5,7 +5,7 @@ from __future__ import annotations
 from calib.calibration.result import Calibration
 from calib.effects.effect import describe
 from calib.kinematics.robot import Robot
-from calib.screening.curves.fitted_curves import FittedCurve, fitted_curves
+from calib.screening.curves.fitted_curves import FittedCurve, fitted_curves, shape_text
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.curves.smooth_joint_error import LEARNED, CurveModes
 from inspector.markup.learn.residuals import input_title
@@ -51,8 +51,12 @@ def _row(curve: FittedCurve) -> tuple[str, ...]:
 
 
 def formulas(calibration: Calibration) -> list[str]:
-    """The curves that are short formulas, with their values."""
-    return [curve.formula for curve in fitted_curves(calibration) if curve.formula]
+    """The curves that are short formulas: their terms in words, and the formula with its values."""
+    return [
+        f"Joint {curve.joint + 1}: {curve.shape}; {curve.formula}."
+        for curve in fitted_curves(calibration)
+        if curve.formula
+    ]
 
 
 def curves_table_html(calibration: Calibration) -> str:
@@ -68,7 +72,7 @@ def learned_html(calibration: Calibration) -> str:
     return table + "".join(map(elements.note, said))
 
 
-def offered_html(curves: LearnedCurves) -> str:
+def offered_html(curves: LearnedCurves, calibration: Calibration) -> str:
     """The curves that can be added, and what they are worth."""
     described = describe(curves.members[0])
     facts: list[tuple[str, object]] = [
@@ -83,7 +87,7 @@ def offered_html(curves: LearnedCurves) -> str:
             member.modes.input,
             f"a curve of {len(member.parameters)} modes"
             if isinstance(member.modes, CurveModes)
-            else elements.wrapping("a formula: " + ", ".join(term.kind for term in member.modes.terms)),
+            else elements.wrapping(shape_text(member, calibration)),
         )
         for member in curves.members
     ]

@@ -198,7 +198,7 @@ class MissingEffectsPanel:
             self._chosen.content = (
                 chosen_html(name, candidate, session.calibration, screening.cv_rmse_mm, own=name in own)
                 if name != LEARNED or session.curves is None
-                else offered_html(session.curves)
+                else offered_html(session.curves, session.calibration)
             )
             if name in inside and name != LEARNED:
                 self._chosen.content += fitted_html(session.calibration, name)

@@ -20,8 +20,9 @@ from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
 from calib.options import FitOptions
 from calib.screening.curves.effect_file import effect_file_text
+from calib.screening.curves.fitted_curves import fitted_curves, shape_text
 from calib.screening.curves.joint_curves import learn_joint_curves
-from calib.screening.curves.smooth_joint_error import LEARNED, FormulaModes, SmoothJointError
+from calib.screening.curves.smooth_joint_error import LEARNED, FormulaModes, FormulaTerm, SmoothJointError
 from inspector.cli.parser import main
 from inspector.session import measuring
 from inspector.session import transitions as sessions
@@ -181,3 +182,20 @@ def test_fifty_poses_of_a_real_arm_end_with_curves_although_names_are_tied(seed:
     assert found.learned is not None
     assert found.missing == ()
     assert test_rmse_mm(found.calibration) < 0.28
+
+
+def test_a_bump_has_the_same_place_before_and_after_it_is_fitted(ripple: Dataset) -> None:
+    bump = FormulaModes("q3", (FormulaTerm("bump", place=-0.51, width=0.2),))
+    both = FormulaModes("torque2", (FormulaTerm("step", place=12.0), FormulaTerm("square")))
+    members = (SmoothJointError(2, bump, (1e-3,)), SmoothJointError(1, both, (1e-3, 1e-6)))
+    before = calibrate(ripple)
+    offered = [shape_text(member, before) for member in members]
+    assert offered[0] == "a bump at -29.2 deg, 11 deg wide"
+    assert offered[1] == "a step at 12 Nm, a part that grows with the square"
+    curves = fitted_curves(calibrate(ripple, effects=members))
+    assert [curve.shape for curve in curves] == offered
+    place, value = curves[0].largest
+    assert place == -0.51
+    assert value == pytest.approx(np.interp(place, curves[0].u, curves[0].value))
+    assert curves[0].formula is not None
+    assert "q3 - -0.51" in curves[0].formula
