@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,14 +40,14 @@ def chain_of_mjcf(file: XmlFile, tip: str | None, base: str | None) -> SerialCha
         raise RobotFileError(
             f"{file.path}: MuJoCo refuses it: {' '.join(str(error).split())[:300]}"
         ) from None
-    return _Arm(mujoco, model, file.path).chain(tip, base)
+    return _Arm(mujoco, model, file).chain(tip, base)
 
 
 class _Arm:
     """Bodies and joints of a compiled model at its reference configuration."""
 
-    def __init__(self, mujoco: Any, model: Any, path: Path) -> None:
-        self._mujoco, self._m, self._path = mujoco, model, path
+    def __init__(self, mujoco: Any, model: Any, file: XmlFile) -> None:
+        self._mujoco, self._m, self._path, self._file = mujoco, model, file.path, file
         self._data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, self._data)
         kinds = mujoco.mjtJoint
@@ -62,13 +61,15 @@ class _Arm:
         while way[0] != root:
             if way[0] == 0:
                 raise RobotFileError(
-                    f"{self._path}: body {base!r} is not on the way to {tip_name!r}; name another base"
+                    f"{self._path}: line {self._line(str(base))}: body {base!r} is not on the way to {tip_name!r}; "
+                    "name another base"
                 )
             way.insert(0, int(self._m.body_parentid[way[0]]))
         numbers = [j for body in way[1:] for j in self._joints_of(body)]
         if not numbers:
             raise RobotFileError(
-                f"{self._path}: no joint moves between the base and {tip_name!r}; name another tip"
+                f"{self._path}: line {self._line(tip_name)}: no joint moves between the base and {tip_name!r}; name "
+                "another tip"
             )
         self._refuse_unserial(numbers)
         self._data.qpos[self._m.jnt_qposadr[numbers]] = 0.0  # a model's reference may be elsewhere
@@ -105,7 +106,7 @@ class _Arm:
                 names = [m.body(b).name for b in ends] + [m.site(s).name for s in range(m.nsite)]
                 listed = ", ".join(name for name in names[:30] if name)
                 found = "several tips; choose one with --tip" if ends else "no joint moves; there are"
-                raise RobotFileError(f"{self._path}: {found}: {listed}")
+                raise RobotFileError(f"{self._path}: line {self._file.root.line}: {found}: {listed}")
             tip = m.body(ends[0]).name
             return ends[0], self._body_frame(ends[0]), tip
         body = self._body(tip)
@@ -116,7 +117,18 @@ class _Arm:
             if self._m.body(body).name == name:
                 return body
         names = ", ".join(self._m.body(b).name for b in range(1, min(self._m.nbody, 30)))
-        raise RobotFileError(f"{self._path}: there is no body or site {name!r}; the bodies are {names}")
+        raise RobotFileError(
+            f"{self._path}: line {self._file.root.line}: there is no body or site {name!r}; the bodies are {names}"
+        )
+
+    def _line(self, name: str) -> int:
+        """Of the element of a name; that of the whole where it stands in another file."""
+        elements = [self._file.root]
+        for element in elements:
+            if element.attributes.get("name") == name:
+                return element.line
+            elements += element.children
+        return self._file.root.line
 
     def _body_frame(self, body: int) -> Array:
         return make_transform(self._data.xmat[body].reshape(3, 3), 1e3 * self._data.xpos[body])
@@ -135,8 +147,10 @@ class _Arm:
     def _refuse_unserial(self, numbers: list[int]) -> None:
         for j in numbers:
             if int(self._m.jnt_type[j]) not in (self._hinge, self._slide):
+                name = self._m.joint(j).name
                 raise RobotFileError(
-                    f"{self._path}: joint {self._m.joint(j).name!r} is a ball or free joint; name a base behind it"
+                    f"{self._path}: line {self._line(name)}: joint {name!r} is a ball or free joint; name a base "
+                    "behind it"
                 )
         for k in range(self._m.neq):
             if int(self._m.eq_type[k]) == int(self._mujoco.mjtEq.mjEQ_JOINT) and {
@@ -144,7 +158,8 @@ class _Arm:
             } & set(numbers):
                 name = self._m.joint(int(self._m.eq_obj1id[k])).name
                 raise RobotFileError(
-                    f"{self._path}: joint {name!r} follows another by <equality>; only serial arms are read"
+                    f"{self._path}: line {self._line(name)}: joint {name!r} follows another by <equality>; name a tip "
+                    "before it"
                 )
 
     def _joint_frame(self, j: int) -> Array:

@@ -51,7 +51,7 @@ def read_origin_yaml(path: Path) -> OriginYaml:
             blocks[name] = block
     if not blocks:
         raise RobotFileError(
-            f"{path}: found no block of x y z roll pitch yaw; a kinematics file has one a joint"
+            f"{path}: line {top.line}: found no block of x y z roll pitch yaw; a kinematics file has one a joint"
         )
     if set(blocks) == set(_UR_LINKS):
         blocks = {name: blocks[name] for name in _UR_LINKS}

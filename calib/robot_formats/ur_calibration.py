@@ -105,11 +105,12 @@ def _row(theta: float, a_mm: float, d_mm: float, alpha: float) -> Array:
 def _deltas(path: Path) -> dict[str, list[float]]:
     """The four lists of section [mounting]."""
     text = read_bytes(path, _MOST_BYTES).decode("utf-8-sig", errors="replace")
-    section, found = "", {}
+    section, found, begins = "", {}, 1
     for number, line in enumerate(text.splitlines(), 1):
         line = re.sub(r"\s[#;].*$", "", line).strip()
         if line.startswith("["):
             section = line.strip("[] \t")
+            begins = number if section == "mounting" else begins
             continue
         key = line.partition("=")[0].strip()
         if section != "mounting" or key not in _LISTS:
@@ -126,7 +127,8 @@ def _deltas(path: Path) -> dict[str, list[float]]:
     missing = [key for key in _LISTS if key not in found]
     if missing:
         raise RobotFileError(
-            f"{path}: section [mounting] has no {', '.join(missing)}; a controller's calibration.conf has all four"
+            f"{path}: line {begins}: section [mounting] has no {', '.join(missing)}; a controller's calibration.conf "
+            "has all four"
         )
     return found
 

@@ -20,6 +20,7 @@ from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.fitting.observations import nominal_state
+from calib.identifiability.tool_rows import tool_rows
 from calib.models.exported_robot_file import exported_robot_file, require_template_of
 from calib.models.exported_table import ExportedTable, exported_table
 from calib.models.model_file import save_model
@@ -139,6 +140,7 @@ def _calibration_text(steps: Sequence[FitStep], table: ExportedTable) -> str:
     parameters = in_file_units(without_curves(result.to_frame()))
     lines = [parameters.to_string(index=False, float_format=lambda v: f"{v:.6g}"), *curve_lines(result)]
     lines += [_known(c) for c in identifiable_combinations(result)]
+    lines.append(tool_rows(result.dataset, residual=result.residual).words)
     if len(steps) > 1:
         lines.append(f"link errors: {_errors(steps[0].calibration)}")
         lines += [f"{step.label}: {_errors(step.calibration)}" for step in steps[1:]]

@@ -12,6 +12,7 @@ from calib.calibration.uncertainty import correlated_pairs, identifiable_combina
 from calib.compensation.target_correction import Correction
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.effect_selection import FitStep
+from calib.identifiability.tool_rows import tool_rows
 from calib.models.exported_table import ExportedTable
 from calib.models.fitted_model import FittedModel
 from calib.validation.cross_validation import CrossValidation
@@ -55,6 +56,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
             }
             for c in identifiable_combinations(calibration)
         ],
+        "tool": asdict(tool_rows(calibration.dataset, residual=calibration.residual)),
         "correlated": [asdict(pair) for pair in correlated_pairs(calibration)],
         "stands": stands_document(calibration),
         "outliers": calibration.outliers,

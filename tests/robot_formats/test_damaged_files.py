@@ -15,6 +15,7 @@ from calib.dataset_import.columns import parsed_mapping
 from calib.dataset_import.import_dataset import import_dataset
 from calib.errors import CalibError
 from calib.robot_formats.robot_file import Reading, read_robot
+from calib.robot_formats.urdf.xacro import Xacro
 from inspector.cli.parser import main
 from tests.support.chains import shoulder_arm
 from tests.support.robot_mutations import mutated
@@ -48,6 +49,30 @@ def test_a_damaged_robot_is_read_or_told_in_one_line(tmp_path: Path, name: str, 
         assert "\n" not in said
         assert len(said) < 2000
         assert time.process_time() - began < 5.0
+
+
+@pytest.mark.slow  # a process each
+def test_a_damaged_xacro_is_expanded_or_told_in_one_line(tmp_path: Path) -> None:
+    text = (
+        '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro">\n<xacro:property name="d" value="${0.1 + pi}"/>\n'
+        '<xacro:macro name="j" params="n p">\n<link name="l${n}"/><joint name="j${n}" type="continuous"><parent '
+        'link="${p}"/><child link="l${n}"/>\n<origin xyz="${d} 0 0.2"/></joint>\n</xacro:macro>\n<link name="b"/>\n'
+        '<xacro:j n="1" p="b"/><xacro:j n="2" p="l1"/>\n<xacro:if value="${d > 1}"><xacro:j n="3" p="l2"/></xacro:if>\n'
+        "</robot>\n"
+    )
+    path, rng = tmp_path / "arm.xacro", np.random.default_rng(4)
+    path.write_text(text)
+    assert read_robot(path, Reading(xacro=Xacro())).robot.n_joints == 3
+    for _ in range(15):
+        path.write_bytes(mutated(text.encode(), rng))
+        said = ""
+        try:
+            read_robot(path, Reading(xacro=Xacro()))
+        except CalibError as error:
+            said = str(error)
+        assert not said or said.startswith(f"{path}: line "), said
+        assert "\n" not in said
+    assert [each.name for each in tmp_path.iterdir()] == ["arm.xacro"]
 
 
 def comb(links: int) -> str:

@@ -75,7 +75,11 @@ def load_points(
     for row, name in enumerate(target):
         if name not in known_targets:
             raise file.error(
-                row, "target", f"found {short(name)}", f"robot.toml knows {', '.join(known_targets)}"
+                row,
+                "target",
+                f"found {short(str(name))}",
+                f"robot.toml knows {', '.join(known_targets)}; add [[targets]] with this name and its xyz_mm on the "
+                "tool, or with joint = 3 on the link that joint 3 moves",
             )
     _check_size(file, xyz_mm, xyz_columns)
     covariance = None

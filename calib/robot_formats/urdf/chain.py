@@ -10,7 +10,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.frames import apply
 from calib.kinematics.robot import Vector
-from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
+from calib.robot_formats.chain.serial_chain import ChainJoint, SerialChain
 from calib.robot_formats.urdf.mimic import Following, coupling_of, followings
 from calib.robot_formats.urdf.tree import UrdfJoint, UrdfTree
 
@@ -42,18 +42,16 @@ def find_arm(tree: UrdfTree, tip: str | None = None, base: str | None = None) ->
 
     Raises RobotFileError in one sentence: several tips, links that are not there, joints that no serial arm has.
     """
-    path = tree.file.path
+    file = tree.file
     for name in (tip, base):
         if name is not None and name not in tree.links:
-            raise RobotFileError(
-                f"{path}: there is no link {name!r}; the tips are {_listed(tip_links(tree))}"
-            )
+            file.fail(file.root, f"there is no link {name!r}", f"the tips are {_listed(tip_links(tree))}")
     if tip is None:
         tips = tip_links(tree)
         if not tips:
-            raise RobotFileError(f"{path}: no joint moves; a robot has one at least")
+            file.fail(file.root, "no joint moves", "a robot has one at least")
         if len(tips) > 1:
-            raise RobotFileError(f"{path}: several tips; choose one with --tip: {_listed(tips)}")
+            file.fail(file.root, "several tips", f"choose one with --tip: {_listed(tips)}")
         tip = tips[0]
     joints: list[UrdfJoint] = []
     at = tip
@@ -66,8 +64,10 @@ def find_arm(tree: UrdfTree, tip: str | None = None, base: str | None = None) ->
         joints.append(joint)
         at = joint.parent
     if base is not None and at != base:
-        raise RobotFileError(
-            f"{path}: link {base!r} is not on the way from {at!r} to {tip!r}; name another base"
+        file.fail(
+            tree.joint_of[tip].element if tip in tree.joint_of else file.root,
+            f"link {base!r} is not on the way from {at!r} to {tip!r}",
+            "name another base",
         )
     arm = ArmPath(tree, at, tip, tuple(reversed(joints)))
     _refuse_unserial(arm)
@@ -110,6 +110,12 @@ def chain_of_arm(arm: ArmPath) -> SerialChain:
     beside = sorted({joint.name for joint in _beside(arm)})
     if beside:
         notes.append(f"joints beside the arm are taken at zero for their masses: {', '.join(beside)}")
+    drawn = _links_with_meshes(arm)
+    if drawn:
+        notes.append(
+            f"meshes of {len(drawn)} links are left out ({', '.join(drawn[:5])}{' ...' if len(drawn) > 5 else ''}): "
+            "`mesh` of robot.toml is a file in the link's own frame"
+        )
     gravity, moving = _gravity_at(arm)
     if moving:
         notes.append(f"gravity at {arm.base} is that with {', '.join(moving)} at zero")
@@ -152,9 +158,10 @@ def _refuse_unserial(arm: ArmPath) -> None:
                 joint.element, f"joint {joint.name!r} is {joint.type}", "name a base behind it with --base"
             )
     if not arm.moving:
-        raise RobotFileError(
-            f"{file.path}: no joint moves between {arm.base!r} and {arm.tip!r}; name another tip: "
-            f"{_listed(tip_links(arm.tree))}"
+        file.fail(
+            file.root,
+            f"no joint moves between {arm.base!r} and {arm.tip!r}",
+            f"name another tip: {_listed(tip_links(arm.tree))}",
         )
     followings(file, arm.moving)
 
@@ -189,6 +196,18 @@ def _beside(arm: ArmPath) -> Iterator[UrdfJoint]:
     """Joints that move and hang on the arm without being of it."""
     for joint in arm.moving:
         yield from (by for _, _, by in _carried(arm, joint.child) if by is not None and by.moves)
+
+
+def _links_with_meshes(arm: ArmPath) -> list[str]:
+    """The links that the arm moves and that the file draws by meshes."""
+    mine = {name for joint in arm.moving for name, _, _ in _carried(arm, joint.child)}
+    names = []
+    for link in arm.tree.file.root.all("link"):
+        shapes = [shape for visual in link.all("visual") for shape in visual.all("geometry")]
+        name = " ".join(link.attributes.get("name", "").split())
+        if name in mine and any(shape.first("mesh") for shape in shapes):
+            names.append(name)
+    return names
 
 
 def _gravity_at(arm: ArmPath) -> tuple[Vector, list[str]]:

@@ -16,6 +16,7 @@ from calib.robot_formats.urdf.safe_xml import Element, XmlFile
 _MOST_LINKS = 5000
 _NO_LIMIT = 1e3  # rad or m
 _MOST = 1e6  # of any number: m, rad, kg
+_MOST_LIMIT = 1e308  # but of limits
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
 
@@ -148,8 +149,8 @@ def _joint(file: XmlFile, element: Element, links: Mapping[str, object]) -> Urdf
     low = high = None
     followed = f"<mimic> of joint {name!r}"
     if limit is not None and type_ in ("revolute", "prismatic"):
-        low = _number(file, limit, "lower", f"<limit> of joint {name!r}", 0.0)
-        high = _number(file, limit, "upper", f"<limit> of joint {name!r}", 0.0)
+        low = _number(file, limit, "lower", f"<limit> of joint {name!r}", 0.0, _MOST_LIMIT)
+        high = _number(file, limit, "upper", f"<limit> of joint {name!r}", 0.0, _MOST_LIMIT)
         if low >= high or max(-low, high) > _NO_LIMIT:  # both 0 or +-1e16 stand where there are none to tell
             low = high = None
     return UrdfJoint(
@@ -212,13 +213,15 @@ def _required(file: XmlFile, element: Element, key: str, what: str) -> str:
     return " ".join(value.split())
 
 
-def _number(file: XmlFile, element: Element, key: str, what: str, default: float | None) -> float:
+def _number(
+    file: XmlFile, element: Element, key: str, what: str, default: float | None, most: float = _MOST
+) -> float:
     text = element.attributes.get(key)
     if text is None:
         if default is None:
             file.fail(element, f"the {what} has no {key}", f'add {key}="..."')
         return default
-    return _numbers(file, element, key, what, text, 1)[0]
+    return _numbers(file, element, key, what, text, 1, most)[0]
 
 
 def _vector(file: XmlFile, element: Element, key: str, what: str, default: Vector) -> Vector:
@@ -229,13 +232,15 @@ def _vector(file: XmlFile, element: Element, key: str, what: str, default: Vecto
     return (x, y, z)
 
 
-def _numbers(file: XmlFile, element: Element, key: str, what: str, text: str, count: int) -> list[float]:
+def _numbers(
+    file: XmlFile, element: Element, key: str, what: str, text: str, count: int, most: float = _MOST
+) -> list[float]:
     try:
         values = [float(word) for word in text.split()]
     except ValueError:
         values = []
-    if "_" in text or len(values) != count or not all(abs(value) <= _MOST for value in values):
+    if "_" in text or len(values) != count or not all(abs(value) <= most for value in values):
         found = " ".join(text.split())[:60]
         needed = "a number" if count == 1 else f"{count} numbers"
-        file.fail(element, f"{key} in the {what} is {found!r}", f"{needed} of at most {_MOST:g} are needed")
+        file.fail(element, f"{key} in the {what} is {found!r}", f"{needed} of at most {most:g} are needed")
     return values

@@ -1,0 +1,65 @@
+"""What the measurements of a dataset can tell of [tool]: which parameters of its row, and which in sums only.
+
+The points of one target tell a place, not an attitude: what turns the tool about the measured point moves nothing. A
+length along the last joint's axis is one with the last link's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from calib.dataset.dataset import Dataset
+from calib.identifiability.redundancy import Redundancy
+from calib.identifiability.structural import redundancy
+
+_ATTITUDE = {
+    "pose": "the jig may sit on the tool anyhow",
+    "position": "a point has a place and no attitude",
+}
+_ROW = "TCP"
+
+
+@dataclass(frozen=True)
+class ToolRows:
+    """The parameters of the tool row by what can be known of each, with the scanner's place known."""
+
+    known: tuple[str, ...]  # each alone
+    sums: Mapping[
+        str, tuple[str, ...]
+    ]  # known only together with these: one of them at the nominal tells the other
+    unseen: tuple[str, ...]  # move nothing that is measured, and stay as robot.toml has them
+    residual: str
+
+    @property
+    def words(self) -> str:
+        """A line."""
+        parts = []
+        if self.known:
+            parts.append(f"known each alone: {', '.join(self.known)}")
+        if self.sums:
+            sums = [f"{name} (with {', '.join(others)})" for name, others in self.sums.items()]
+            parts.append(f"known in sums only: {', '.join(sums)}")
+        if self.unseen:
+            why = _ATTITUDE.get(self.residual, _ATTITUDE["position"])
+            parts.append(f"not known, as {why}: {', '.join(self.unseen)}, which stay as in robot.toml")
+        return f"tool: {'; '.join(parts)}"
+
+
+def tool_rows(dataset: Dataset, *, residual: str = "position") -> ToolRows:
+    """What the dataset's training poses can tell of the tool row, for the nominal robot."""
+    return rows_of_tool(redundancy(dataset, residual=residual), residual)
+
+
+def rows_of_tool(found: Redundancy, residual: str) -> ToolRows:
+    """The tool row's parameters among those of an analysis."""
+    mine = [name for name in found.parameters if name.endswith(_ROW) and "." not in name]
+    unseen = tuple(name for name in mine if name in found.no_influence)
+    relations = [*found.groups, *found.mixed_groups, *map(tuple, found.combinations)]
+    sums = {}
+    for name in mine:
+        others = [other for relation in relations if name in relation for other in relation if other != name]
+        if others and name not in unseen:
+            sums[name] = tuple(dict.fromkeys(others))
+    known = tuple(name for name in mine if name not in unseen and name not in sums)
+    return ToolRows(known, sums, unseen, residual)
