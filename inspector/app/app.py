@@ -100,7 +100,13 @@ class App(ModelRequests):
         server.requests.on("find", lambda _: self.find(True))
         server.requests.on("joint", lambda number: self.select_joint(whole_number(number)))
         server.requests.on("step", lambda number: self.show_step(whole_number(number)))
+        server.on_client_connect(self._count_pages)
+        server.on_client_disconnect(self._count_pages)
         self.open(start)
+
+    def _count_pages(self, _: viser.ClientHandle) -> None:
+        """Say it where several pages are open: one server shows the same in all of them."""
+        self.worker.submit("pages", lambda: self.panels.review.show_pages(len(self.server.get_clients())))
 
     def close(self) -> None:
         """End the work and the server."""

@@ -42,6 +42,7 @@ VIEW_OF = {label: view for view, label in AS_POINTS.items()}
 LAYERS_AS_POINTS = {"corner": "This point", "corners": "All points"}
 NOTHING_OPEN = "No dataset is open: choose another one, or mend this one and start the program again."
 KEYS = "Keys: N next, P previous, 1–7 views, F front, S side, T top, R reset, D dark"
+PAGES = "{} pages are open: they share what is shown."
 PREVIOUS, NEXT = "◀ Previous", "Next ▶"
 LEAVE_OUT, TAKE_IN = "Leave this pose out", "Take this pose in again"
 
@@ -54,6 +55,7 @@ class ReviewPanel:
         self._changed = ChangedValues()
         self._names = Names()  # of the dataset on show
         self.dataset = gui.add_dropdown("Dataset", datasets, disabled=len(datasets) < 2)
+        self._pages = gui.add_html("")
         self._problem = gui.add_html("")  # here it is seen, whatever the height of the screen
         self._about = gui.add_html("")
         self.progress_text = gui.add_html(elements.note("Reading the dataset …"))
@@ -275,6 +277,10 @@ class ReviewPanel:
     def show_legend(self, html: str) -> None:
         """What the colours in the 3D view mean."""
         self._legend.content = html
+
+    def show_pages(self, pages: int) -> None:
+        """How many browsers look at this, where there are several."""
+        self._pages.content = elements.note(PAGES.format(pages)) if pages > 1 else ""
 
     def show_problem(self, text: str) -> None:
         """The last error, which stays after its notification has gone."""
