@@ -81,12 +81,11 @@ class Stage:
         view = self._state.now
         with self._server.atomic():
             drawn = draw_pose(self.scene, view, scan, self._camera.visible)
-            self._camera.focus(view, self._scans.medians)
+            self._camera.turn_to(view, self._scans.medians)
             setups = view.session.dataset.poses.setup
             self.scene.hide_in_overview(view.pose, lambda i: bool(setups[i] != setups[view.pose]))
             self.comparison.draw_scan(scan, self._camera.visible)
             self.comparison.draw()
-            self._camera.measure(view, self._scans.medians)
         self._panels.review.update(view)
         self._panels.scans.update(view, scan, drawn)
         self._panels.planes.update(view)
@@ -182,7 +181,6 @@ class Stage:
             draw_planes(self.scene, view, self._camera.visible)
             self.comparison.draw_distance(self._camera.visible)
             self._camera.at(view, self._scans.medians)
-            self._camera.measure(view, self._scans.medians)
             self.show_legend()
 
     def open_view(self) -> None:

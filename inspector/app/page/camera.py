@@ -77,8 +77,15 @@ class Camera:
     def at(self, view: View, medians: Mapping[int, Array], side: str = RESET) -> None:
         """Put the camera where this view is seen well. medians: the middle (3,) of each scan loaded, by pose, mm."""
         field = self._field(view, medians)
-        self.focus(view, medians)
+        self._scene.focus(self._middle(view, medians, field))
         self._scene.aim_camera(field.distance_mm, field.towards(side), up=field.up)
+        self._measure(view, medians, field)
+
+    def turn_to(self, view: View, medians: Mapping[int, Array]) -> None:
+        """The middle of everything for an overview, else the corner of the selected pose, in the middle of the view."""
+        field = self._field(view, medians)
+        self._scene.focus(self._middle(view, medians, field))
+        self._measure(view, medians, field)
 
     def _field(self, view: View, medians: Mapping[int, Array]) -> Field:
         placed = arm_frame(view) if self.name in WIDE_VIEWS else None
@@ -103,10 +110,12 @@ class Camera:
 
     def measure(self, view: View, medians: Mapping[int, Array]) -> None:
         """The floor's grid and the bar of known length, where this view can show them."""
+        self._measure(view, medians, self._field(view, medians))
+
+    def _measure(self, view: View, medians: Mapping[int, Array], field: Field) -> None:
         placed = arm_frame(view)
         reach = reach_mm(view.session.dataset.robot)
         draw_floor(self._scene, placed, reach)
-        field = self._field(view, medians)
         radius = FIELD * field.distance_mm
         if placed is not None and self.name in WIDE_VIEWS:
             # On the floor, at the side of the base that the camera stands at.
@@ -127,10 +136,6 @@ class Camera:
             return found[0]
         known = medians.get(view.pose)
         return known if known is not None and np.isfinite(known).all() else field.middle_mm
-
-    def focus(self, view: View, medians: Mapping[int, Array]) -> None:
-        """The middle of everything for an overview, else the corner of the selected pose, in the middle of the view."""
-        self._scene.focus(self._middle(view, medians, self._field(view, medians)))
 
 
 def unit(vector: Array) -> Array:
