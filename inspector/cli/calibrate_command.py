@@ -27,7 +27,7 @@ from calib.models.model_file import save_model
 from calib.screening.curves.effect_file import effect_file_text
 from calib.screening.curves.fitted_curves import curve_lines, without_curves
 from inspector.cli.dataset_commands import load, measured, show
-from inspector.cli.options import CalibrateOptions, CompareOptions, CorrectOptions
+from inspector.cli.options import CalibrateOptions, CompareOptions, CorrectOptions, WatchOptions
 from inspector.cli.output_paths import check_outputs
 from inspector.export import json_documents as documents
 from inspector.export.csv_and_png import residuals_csv
@@ -46,7 +46,7 @@ def loaded_effects(effects_file: Path | None, dataset: Dataset) -> tuple[Family,
 
 
 def fitted(
-    options: CalibrateOptions | CorrectOptions | CompareOptions, dataset: Dataset
+    options: CalibrateOptions | CorrectOptions | CompareOptions | WatchOptions, dataset: Dataset
 ) -> tuple[FitStep, ...]:
     """The fits that were asked for: one, then one more for each --add."""
     user_effects = loaded_effects(options.effects_file, dataset)

@@ -141,6 +141,23 @@ class CompareOptions(Output):
 
 
 @dataclass(frozen=True, kw_only=True)
+class WatchOptions(Output):
+    """Of `watch`."""
+
+    path: Path
+    new: Sequence[Path]
+    effect: Sequence[str]
+    effects_file: Path | None
+    add: Sequence[str]
+    scanner_moved: bool
+    residual: str = "position"
+
+    def fit_options(self) -> FitOptions:
+        """The earlier calibration's."""
+        return FitOptions()
+
+
+@dataclass(frozen=True, kw_only=True)
 class ReportOptions(_FittingOptions):
     """Of `report`."""
 

@@ -115,6 +115,20 @@ def _compare(sub: ArgumentParser) -> None:
     add_json(sub)
 
 
+def _watch(sub: ArgumentParser) -> None:
+    sub.add_argument(
+        "new", type=Path, nargs="+", metavar="NEW", help="dataset folder of check poses, three or more"
+    )
+    sub.add_argument(
+        "--scanner-moved",
+        action="store_true",
+        help="the scanner was put up anew, which is no change to be told",
+    )
+    add_effects(sub)
+    add_adding(sub)
+    add_json(sub)
+
+
 def _validate(sub: ArgumentParser) -> None:
     sub.add_argument("--folds", type=int, default=DEFAULT_FOLDS, help=f"default {DEFAULT_FOLDS}")
     add_model(sub, "errors of this saved model at the dataset's points, as it is")
@@ -235,6 +249,14 @@ SUBCOMMANDS = (
         options.CompareOptions,
         _compare,
         "what differs between two calibrations: before and after a repair, or two arms of a type",
+    ),
+    Subcommand(
+        "watch",
+        "compare_command.run_watch",
+        options.WatchOptions,
+        _watch,
+        "what changed in a cell since a calibration, by a few check poses",
+        path="dataset folder of the earlier calibration",
     ),
     Subcommand(
         "report",

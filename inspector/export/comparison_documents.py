@@ -1,9 +1,12 @@
-"""What two calibrations differ by, as the command prints it with --json."""
+"""What two calibrations differ by, and what check poses say of a cell, as the commands print it with --json."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
+from calib.monitoring.watch import Watched
 from calib.validation.comparison import Comparison
 from inspector.export.calibration_documents import by_role
 
@@ -38,3 +41,25 @@ def comparison_document(compared: Comparison) -> dict[str, Any]:
         ],
         "explanation": compared.headline,
     }  # fmt: skip
+
+
+def watch_document(seen: Sequence[Watched]) -> dict[str, Any]:
+    """Of `inspector watch --json`: the last of the new datasets, and all of them in order under "new"."""
+    documents = [_watched(w) for w in seen]
+    return {**documents[-1], "new": documents}
+
+
+def _watched(w: Watched) -> dict[str, Any]:
+    return {
+        "name": w.name,
+        "verdict": w.verdict,
+        "changes": [asdict(change) for change in w.changes],
+        "unseen": [asdict(d) for d in w.unseen],
+        "detectable": [asdict(d) for d in w.detectable],
+        "rmse_mm": w.rmse_mm,
+        "rmse_scanner_free_mm": w.rmse_free_mm,
+        "expected_mm": w.expected_mm,
+        "p_unchanged": w.p_unchanged,
+        "poses": w.poses,
+        "explanation": w.headline,
+    }

@@ -1,0 +1,1 @@
+"""The same cell measured again: what changed since a calibration, if anything."""

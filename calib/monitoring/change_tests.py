@@ -1,0 +1,154 @@
+"""Generalised least squares of changes of a cell against new residuals whose covariance is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.distributions import f_sf
+from calib.monitoring.kinds import ANGLE, COMPLIANCE, JOINT_ZERO, LENGTH, SCANNER, TOOL, Kind
+
+ALARM = 0.003  # probability of an alarm where nothing changed, over all kinds
+NOISIER = 0.001  # probability of telling more noise where there is none
+NAMED = 0.001  # of a change of the arm beside a scanner that may have moved
+NEAR = 3.0  # chi squared by which the more usual kind may explain less and still be named
+AS_WELL = 6.0  # chi squared by which another change may explain less and still be said
+USUAL = (SCANNER, JOINT_ZERO, TOOL, COMPLIANCE, LENGTH, ANGLE)  # as often as they happen
+_SEEN_Z = 4.4 + 1.645  # sigmas of a size that passes NAMED over some forty kinds 19 times of 20
+
+
+@dataclass(frozen=True)
+class Found:
+    """One change. `vector`: of the tool its shift in its own frame, of the scanner shift (mm) and turn (rad)."""
+
+    what: str
+    joint: int | None
+    parameter: str
+    size: float
+    sigma: float
+    unit: str
+    p_value: float
+    as_well: tuple[str, ...]  # other changes that these poses do not tell from it
+    vector: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """The size from which on one kind of change is found 19 times of 20; None: these poses never show it."""
+
+    what: str
+    joint: int | None
+    parameter: str
+    size: float | None
+    unit: str
+    moves_mm: float | None  # how far that much moves the points, RMS
+
+
+@dataclass(frozen=True)
+class KindTest:
+    kind: Kind
+    gain: float  # of chi squared
+    p_value: float
+
+
+def the_most_usual(tests: list[KindTest]) -> KindTest | None:
+    """The test that explains most; of several that explain about as much, the most usual kind of change."""
+    best = min(tests, key=lambda test: (test.p_value, -test.gain), default=None)
+    if best is None:
+        return None
+    near = [t for t in tests if t.gain > best.gain - NEAR and t.kind.count <= best.kind.count]
+    return min([best, *near], key=lambda test: (USUAL.index(test.kind.what), -test.gain))
+
+
+@dataclass(frozen=True)
+class ChangeTests:
+    """New residuals with unit covariance, and what turns movements of the points (M, 3, K) into their rows."""
+
+    y: Array  # (R,)
+    whiten: Array  # (R, 3 M)
+    base_freedom: float  # of the noise, from the earlier fit
+
+    def rows(self, kind: Kind) -> Array:
+        """(R, K)"""
+        return self.whiten @ kind.columns.reshape(-1, kind.columns.shape[-1])
+
+    def _rest(self, given: list[Kind]) -> tuple[Array, Array]:
+        basis = np.zeros((len(self.y), 0))
+        if given:
+            u, s, _ = np.linalg.svd(
+                np.concatenate([self.rows(k) for k in given], axis=1), full_matrices=False
+            )
+            basis = u[:, s > 1e-9 * s[0]]
+        return self.y - basis @ (basis.T @ self.y), basis
+
+    def tests(self, kinds: tuple[Kind, ...], given: list[Kind] | None = None) -> list[KindTest]:
+        """Of each kind beside those given; kinds that these poses cannot show beside those are left out."""
+        rest, basis = self._rest(given or [])
+        out = []
+        for kind in kinds:
+            columns = self.rows(kind)
+            free = columns - basis @ (basis.T @ columns)
+            u, s, _ = np.linalg.svd(free, full_matrices=False)
+            seen = s > 1e-3 * max(float(np.linalg.norm(columns)), 1e-300)
+            if not seen.any() or any(kind.key == g.key for g in given or []):
+                continue
+            gain = float(np.sum((u[:, seen].T @ rest) ** 2))
+            count = float(seen.sum())
+            out.append(KindTest(kind, gain, f_sf(gain / count, count, self.base_freedom)))
+        return out
+
+    def freedom(self, given: list[Kind]) -> float:
+        """Degrees of freedom that are left beside these changes."""
+        return float(len(self.y) - self._rest(given)[1].shape[1])
+
+    def noise_ratio(self, given: list[Kind]) -> float:
+        """The new noise over the one that was expected."""
+        rest, basis = self._rest(given)
+        return float(np.sqrt(rest @ rest / max(len(rest) - basis.shape[1], 1)))
+
+    def p_rest(self, given: list[Kind]) -> float:
+        """Of as much being left beside these changes by noise as it was."""
+        free = self.freedom(given)
+        return f_sf(self.noise_ratio(given) ** 2, free, self.base_freedom) if free >= 1.0 else 1.0
+
+    @property
+    def p_noise(self) -> float:
+        """Of as much being left where nothing changed."""
+        return self.p_rest([])
+
+    def noise_explains(self, given: list[Kind], kind: Kind) -> bool:
+        """Whether more noise explains what this kind would: by the noise that the new points themselves show."""
+        if self.p_rest([*given, kind]) > ALARM:
+            return False  # with it the noise is as it was
+        test = next(t for t in self.tests((kind,), given=given))
+        count = float(kind.count)
+        free = max(self.freedom([*given, kind]), 1.0)
+        own = f_sf(test.gain / count / self.noise_ratio([*given, kind]) ** 2, count, free)
+        return own > NAMED
+
+    def found(self, kind: Kind, kinds: list[Kind]) -> Found:
+        """Size and sigma of one of several changes, fitted together."""
+        columns = np.concatenate([self.rows(k) for k in kinds], axis=1)
+        inverse = np.linalg.pinv(columns, rcond=1e-9)
+        values, covariance = inverse @ self.y, inverse @ inverse.T
+        start = sum(k.count for k in kinds[: kinds.index(kind)])
+        own = slice(start, start + kind.count)
+        vector, spread = values[own], covariance[own, own]
+        size = float(vector[0]) if len(vector) == 1 else float(np.linalg.norm(vector))
+        along = vector / max(float(np.linalg.norm(vector)), 1e-300)
+        sigma = float(np.sqrt(along @ spread @ along))
+        shown = tuple(float(v) for v in vector) if len(vector) > 1 else ()
+        return Found(kind.what, kind.joint, kind.parameter, size, sigma, kind.unit, 1.0, (), shown)
+
+    def detectable(self, kind: Kind) -> Detectable:
+        """The size that is found 19 times of 20, in the direction that shows least."""
+        columns = self.rows(kind)
+        whole = np.linalg.norm(kind.columns) / np.sqrt(len(kind.columns))
+        s = np.linalg.svd(columns, compute_uv=False)
+        if s[-1] < 1e-3 * max(float(s[0]), 1e-300) or s[0] < 1e-9:
+            return Detectable(kind.what, kind.joint, kind.parameter, None, kind.unit, None)
+        size = _SEEN_Z / float(s[-1])
+        moves = float(size * whole / np.sqrt(kind.count))
+        return Detectable(kind.what, kind.joint, kind.parameter, float(size), kind.unit, moves)

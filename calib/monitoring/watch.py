@@ -1,0 +1,172 @@
+"""What changed between a calibration and a few check poses measured later, and what nobody could have seen.
+
+The new points are predicted by the earlier fit. What they are off by has the covariance of that prediction (the earlier
+fit's parameters and scanner frame are known only so well) and of the noise that the earlier fit left. Each kind of
+change is held against it by generalised least squares, twice: with the scanner where it was, which tells *whether*
+anything changed, and with the scanner's place free, which tells what of it the arm must answer for. Nothing is blamed
+on the arm that a moved scanner explains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.calibration.result import Calibration
+from calib.dataset.dataset import Dataset
+from calib.errors import FitError
+from calib.monitoring.cell import Cell
+from calib.monitoring.change_tests import ALARM, AS_WELL, NAMED, NOISIER, Detectable, Found, the_most_usual
+from calib.monitoring.kinds import ANGLE, BASE, LENGTH, NOISE, SCANNER, Kind, kind_words
+from calib.screening.evidence import holm
+
+MOST = 3  # changes of the arm that are told
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What a set of check poses says of a cell."""
+
+    name: str
+    verdict: str  # unchanged, changed, unclear
+    changes: tuple[Found, ...]
+    detectable: tuple[Detectable, ...]
+    rmse_mm: float  # 3D, the scanner where it was
+    rmse_free_mm: float  # 3D, the scanner's place fitted anew
+    expected_mm: float  # 3D, of what the earlier fit and its noise leave
+    p_unchanged: float
+    poses: int
+
+    @property
+    def unseen(self) -> tuple[Detectable, ...]:
+        """Kinds that these poses show only where they move the points by more than three times the noise, or never."""
+        return tuple(d for d in self.detectable if d.moves_mm is None or d.moves_mm > 3.0 * self.expected_mm)
+
+    @property
+    def headline(self) -> str:
+        """What changed, in a sentence or two."""
+        off = f"{self.poses} check poses are off by {self.rmse_mm:.3g} mm RMS, {self.expected_mm:.3g} by noise alone"
+        if self.verdict == "unchanged":
+            return f"{self.name}: unchanged. {off} and what the earlier fit leaves open."
+        told = "; ".join(_words(change) for change in self.changes)
+        return f"{self.name}: {self.verdict}. {told}. {off}."
+
+    def summary(self) -> str:
+        """The headline, and what these poses could not have seen."""
+        lines = [self.headline]
+        never = [_detectable_name(d) for d in self.unseen if d.size is None]
+        late = [
+            f"{_detectable_name(d)} below {_size(d.size, d.unit)}" for d in self.unseen if d.size is not None
+        ]
+        if never:
+            lines.append(f"  never seen by these poses, or taken for the scanner: {', '.join(never)}")
+        if late:
+            lines.append(f"  not seen by these poses: {', '.join(late)}")
+        return "\n".join(lines)
+
+
+def _words(change: Found) -> str:
+    if change.what == NOISE:
+        return f"the noise is {change.size:.2g} times what it was"
+    where = {"scanner": "the scanner (or the base) moved", "tool": "the tool moved"}
+    names = {
+        "joint_zero": "the zero",
+        "compliance": "the compliance",
+        "length": "a length",
+        "angle": "an angle",
+    }
+    named = f" ({change.parameter})" if change.parameter else ""
+    what = where.get(change.what) or f"{names[change.what]} of joint {change.joint}{named} changed"
+    others = [name for name in change.as_well if name != BASE]
+    as_well = f", or as well {', '.join(others)}: these poses do not tell" if others else ""
+    return f"{what} by {_size(change.size, change.unit)} +- {_size(change.sigma, change.unit)}{as_well}"
+
+
+def _size(value: float, unit: str) -> str:
+    return f"{np.degrees(value):.3g} deg" if unit == "rad" else f"{value:.3g} {unit}"
+
+
+def _detectable_name(d: Detectable) -> str:
+    return f"{d.what} {d.parameter if d.what in (LENGTH, ANGLE) else d.joint or ''}".strip()
+
+
+def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> Watched:
+    """Hold new measurements of the same cell against an earlier calibration.
+
+    scanner_moved: it was put up anew, which is no change to be told; else it stands where that setup stood.
+
+    Raises FitError for another robot, and for fewer than three poses.
+    """
+    if new.robot.is_revolute.tolist() != base.dataset.robot.is_revolute.tolist():
+        raise FitError(f"dataset {new.name}: its robot has other joints than that of {base.dataset.name}")
+    cell = Cell.of(base, new, scanner_moved=scanner_moved)
+    alarms = cell.fixed.tests(cell.kinds_with_scanner) if cell.scanner_known else []
+    alarms += cell.free.tests(cell.kinds)
+    p_unchanged = min(holm([test.p_value for test in alarms]), default=1.0)
+    changes = _changes(cell, alarmed=p_unchanged < ALARM)
+    verdict = "unchanged" if not changes else "unclear" if _mixed(changes) else "changed"
+    return Watched(
+        name=new.name,
+        verdict=verdict,
+        changes=changes,
+        detectable=tuple(cell.free.detectable(kind) for kind in cell.kinds),
+        rmse_mm=cell.rmse_mm,
+        rmse_free_mm=cell.rmse_free_mm,
+        expected_mm=cell.expected_mm,
+        p_unchanged=min(p_unchanged, cell.free.p_noise),
+        poses=cell.poses,
+    )
+
+
+def _mixed(changes: tuple[Found, ...]) -> bool:
+    """Whether the arm and the scanner explain a change equally well: nobody knows then what to mend."""
+    return any(change.what == SCANNER and set(change.as_well) - {BASE} for change in changes) or any(
+        SCANNER in change.as_well for change in changes
+    )
+
+
+def _changes(cell: Cell, *, alarmed: bool) -> tuple[Found, ...]:
+    """What the arm must answer for, with the scanner's place free; then whether the scanner moved, and the noise.
+
+    alarmed: whether anything changed; else only the noise can have.
+    """
+    found = [] if not alarmed else _of_arm_and_scanner(cell)
+    kinds = [kind for kind in cell.kinds if any(kind.key == (f.what, f.joint, f.parameter) for f in found)]
+    p_noise = cell.free.p_rest(kinds)
+    if p_noise < NOISIER:
+        ratio = cell.free.noise_ratio(kinds)
+        sigma = ratio / np.sqrt(2.0 * cell.free.freedom(kinds))
+        found.append(Found(NOISE, None, "", ratio, float(sigma), "times", p_noise, ()))
+    return tuple(found)
+
+
+def _of_arm_and_scanner(cell: Cell) -> list[Found]:
+    arm: list[Kind] = []
+    said: list[tuple[float, tuple[str, ...]]] = []
+    while len(arm) < MOST:
+        tests = cell.free.tests(cell.kinds, given=arm)
+        best = the_most_usual(tests)
+        if best is None:
+            break
+        p = holm([test.p_value for test in tests])[tests.index(best)]
+        if p > NAMED or cell.free.noise_explains(arm, best.kind):
+            break
+        as_well = tuple(
+            kind_words(t.kind)
+            for t in tests
+            if t is not best and t.gain > best.gain - AS_WELL and t.kind.count <= best.kind.count
+        )
+        arm.append(best.kind)
+        said.append((p, as_well))
+    moved = cell.scanner_moved(arm)
+    if not arm and moved is None:
+        return cell.with_the_scanner_where_it_was() if cell.scanner_known else []
+    view = cell.free if moved is not None or not cell.scanner_known else cell.fixed
+    found = [
+        replace(view.found(kind, arm), p_value=p, as_well=as_well)
+        for kind, (p, as_well) in zip(arm, said, strict=True)
+    ]
+    if moved is not None:
+        found.append(moved)
+    return found

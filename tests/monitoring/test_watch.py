@@ -1,0 +1,139 @@
+"""What check poses say of a cell that MuJoCo measured: unchanged, the arm, the scanner, or the noise."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.calibration.calibrate import calibrate
+from calib.calibration.result import Calibration
+from calib.dataset.files.folder import write_dataset
+from calib.errors import FitError
+from calib.monitoring.watch import Watched, watch
+from inspector.cli.parser import main
+from tests.support.checked_cell import Cell
+
+pytestmark = pytest.mark.slow
+ARMS = 4
+Drawn = tuple[np.random.Generator, Cell, Calibration]
+
+
+@pytest.fixture(scope="module")
+def cells() -> list[Drawn]:
+    out = []
+    for seed in range(ARMS):
+        rng = np.random.default_rng(seed)
+        cell = Cell.drawn(rng)
+        out.append((rng, cell, calibrate(cell.measured(rng, 64, "base"))))
+    return out
+
+
+def whats(seen: Watched) -> list[str]:
+    return [f"{change.what} {change.joint or ''}".strip() for change in seen.changes]
+
+
+def test_an_unchanged_cell_raises_no_alarm(cells: list[Drawn]) -> None:
+    seen = [watch(base, cell.measured(rng)) for rng, cell, base in cells for _ in range(6)]
+    assert [w.verdict for w in seen].count("unchanged") >= len(seen) - 1
+    calm = next(w for w in seen if w.verdict == "unchanged")
+    assert "unchanged" in calm.headline
+    assert calm.rmse_mm < 4.0 * calm.expected_mm
+
+
+@pytest.mark.parametrize("joint", [2, 3])
+def test_a_slipped_joint_is_named_with_its_size(cells: list[Drawn], joint: int) -> None:
+    by = np.radians(0.03)
+    for rng, cell, base in cells:
+        found = watch(base, cell.with_change(f"theta{joint}", by).measured(rng))
+        assert whats(found) == [f"joint_zero {joint}"]
+        change = found.changes[0]
+        assert abs(change.size - by) < 4.0 * change.sigma < by
+        assert f"the zero of joint {joint} (theta{joint}) changed by" in found.headline
+
+
+def test_a_scanner_that_moved_is_never_blamed_on_the_arm(cells: list[Drawn]) -> None:
+    for rng, cell, base in cells:
+        for size in (0.1, 1.0, 10.0):
+            moved = cell.with_scanner_moved(rng.normal(size=3) * size * 1e-4, rng.normal(size=3) * size)
+            new = moved.measured(rng)
+            found = watch(base, new)
+            assert whats(found) in (["scanner"], []), (
+                found.headline
+            )  # a tenth of a millimetre may pass unseen
+            assert whats(found) == ["scanner"] or size == 0.1
+            assert watch(base, new, scanner_moved=True).verdict == "unchanged"
+            elsewhere = replace(new, poses=replace(new.poses, setup=np.full(len(new.poses), "another")))
+            assert (
+                watch(base, elsewhere).verdict == "unchanged"
+            )  # a placement that the earlier fit does not know
+
+
+def test_a_slip_beside_a_moved_scanner_is_still_found(cells: list[Drawn]) -> None:
+    for rng, cell, base in cells:
+        changed = cell.with_change("theta3", np.radians(0.08)).with_scanner_moved(
+            np.array([0.01, 0.0, 0.0]), np.array([5.0, 0.0, 0.0])
+        )
+        assert whats(watch(base, changed.measured(rng))) == ["joint_zero 3", "scanner"]
+
+
+def test_a_tool_that_moved_and_more_noise(cells: list[Drawn]) -> None:
+    for rng, cell, base in cells:
+        found = watch(base, cell.with_change("aTCP", 0.4).measured(rng))
+        assert whats(found)[0] == "tool"
+        assert np.linalg.norm(found.changes[0].vector) == pytest.approx(0.4, abs=0.2)
+        new = cell.measured(rng, 12)
+        assert new.points is not None
+        more_mm = 0.25 * rng.normal(size=new.points.xyz_mm.shape)
+        noisy = new.with_points(replace(new.points, xyz_mm=new.points.xyz_mm + more_mm))
+        assert whats(watch(base, noisy)) == ["noise"]
+
+
+def test_what_is_promised_is_found(cells: list[Drawn]) -> None:
+    rng, cell, base = cells[0]
+    poses = cell.measured(rng)
+    calm = watch(base, poses, scanner_moved=True)
+    sizes = {(d.what, d.joint): d.size for d in calm.detectable if d.what == "joint_zero"}
+    assert sizes["joint_zero", 1] is None or sizes["joint_zero", 1] > 5 * (sizes["joint_zero", 3] or 0.0)
+    size = sizes["joint_zero", 3]
+    assert size is not None
+    hits = [
+        watch(base, cell.with_change("theta3", size).measured(rng, at=poses), scanner_moved=True).changes
+        for _ in range(20)
+    ]
+    assert sum(map(bool, hits)) >= 16  # 19 of 20 are promised
+
+
+def test_too_few_poses_and_another_robot_are_refused(cells: list[Drawn]) -> None:
+    rng, cell, base = cells[0]
+    with pytest.raises(FitError, match="found 2 measured poses"):
+        watch(base, cell.measured(rng, 2))
+    panda = Cell.drawn(rng, "panda")
+    with pytest.raises(FitError, match="other joints"):
+        watch(base, panda.measured(rng))
+
+
+def test_the_command_tells_it_and_its_exit_code_alarms(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(7)
+    cell = Cell.drawn(rng)
+    march, october = (
+        cell.measured(rng, 64, "march"),
+        cell.with_change("theta2", np.radians(0.05)).measured(rng),
+    )
+    for dataset, name in ((march, "march"), (cell.measured(rng), "april"), (october, "october")):
+        write_dataset(dataset, tmp_path / name)
+    folders = [str(tmp_path / name) for name in ("march", "april", "october")]
+    assert main(["watch", *folders[:2]]) == 0
+    assert "unchanged" in capsys.readouterr().out
+    assert main(["watch", *folders, "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert [w["verdict"] for w in document["new"]] == ["unchanged", "changed"]
+    assert document["verdict"] == "changed"
+    assert (document["changes"][0]["what"], document["changes"][0]["joint"]) == ("joint_zero", 2)
+    assert {"what", "joint", "size", "sigma", "unit"} <= set(document["changes"][0])
+    assert main(["watch", folders[0], str(tmp_path / "none")]) == 2
