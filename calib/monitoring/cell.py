@@ -107,6 +107,8 @@ class Cell:
         test = next(iter(self.fixed.tests((self.scanner,), given=arm)), None)
         if test is None or test.p_value > (NAMED if arm else ALARM):
             return None
+        if self.fixed.noise_explains(arm, self.scanner):
+            return None
         found = self.fixed.found(self.scanner, [*arm, self.scanner])
         shift, turn = np.array(found.vector[:3]), np.array(found.vector[3:])
         moved = np.einsum("mik,k->mi", self.scanner.columns, np.concatenate([shift, turn]))
@@ -124,7 +126,7 @@ class Cell:
         """The change of the arm that explains best what shows only where the scanner did not move."""
         tests = self.fixed.tests(self.kinds_with_scanner)
         best = the_most_usual(tests)
-        if best is None:
+        if best is None or self.fixed.noise_explains([], best.kind):
             return []
         as_well = [
             kind_words(t.kind)
