@@ -7,22 +7,25 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from calib.options import BUILTIN_ROBOTS, CORRECTION_KINDS
+from calib.options import BUILTIN_ROBOTS
 from inspector.cli import options, values
 from inspector.cli.arguments import (
-    add_adding,
-    add_effects,
     add_fit,
     add_json,
     add_learned_out,
     add_leave_out,
-    add_model,
     add_model_out,
     add_residual,
     convert_arguments,
     import_arguments,
 )
-from inspector.cli.options import DEFAULT_FOLDS
+from inspector.cli.fit_arguments import (
+    calibrate_arguments,
+    compare_arguments,
+    correct_arguments,
+    validate_arguments,
+    watch_arguments,
+)
 
 A_DATASET = "dataset folder"
 DATASETS = "dataset folder, or a folder of them"
@@ -66,94 +69,6 @@ def _redundancy(sub: ArgumentParser) -> None:
     sub.add_argument("--out", type=Path, metavar="FILE.csv", help="write Pearson's r of all pairs")
     add_residual(sub)
     add_leave_out(sub)
-    add_json(sub)
-
-
-def _calibrate(sub: ArgumentParser) -> None:
-    sub.add_argument(
-        "--out", type=Path, metavar="FILE", help="write robot.toml, its table the best without effects"
-    )
-    add_model_out(sub)
-    sub.add_argument(
-        "--urdf-out", type=Path, metavar="FILE", help="write the template with calibrated origins, as --out"
-    )
-    sub.add_argument(
-        "--kinematics-out", type=Path, metavar="FILE.yaml", help="the same for joint origins as makers' YAML"
-    )
-    sub.add_argument(
-        "--template",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="FILE",
-        help="your own .urdf or .yaml of this arm",
-    )
-    sub.add_argument("--force", action="store_true", help="write although the fit is no improvement")
-    sub.add_argument(
-        "--residuals",
-        type=Path,
-        metavar="FILE.csv",
-        help="write what is left over, a row a pose with all inputs",
-    )
-    sub.add_argument(
-        "--scene", type=Path, metavar="FILE.glb", help="write arm, points and residuals (x 100) in 3D"
-    )
-    sub.add_argument(
-        "--session", type=Path, metavar="FILE.json", help="write a session that serve --session opens"
-    )
-    add_learned_out(sub)
-    add_adding(sub)
-    add_fit(sub)
-    add_json(sub)
-
-
-def _compare(sub: ArgumentParser) -> None:
-    sub.add_argument("other", type=Path, metavar="OTHER", help="dataset folder to compare it with")
-    add_residual(sub)
-    add_effects(sub)
-    add_adding(sub)
-    add_json(sub)
-
-
-def _watch(sub: ArgumentParser) -> None:
-    sub.add_argument(
-        "new", type=Path, nargs="+", metavar="NEW", help="dataset folder of check poses, three or more"
-    )
-    sub.add_argument(
-        "--scanner-moved",
-        action="store_true",
-        help="the scanner was put up anew, which is no change to be told",
-    )
-    add_effects(sub)
-    add_adding(sub)
-    add_json(sub)
-
-
-def _validate(sub: ArgumentParser) -> None:
-    sub.add_argument("--folds", type=int, default=DEFAULT_FOLDS, help=f"default {DEFAULT_FOLDS}")
-    add_model(sub, "errors of this saved model at the dataset's points, as it is")
-    add_fit(sub)
-    add_json(sub)
-
-
-def _correct(sub: ArgumentParser) -> None:
-    sub.add_argument(
-        "--joints", type=Path, required=True, metavar="FILE", help="targets, columns as poses.csv"
-    )
-    sub.add_argument(
-        "--out",
-        type=Path,
-        required=True,
-        metavar="FILE",
-        help="write the corrected targets: .csv, or a point list as .script (URScript), .dat (KRL), .mod (RAPID)",
-    )
-    sub.add_argument(
-        "--what", choices=CORRECTION_KINDS, help="default: pose for six joints and more, else position"
-    )
-    sub.add_argument("--force", action="store_true", help="go on although the fit is no improvement")
-    add_model(sub, "use this saved model and fit nothing")
-    add_adding(sub)
-    add_fit(sub)
     add_json(sub)
 
 
@@ -219,21 +134,21 @@ SUBCOMMANDS = (
         "calibrate",
         "calibrate_command.run_calibrate",
         options.CalibrateOptions,
-        _calibrate,
+        calibrate_arguments,
         "fit the five-parameter model",
     ),
     Subcommand(
         "validate",
         "fit_commands.run_validate",
         options.ValidateOptions,
-        _validate,
+        validate_arguments,
         "how good the fit is away from its poses, and whether more would help",
     ),
     Subcommand(
         "correct",
         "fit_commands.run_correct",
         options.CorrectOptions,
-        _correct,
+        correct_arguments,
         "joint targets that bring the real arm where the nominal one should be",
     ),
     Subcommand(
@@ -247,14 +162,14 @@ SUBCOMMANDS = (
         "compare",
         "compare_command.run_compare",
         options.CompareOptions,
-        _compare,
+        compare_arguments,
         "what differs between two calibrations: before and after a repair, or two arms of a type",
     ),
     Subcommand(
         "watch",
         "compare_command.run_watch",
         options.WatchOptions,
-        _watch,
+        watch_arguments,
         "what changed in a cell since a calibration, by a few check poses",
         path="dataset folder of the earlier calibration",
     ),
