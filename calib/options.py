@@ -11,6 +11,7 @@ RESIDUAL_KINDS = ("position", "distance", "pairs", "pose")
 """What a fit may make small: `calib.fitting.residual_kinds`."""
 CORRECTION_KINDS = ("position", "pose")
 """What a correction may bring right: `calib.compensation.target_correction`."""
+DEFAULT_FOLDS = 5  # of a cross-validation
 BUILTIN_ROBOTS = ("rb5", "panda")
 """Robots that come with the library: `calib.dataset.files.robot_toml`."""
 

@@ -22,7 +22,7 @@ from calib.dataset.dataset import Dataset
 from calib.effects.effect import Effect
 from calib.errors import FitError
 from calib.fitting.fit import Fit
-from calib.options import FitOptions
+from calib.options import DEFAULT_FOLDS, FitOptions
 from calib.validation.splits import deal_folds, split_dataset, training_groups
 
 Progress = Callable[[int, int, str], None]
@@ -154,7 +154,7 @@ def cross_validate(
     dataset: Dataset,
     options: FitOptions = FitOptions(),
     *,
-    folds: int = 5,
+    folds: int = DEFAULT_FOLDS,
     effects: Sequence[Effect] = (),
     rng: np.random.Generator | None = None,
     on_progress: Progress | None = None,

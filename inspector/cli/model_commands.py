@@ -10,8 +10,9 @@ from calib.compensation.targets_csv import load_targets, require_conditions
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
 from calib.models.model_file import load_model
+from calib.options import DEFAULT_FOLDS
 from inspector.cli.dataset_commands import load, measured, show
-from inspector.cli.options import DEFAULT_FOLDS, CorrectOptions, ValidateOptions
+from inspector.cli.options import CorrectOptions, ValidateOptions
 from inspector.cli.output_paths import check_outputs
 from inspector.export import json_documents as documents
 

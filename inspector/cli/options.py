@@ -9,8 +9,6 @@ from typing import TextIO
 
 from calib.options import FitOptions
 
-DEFAULT_FOLDS = 5
-
 
 @dataclass(frozen=True, kw_only=True)
 class Output:

@@ -8,8 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.options import BUILTIN_ROBOTS
-from inspector.cli import options, values
-from inspector.cli.arguments import (
+from inspector.cli import options
+from inspector.cli.arguments import values
+from inspector.cli.arguments.fit import (
+    calibrate_arguments,
+    compare_arguments,
+    correct_arguments,
+    validate_arguments,
+    watch_arguments,
+)
+from inspector.cli.arguments.shared import (
     add_fit,
     add_json,
     add_learned_out,
@@ -18,13 +26,6 @@ from inspector.cli.arguments import (
     add_residual,
     convert_arguments,
     import_arguments,
-)
-from inspector.cli.fit_arguments import (
-    calibrate_arguments,
-    compare_arguments,
-    correct_arguments,
-    validate_arguments,
-    watch_arguments,
 )
 
 A_DATASET = "dataset folder"

@@ -5,8 +5,8 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
-from calib.options import CORRECTION_KINDS
-from inspector.cli.arguments import (
+from calib.options import CORRECTION_KINDS, DEFAULT_FOLDS
+from inspector.cli.arguments.shared import (
     add_adding,
     add_effects,
     add_fit,
@@ -16,7 +16,6 @@ from inspector.cli.arguments import (
     add_model_out,
     add_residual,
 )
-from inspector.cli.options import DEFAULT_FOLDS
 
 
 def calibrate_arguments(sub: ArgumentParser) -> None:

@@ -6,7 +6,7 @@ from argparse import ArgumentParser
 from pathlib import Path
 
 from calib.options import BUILTIN_ROBOTS, RESIDUAL_KINDS
-from inspector.cli import values
+from inspector.cli.arguments import values
 
 
 def add_json(sub: ArgumentParser) -> None:
