@@ -32,10 +32,11 @@ def svg_of(figure: go.Figure, width: int, height: int, *, name: str, title: str)
         inside = f'clip-path="url(#{name}-{k})"'
         own = [trace for trace in traces if _axes_of(trace) == key]
         out.append(f"<g {inside}>{_rectangles(layout, key, panel)}</g>{_grid(panel, heat=_is_heat(own))}")
-        unclipped = _is_heat(own) or any(trace.get("cliponaxis") is False for trace in own)
-        out.append("<g>" if unclipped else f"<g {inside}>")
-        out += [drawn(trace, own[i - 1] if i else None, panel) for i, trace in enumerate(own)]
-        out.append("</g>")
+        for i, trace in enumerate(own):
+            free = trace.get("cliponaxis") is False or trace.get("type") == "heatmap"
+            out.append(
+                f"<g{'' if free else ' ' + inside}>{drawn(trace, own[i - 1] if i else None, panel)}</g>"
+            )
         out += [_colour_bar(trace, panel) for trace in own if "colorbar" in trace]
     out.append(_annotations(layout, panels))
     out += [_legend(row, _LEGEND_PX * (k + 0.5)) for k, row in enumerate(entries)]
@@ -190,16 +191,21 @@ def _rectangles(layout: Mapping[str, Any], key: tuple[str, str], panel: Panel) -
 
 
 def _annotations(layout: Mapping[str, Any], panels: Mapping[tuple[str, str], Panel]) -> str:
-    """The titles of panels."""
+    """Words in or above a panel, at a share of it: the titles of panels, how many points lie beyond an axis."""
     out = []
     for note in layout.get("annotations") or ():
-        key = (note["xref"].partition(" ")[0], note["yref"].partition(" ")[0])
-        panel = panels[key]
-        out.append(
-            label(
-                plain(note["text"]), panel.left, panel.top - 9.0, size_px=USUAL_PX, anchor="start", css="bold"
-            )
+        of_x, of_y = (str(note[ref]).partition(" ")[0] for ref in ("xref", "yref"))
+        panel = next(
+            (p for (x, y), p in panels.items() if of_x in (x, "paper") and of_y in (y, "paper")), None
         )
+        if panel is None:
+            continue
+        x = panel.left + panel.width * float(note["x"])
+        y = panel.top + panel.height * (1.0 - float(note["y"])) - float(note.get("yshift") or 0.0)
+        y += {"bottom": -8.0, "top": 8.0}.get(str(note.get("yanchor")), 0.0)
+        anchor = {"left": "start", "right": "end"}.get(str(note.get("xanchor")), "middle")
+        css = "bold" if str(note["text"]).startswith("<b>") else ""
+        out.append(label(plain(note["text"]), x, y, size_px=USUAL_PX, anchor=anchor, css=css))
     return "".join(out)
 
 
@@ -255,7 +261,7 @@ def _legend(row: Sequence[Trace], y: float) -> str:
                     f'<path d="M{number(x)} {number(y)}h18" stroke="{line_colour(trace)}" '
                     f'stroke-width="{line.get("width", 2):g}"{dash}/>'
                 )
-            if "markers" in mode and kind != "line-ew":
+            if "markers" in mode and isinstance(kind, str) and kind != "line-ew":
                 out.append(symbol(kind, middle, y, 9.0, colour))
             elif trace.get("type") == "bar":
                 out.append(symbol("square", middle, y, 10.0, colour))

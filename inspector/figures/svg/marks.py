@@ -13,6 +13,7 @@ from inspector.figures.svg.axis import Axis
 from inspector.figures.svg.text import hover, number
 
 Trace = Mapping[str, Any]
+_ONLY_ON_SCREEN = "<br>double-click: show all"  # of a hover text
 _DASHES = {"dash": ' stroke-dasharray="7 5"', "dot": ' stroke-dasharray="2 4"'}
 
 
@@ -61,6 +62,10 @@ def symbol(
             f'<rect x="{number(x - half)}" y="{number(y - half)}" width="{number(size)}" height="{number(size)}" '
             f'fill="{colour}"{faint}'
         )
+    elif kind in ("triangle-up", "triangle-down"):
+        up = half if kind == "triangle-up" else -half
+        place = f"M{number(x)} {number(y - up)}l{number(half)} {number(2.0 * up)}h{number(-size)}z"
+        shape = f'<path d="{place}" fill="{colour}"{faint}'
     else:
         reach = 1.25 * half
         r = number(reach)
@@ -75,11 +80,11 @@ def line_colour(trace: Trace) -> str:
     return str((trace.get("line") or {}).get("color", "var(--ink)"))
 
 
-def marker_of(trace: Trace) -> tuple[str, str]:
-    """Symbol and colour of a trace's points."""
+def marker_of(trace: Trace) -> tuple[str | Sequence[str], str]:
+    """Symbol, of all or of each, and colour of a trace's points."""
     marker = trace.get("marker") or {}
     colour = marker.get("color") or (marker.get("line") or {}).get("color") or line_colour(trace)
-    return str(marker.get("symbol", "circle")), str(colour)
+    return marker.get("symbol", "circle"), str(colour)
 
 
 def _places(trace: Trace, panel: Panel) -> list[tuple[float, float]]:
@@ -127,16 +132,24 @@ def _points(trace: Trace, panel: Panel) -> str:
     kind, colour = marker_of(trace)
     marker = trace.get("marker") or {}
     sizes = np.broadcast_to(np.asarray(marker.get("size", 6), dtype=float), len(trace["x"]))
-    told = trace.get("customdata") or [""] * len(trace["x"])
+    kinds = [kind] * len(trace["x"]) if isinstance(kind, str) else kind
+    told, texts = ([*(trace.get(key) or [""] * len(trace["x"]))] for key in ("customdata", "text"))
     out = []
     for k, (x, y) in enumerate(_places(trace, panel)):
         if math.isnan(x) or math.isnan(y) or sizes[k] <= 0.0:
             continue
-        values = {"x": trace["x"][k], "y": trace["y"][k], "customdata": told[k]}
+        words = str(texts[k]).removesuffix(_ONLY_ON_SCREEN)
+        values = {"x": trace["x"][k], "y": trace["y"][k], "customdata": told[k], "text": words}
         title = "" if trace.get("hoverinfo") == "skip" else hover(trace.get("hovertemplate"), values)
         out.append(
             symbol(
-                kind, x, y, float(sizes[k]), colour, title=title, opacity=float(marker.get("opacity", 1.0))
+                kinds[k],
+                x,
+                y,
+                float(sizes[k]),
+                colour,
+                title=title,
+                opacity=float(marker.get("opacity", 1.0)),
             )
         )
     return "".join(out)

@@ -55,5 +55,6 @@ def hover(template: str | None, values: Mapping[str, object]) -> str:
         value, form = values.get(place[1], ""), place[2]
         return format(value, form) if form and isinstance(value, int | float) else str(value)
 
-    words = plain(_PLACE.sub(shown, re.sub(r"<extra>.*</extra>", "", template).replace("<br>", "\n")))
+    told = _PLACE.sub(shown, re.sub(r"<extra>.*</extra>", "", template))
+    words = plain(told.replace("<br>", "\n"))
     return f"<title>{escaped(words)}</title>"
