@@ -149,9 +149,14 @@ def pose_ids(work: Work, table: UserTable, meant: Recognised) -> list[str]:
             )
         elif first.setdefault(name, i) != i:
             line = table.lines[first[name]]
-            work.fault(
-                f"{table.path}: line {table.lines[i]}: pose {name!r} stands in line {line} too; each needs its own"
-            )
+            where = f"{table.path}: line {table.lines[i]}: pose {name!r} stands in line {line} too"
+            if "target" in meant.columns:
+                work.fault(
+                    f"{where}; several targets of a pose need two tables: --joints with a row a pose, --points "
+                    "with pose, target, x, y, z"
+                )
+                break
+            work.fault(f"{where}; each needs its own")
     return ids
 
 

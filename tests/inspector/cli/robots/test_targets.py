@@ -1,0 +1,104 @@
+"""Several targets on the tool and one on a link before the last, from a user's tables to the diagnosis."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from calib.dataset.files.robot_toml import builtin_robot, robot_to_toml
+from calib.kinematics.robot import Robot
+from inspector.cli.parser import main
+
+pytestmark = pytest.mark.slow
+
+TARGETS = """
+[[targets]]
+name = "ball"
+xyz_mm = [60.0, 0.0, 100.0]
+
+[[targets]]
+name = "elbow"
+xyz_mm = [-100.0, 50.0, 20.0]
+joint = 3
+"""
+
+
+def rot(axis: str, angle: float) -> np.ndarray:
+    out = np.eye(4)
+    out[:3, :3] = Rotation.from_euler(axis, angle).as_matrix()
+    return out
+
+
+def frames(robot: Robot, table: np.ndarray, q: np.ndarray) -> list[np.ndarray]:
+    """base_T_frame 1..n and of the tool, by the paper's product."""
+    out, at = [], np.eye(4)
+    for (a, alpha, d, theta, beta), value in zip(table, [*q, 0.0], strict=True):
+        shift = np.eye(4)
+        shift[:3, 3] = [a, 0.0, d]
+        at = at @ rot("z", theta + value) @ shift @ rot("x", alpha) @ rot("y", beta)
+        out.append(at)
+    return out
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("targets")
+    rng, robot = np.random.default_rng(5), builtin_robot("rb5")
+    (folder / "robot.toml").write_text(robot_to_toml(robot) + TARGETS)
+    table = robot.table + rng.normal(0, 1, robot.table.shape) * [0.4, 0.002, 0.4, 0.002, 0.002]
+    joints, points = ["pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"], ["pose,target,x_mm,y_mm,z_mm"]
+    for k, q in enumerate(rng.uniform(-1.5, 1.5, (32, 6))):
+        at = frames(robot, table, q)
+        joints.append(",".join([f"p{k}", *(repr(float(v)) for v in np.degrees(q))]))
+        places = {
+            "jig": at[6][:3, 3],
+            "ball": (at[5] @ [60.2, 0.1, 99.8, 1.0])[:3],
+            "elbow": (at[2] @ [-100.1, 50.2, 20.0, 1.0])[:3],
+        }
+        for name, place in places.items():
+            turned = Rotation.from_euler("z", 0.7).apply(place)
+            seen = turned + np.array([900.0, -300.0, 200.0]) + rng.normal(0, 0.03, 3)
+            points.append(",".join([f"p{k}", name, *(repr(float(v)) for v in seen)]))
+    (folder / "joints.csv").write_text("\n".join(joints) + "\n")
+    (folder / "points.csv").write_text("\n".join(points) + "\n")
+    tables = ["--joints", str(folder / "joints.csv"), "--points", str(folder / "points.csv")]
+    assert main(["import", str(folder / "cell"), "--robot", str(folder / "robot.toml"), *tables]) == 0
+    return folder
+
+
+def test_targets_by_name_are_calibrated_and_what_the_tool_row_tells_is_said(
+    cell: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["calibrate", str(cell / "cell"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["test"]["rmse_mm"] < 0.08  # noise of 0.03 mm a coordinate
+    places = {p["name"]: p["value"] for p in found["parameters"] if p["name"].startswith("elbow.")}
+    assert places["elbow.x"] == pytest.approx(-100.1, abs=0.1)
+    assert places["elbow.y"] == pytest.approx(50.2, abs=0.1)
+    assert {"alphaTCP", "betaTCP"} <= set(found["tool"]["unseen"])
+    assert main(["calibrate", str(cell / "cell")]) == 0
+    assert "\ntool: known in sums only: aTCP" in capsys.readouterr().out
+
+
+def test_nothing_is_missing_where_only_links_are_off(cell: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["diagnose", str(cell / "cell"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["verdict"] == "adequate"
+
+
+def test_a_name_that_robot_toml_lacks_is_told_with_what_would_do(
+    cell: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tables = ["--joints", str(cell / "joints.csv"), "--points", str(cell / "points.csv")]
+    assert main(["import", str(tmp_path / "cell"), "--robot", "rb5", *tables]) == 2
+    said = capsys.readouterr().err
+    assert "column target: found 'ball'; robot.toml knows jig; add [[targets]]" in said
+    both = [f"{line},{','.join('0' * 6)}" for line in (cell / "points.csv").read_text().splitlines()[1:]]
+    head = "pose,target,x_mm,y_mm,z_mm,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"
+    (tmp_path / "both.csv").write_text("\n".join([head, *both]))
+    robot = ["--robot", str(cell / "robot.toml")]
+    assert main(["import", str(tmp_path / "cell"), *robot, "--joints", str(tmp_path / "both.csv")]) == 2
+    assert "several targets of a pose need two tables" in capsys.readouterr().err
