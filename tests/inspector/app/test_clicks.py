@@ -63,7 +63,7 @@ def test_a_row_of_the_parameters_selects_its_joint_everywhere(page: Any, app: Ap
     row.click()
     joint_selected(page, app, 3)
     assert row.evaluate("row => getComputedStyle(row).backgroundColor") != "rgba(0, 0, 0, 0)"
-    node_drawn(page, "/scene/arm/axis_label")
+    node_drawn(page, "/scene/arm/axis")
     assert str(app.panels.residuals.what.value).startswith("apparent motion of joint 3")
     assert str(app.panels.residuals.against.value).startswith("joint 3 angle")
     page.keyboard.press("Escape")
