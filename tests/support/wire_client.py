@@ -184,6 +184,11 @@ class WireClient:
             self.gui[uuid]["value"] = value
         self.send(type="GuiUpdateMessage", uuid=uuid, updates={"value": value})
 
+    def press(self, label: str, button: str) -> None:
+        """Press one of a group's buttons, once the page has it."""
+        self.wait(lambda page: button in page.props(label)["options"])
+        self.set(label, button)
+
     def click(self, label: str) -> None:
         self.send(type="GuiUpdateMessage", uuid=self.find(label), updates={"value": True})
 

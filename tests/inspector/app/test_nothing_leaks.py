@@ -145,14 +145,14 @@ def test_buttons_that_would_do_nothing_are_off(app: App, page: WireClient) -> No
     page.set("Effect", other_effect(page))
     page.wait(lambda p: buttons(p) == (UNDO,))
     assert app.worker.wait_idle(IDLE_S)
-    page.set("Model", UNDO)
+    page.press("Model", UNDO)
     page.wait(lambda p: buttons(p) == (REDO,))
     page.set("Fit", "pairs")
     page.wait(lambda p: not p.props("Calibrate")["disabled"])
     page.click("Calibrate")
     page.wait(lambda p: buttons(p) == (UNDO,) and p.props("Calibrate")["disabled"])
     assert app.worker.wait_idle(IDLE_S)
-    page.set("Model", UNDO)  # goes back through another residual, too
+    page.press("Model", UNDO)  # goes back through another residual, too
     page.wait(lambda p: p.value("Fit") == "position")
     assert app.worker.wait_idle(IDLE_S)
     page.click(FIND)

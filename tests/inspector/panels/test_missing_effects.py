@@ -81,12 +81,12 @@ def test_add_undo_redo_and_remove(app: App, page: WireClient) -> None:
     fitted = [row for row in result.to_frame().to_dict("records") if row["name"].startswith(HIDDEN)]
     assert fitted
     assert all(f"{row['value']:.3g}" in plain(page) for row in fitted)
-    page.set("Model", UNDO)
+    page.press("Model", UNDO)
     page.wait(lambda p: history(p) == start)
-    page.set("Model", REDO)
+    page.press("Model", REDO)
     page.wait(lambda p: history(p) == fallen)
     page.set("Effect", HIDDEN)
-    page.set("Model", REMOVE)
+    page.press("Model", REMOVE)
     shows(page, f"\u2212 {HIDDEN}: the test error rose", "It was needed")
     assert not page.notifications
 
@@ -104,7 +104,7 @@ def test_find_gives_what_the_command_gives(folder: Path, app: App, page: WireCli
     assert curves["test"][1:] == pytest.approx([s["test_rmse_mm"] for s in told["steps"]])
     assert curves["training"][1:] == pytest.approx([s["train_rmse_mm"] for s in told["steps"]])
     page.wait(lambda p: p.has(FIND))  # it is not looking any more
-    page.set("Model", UNDO)  # the diagnosis is one change
+    page.press("Model", UNDO)  # the diagnosis is one change
     page.wait(lambda p: len(history(p)["test"]) == 2)
     page.wait(lambda p: "Verdict: " not in plain(p))
 
@@ -174,10 +174,10 @@ def test_fifty_quick_clicks_add_it_once(app: App, page: WireClient) -> None:
     assert [added.name for added in session(app).effects] == [HIDDEN]
     assert session(app).screening is not None
     for _ in range(50):
-        page.set("Model", UNDO)
+        page.press("Model", UNDO)
     page.wait(lambda p: len(history(p)["test"]) == 2)
     for _ in range(50):
-        page.set("Model", REDO)
+        page.press("Model", REDO)
     page.wait(lambda p: len(history(p)["test"]) == 3)
     assert app.worker.wait_idle(IDLE_S)
     assert not page.notifications
@@ -202,7 +202,7 @@ def test_two_pages_that_press_at_once_end_up_alike(app: App, page: WireClient) -
         for _ in range(25):
             page.trigger("Next pose")
             other.click(ADD)
-            other.set("Model", UNDO)
+            other.press("Model", UNDO)
         assert app.worker.wait_idle(IDLE_S)
         shows(page, "26 of 45")
         shows(other, "26 of 45")
@@ -280,7 +280,7 @@ def test_what_is_left_is_judged_after_each_change_without_find(app: App, page: W
     residual_tests = session(app).residual_tests
     assert residual_tests is not None
     assert not residual_tests.structured
-    page.set("Model", UNDO)
+    page.press("Model", UNDO)
     shows(page, "What is left: a pattern against")
 
 

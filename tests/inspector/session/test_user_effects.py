@@ -128,7 +128,7 @@ def test_own_effects_are_ranked_added_and_removed_like_any_other(served: tuple[A
         shows(page, "link errors + ripple", "It is in the model. Fitted together", "cosine amplitude:")
         assert session(app).history[-1].train_rmse_mm < before
         page.set("Effect", "ripple")
-        page.set("Model", REMOVE)
+        page.press("Model", REMOVE)
         shows(page, "\u2212 ripple")
         assert session(app).history[-1].train_rmse_mm == pytest.approx(before)
         assert not page.notifications
