@@ -132,7 +132,7 @@ def test_what_was_found_is_what_is_selected(app: App, page: WireClient) -> None:
     found = session(app).effects[-1].name
     assert found == HIDDEN
     page.wait(lambda p: p.value("Effect") == found)
-    assert "It is in the model. Fitted together" in plain(page)
+    page.wait(lambda p: "It is in the model. Fitted together" in plain(p))  # is drawn after the choice
 
 
 def test_buttons_that_would_do_nothing_are_off(app: App, page: WireClient) -> None:
