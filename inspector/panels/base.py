@@ -101,5 +101,8 @@ def hidden_plot(gui: viser.GuiApi, aspect: float, name: str) -> viser.GuiPlotlyH
     """
     import plotly.graph_objects as go
 
-    config = {"displayModeBar": False, "scrollZoom": True, "toImageButtonOptions": {"filename": name}}
+    config = {
+        "displayModeBar": False, "scrollZoom": True, "doubleClickDelay": 500,
+        "toImageButtonOptions": {"filename": name},
+    }  # fmt: skip
     return gui.add_plotly(go.Figure(), aspect=aspect, visible=False, config=config)
