@@ -191,6 +191,7 @@ def test_they_hide_one_cause_two_causes_and_one_of_a_single_pose() -> None:
     assert all(effect in SIMULATED_EFFECTS for cause in causes for effect in cause)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HIDDEN)
 def test_hidden_effect_comes_from_its_seed_and_is_visible(name: str, maker: ModuleType) -> None:
     dataset, simulation, stored = load_dataset(SAMPLES / name), maker.hidden_effect(name), truth(name)

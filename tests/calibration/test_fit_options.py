@@ -91,6 +91,7 @@ def test_poses_are_recommended_by_fits_as_was_asked(dataset: Dataset, asked: Fit
     np.testing.assert_allclose([pose.separation_mm for pose in poses], apart, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", ASKED[:3], ids=str)
 def test_an_effect_is_added_to_a_session_as_was_asked(dataset: Dataset, asked: FitOptions) -> None:
     session = with_steps(Session(dataset), [FitStep("link errors", (), calibrate(dataset, asked))])

@@ -141,6 +141,7 @@ def elbow_dataset(seed: int, poses: int = 50) -> Dataset:
     return base.with_points(Points(np.tile(np.arange(poses), 2), points, names))
 
 
+@pytest.mark.slow
 def test_a_target_on_an_earlier_link_is_fitted_there(tmp_path: Path) -> None:
     """With it more of the arm is known than from its tool point alone."""
     dataset = elbow_dataset(8)

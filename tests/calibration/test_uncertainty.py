@@ -32,6 +32,7 @@ def test_sums_are_known_although_their_parts_are_not() -> None:
     assert abs(known.value - truth["a6"] - truth["aTCP"]) < 5 * known.sigma
 
 
+@pytest.mark.slow
 def test_a_sum_that_these_poses_leave_open_is_not_called_known() -> None:
     rng = np.random.default_rng(0)
     robot = jang_arm()

@@ -73,6 +73,7 @@ def test_what_a_controller_reads_is_what_was_corrected(correction: Correction, s
     assert "joint 2 would stand beyond its limit" in left_out
 
 
+@pytest.mark.slow
 @given(st.lists(st.text(min_size=1, max_size=60), min_size=1, max_size=30), st.sampled_from([24, 32, 64]))
 def test_names_are_valid_and_distinct_without_regard_to_case(ids: list[str], longest: int) -> None:
     names = identifiers(ids, longest)

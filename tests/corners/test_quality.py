@@ -66,6 +66,7 @@ def test_angle_errors_do_not_depend_on_the_numbering() -> None:
     assert angle_errors((90.5, 88.01, 89.98), jig) == pytest.approx([0.0, 0.01, -0.02])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("certified", [False, True])
 def test_a_jig_out_of_square_is_found_by_its_angles(certified: bool) -> None:
     jig = Jig(face_angles_deg=(90.5, 90.0, 88.0), certified=certified)

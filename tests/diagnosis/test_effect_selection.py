@@ -40,6 +40,7 @@ def test_adding_by_name_is_the_step_that_the_diagnosis_took(dataset: Dataset, fo
     assert all(tolerances[name] == size for name, size in with_it.selected[0].prior_sigmas.items())
 
 
+@pytest.mark.slow
 def test_names_and_sizes_alone_bring_the_same_fit_back(dataset: Dataset) -> None:
     added = add_in_turn(dataset, [HIDDEN])[-1].selected
     again = recalled(dataset, HIDDEN, dict(added[0].prior_sigmas))

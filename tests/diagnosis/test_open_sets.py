@@ -64,6 +64,7 @@ def twins() -> Dataset:
     return with_turning_error(simulated(masses=True, seed=4, tool_mm=150.0), 1.5e-3)
 
 
+@pytest.mark.slow
 def test_an_exact_twin_stays_in_the_set_whatever_its_prior(twins: Dataset) -> None:
     """Once a turn of the last joint's angle is twice a turn of its axis."""
     found = diagnose(twins)

@@ -129,6 +129,7 @@ def test_a_clean_arm_gives_no_name() -> None:
     assert 0.3 < np.mean(p_values) < 0.7
 
 
+@pytest.mark.slow
 def test_held_out_poses_are_held_out_with_all_their_shots() -> None:
     shots = repeated(unmodelled(5, rough_rad=5e-4), SHOTS, np.random.default_rng(5), noise_mm=SIGMA_MM)
     ours, theirs = cross_validate(shots), cross_validate(by_hand(shots))

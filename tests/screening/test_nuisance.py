@@ -64,6 +64,7 @@ def test_a_true_second_effect_is_found_beside_wrong_masses() -> None:
     assert (found.verdict, found.missing) == ("named", ("joint_compliance", "backlash")), found.summary()
 
 
+@pytest.mark.slow
 def test_only_an_effect_of_load_brings_masses_into_question() -> None:
     dataset = simulated([("transmission_error", 4.0)], off=False)
     assert project_residual(calibrate(dataset)).nuisance is None

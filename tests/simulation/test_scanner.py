@@ -99,6 +99,7 @@ def test_face_points_scatter_as_declared(apex_mm: tuple[float, ...]) -> None:
         np.testing.assert_allclose(sigma_mm, 0.02 * (0.5 + 0.5 / cosine**2), rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_without_noise_the_points_are_on_the_faces() -> None:
     simulated = scan(scan_sigma_mm=0.0)
     for face in (1, 2, 3):

@@ -163,6 +163,7 @@ def test_corners_tells_the_points_that_were_left_out(capsys: pytest.CaptureFixtu
     assert f"; 9000 of its {scanned[2]['points'] + 9000} points have no value" in third
 
 
+@pytest.mark.slow
 def test_check_warns_of_a_scan_without_most_of_its_points(
     capsys: pytest.CaptureFixture[str], scans: Path
 ) -> None:

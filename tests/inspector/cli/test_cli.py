@@ -265,6 +265,7 @@ def test_what_is_no_file_is_not_replaced_by_one(
     assert "give one of rb5, panda" in refused(capsys, "simulate", tmp_path / "new", "--robot", "rb6")
 
 
+@pytest.mark.slow
 def test_known_sums_are_told(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
     document = run_json(capsys, "calibrate", points_folder)
     sums = {tuple(s["parameters"]): s for s in document["known_sums"]}

@@ -275,6 +275,7 @@ def test_undo_is_bounded(fitted: Session) -> None:
     assert len(undo.past) == UNDO_STEPS
 
 
+@pytest.mark.slow
 def test_a_session_keeps_so_many_steps_and_the_last_rankings_only(fitted: Session) -> None:
     """Two thousand changes hold no more than fifty."""
     ranked = sessions.with_ranking(fitted).steps[0]

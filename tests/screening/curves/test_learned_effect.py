@@ -96,6 +96,7 @@ def test_curves_need_their_prior(ripple: Dataset) -> None:
         add_in_turn(ripple, [LEARNED], FitOptions(prior=False))
 
 
+@pytest.mark.slow
 def test_the_file_says_what_was_learned_and_is_an_effect_again(ripple: Dataset, tmp_path: Path) -> None:
     fitted = add_in_turn(ripple, [LEARNED])[-1].calibration
     path = tmp_path / "curves.py"
@@ -135,6 +136,7 @@ def test_the_command_writes_it_and_correct_takes_it(ripple: Dataset, tmp_path: P
     assert (tmp_path / "out.csv").is_file()
 
 
+@pytest.mark.slow
 def test_nothing_is_written_where_nothing_was_learned(tmp_path: Path, capsys) -> None:
     write_dataset(arm(1), tmp_path / "cell")
     curves = tmp_path / "my_effect.py"

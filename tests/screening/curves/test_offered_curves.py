@@ -80,6 +80,7 @@ def test_adding_them_takes_what_was_learned_and_removing_offers_them_again(ranke
     assert removed.curves.log_evidence == pytest.approx(ranked.curves.log_evidence)
 
 
+@pytest.mark.slow
 def test_a_convincing_name_comes_before_curves(tmp_path: Path) -> None:
     named = sessions.with_screening(sessions.with_calibration(measuring.open_session(write_hidden(tmp_path))))
     assert named.curves is None

@@ -80,6 +80,7 @@ def test_depth_three_times_coarser_is_found_along_its_axis(seed: int) -> None:
     assert along == pytest.approx(3.0, rel=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_growth_with_distance_is_found(seed: int) -> None:
     """The engine's noise grows with the square of the distance: 2 / d relative to itself."""

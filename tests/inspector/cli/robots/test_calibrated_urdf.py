@@ -32,6 +32,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_written_file_is_the_exported_table_and_tells_what_it_leaves_out(
     cell: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

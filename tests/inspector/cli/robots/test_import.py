@@ -30,6 +30,7 @@ def given(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_it_says_what_it_took_columns_for(given: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = [
         "import",
@@ -50,6 +51,7 @@ def test_it_says_what_it_took_columns_for(given: Path, capsys: pytest.CaptureFix
     assert "exists and is not empty" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_one_json_object_has_what_was_recognised(given: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--robot", "rb5", "--joints", str(given / "log.csv"), "--map", "z=z_m", "--json"]
     assert main(["import", str(given / "cell"), *arguments]) == 2
