@@ -148,7 +148,6 @@ class WatchOptions(Output):
     effects_file: Path | None
     add: Sequence[str]
     scanner_moved: bool
-    residual: str = "position"
 
     def fit_options(self) -> FitOptions:
         """The earlier calibration's."""
