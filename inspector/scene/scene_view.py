@@ -7,6 +7,7 @@ sent once under a fixed name; a layer is a node name, so showing and hiding send
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 
@@ -134,7 +135,9 @@ class SceneView:
         start.position, start.look_at, start.up = tuple(eye), (0.0, 0.0, 0.0), tuple(up)
         start.near = 0.001
         for client in self._server.get_clients().values():
-            with client.atomic():
+            with warnings.catch_warnings(), client.atomic():
+                # A page may close while it is spoken to; there is nothing to tell anybody then.
+                warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
                 client.camera.position = eye
                 client.camera.look_at = np.zeros(3)
                 client.camera.up_direction = up

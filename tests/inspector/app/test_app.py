@@ -423,8 +423,7 @@ def test_names_from_files_never_become_markup(app: App, page: WireClient) -> Non
 def test_a_dataset_that_cannot_be_read_is_told_and_the_old_one_stays(
     folder: Path, app: App, page: WireClient
 ) -> None:
-    app._known = (*app._known, "gone")
-    app.dataset._folders["gone"] = folder / "gone"  # type: ignore[index]
+    app._folders["gone"] = folder / "gone"
     app.open("gone")
     page.wait(lambda p: p.notifications)
     assert "gone" in page.notifications[-1]["props"]["body"]
