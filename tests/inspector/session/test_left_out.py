@@ -282,8 +282,8 @@ def test_a_session_keeps_so_many_steps_and_the_last_rankings_only(fitted: Sessio
     now = sessions.with_steps(fitted, [replace(ranked, label=str(k)) for k in range(70)])
     assert [step.label for step in now.steps] == ["0", *map(str, range(21, 70))]
     assert [step.screening is not None for step in now.steps] == [False] * 42 + [True] * 8
-    undo = Undo()
+    undo, before = Undo(), sessions.with_ranking(fitted)
     for _ in range(20):
-        undo.changed(sessions.with_ranking(fitted))
+        undo.changed(replace(before))
     kept = [isinstance(entry, Session) and entry.screening is not None for entry in undo.past]
     assert kept == [False] * 12 + [True] * 8
