@@ -8,7 +8,7 @@ used, the prior. It holds for a complete model only: missing effects are no part
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,7 @@ from calib.array_types import Array
 from calib.calibration.result import Calibration
 from calib.errors import FitError
 from calib.fitting.observations import Observations, conditions_at, linearise_points
+from calib.fitting.scanner_frame import frame_motion, whitener
 from calib.identifiability.structural import redundancy
 
 CORRELATED = 0.8
@@ -115,13 +116,56 @@ def correlated_pairs(calibration: Calibration) -> tuple[CorrelatedPair, ...]:
     return tuple(sorted(pairs, key=lambda pair: -abs(pair.r)))
 
 
+@dataclass(frozen=True)
+class JointKnowledge:
+    """What a fit knows: the joint covariance (P + 6, P + 6) of its parameters and of a setup's scanner frame.
+
+    The frame is fitted with the parameters x: a change dx moves it by -F^+ J dx (F the frame's columns at the training
+    points, J the parameters'), and given x it is known as well as these points tell.
+    """
+
+    covariance: Array
+    centre_mm: Array  # (3,) about which the frame turns, scanner frame
+
+    @classmethod
+    def of(cls, calibration: Calibration, setup: str | None) -> JointKnowledge:
+        """setup: the placement of the scanner whose frame is asked for; None: of no frame, whose rows are then zero.
+
+        Raises FitError for a setup without training points.
+        """
+        fit = calibration.fit
+        n = len(fit.x)
+        covariance = np.zeros((n + 6, n + 6))
+        covariance[:n, :n] = fit.covariance
+        if setup is None:
+            return cls(covariance, np.zeros(3))
+        observed = Observations.of(calibration.fitted_dataset)
+        rows = observed.setup == setup
+        if not rows.any():
+            known = sorted(set(map(str, observed.setup)))
+            raise FitError(f"setup {setup!r} has no training points; there are {known}")
+        observed = replace(observed, scanner_T_base=calibration.after.scanner_T_base)
+        at_mm, by_x = linearise_points(calibration.model, fit.x, observed)
+        scanner_T_base = calibration.after.scanner_T_base[setup]
+        seen_mm = frames.apply(scanner_T_base, at_mm[rows])
+        centre_mm = seen_mm.mean(axis=0)
+        whiten = whitener(observed.covariance_mm2[rows])
+        columns = (whiten @ scanner_T_base[:3, :3] @ by_x[rows]).reshape(3 * int(rows.sum()), -1)
+        motion = (whiten @ frame_motion(seen_mm, centre_mm)).reshape(3 * int(rows.sum()), 6)
+        pseudo = np.linalg.pinv(motion, rcond=1e-9)
+        follows = -pseudo @ columns  # (6, P)
+        noise = fit.noise if np.isfinite(fit.noise) else 1.0
+        covariance[n:, :n] = follows @ covariance[:n, :n]
+        covariance[:n, n:] = covariance[n:, :n].T
+        covariance[n:, n:] = follows @ covariance[:n, :n] @ follows.T + noise**2 * pseudo @ pseudo.T
+        return cls(covariance, centre_mm)
+
+
 def prediction_covariance(calibration: Calibration, q: ArrayLike, setup: str | None = None) -> Array:
     """The covariance of the predicted tool point at any joint vectors, in a setup's scanner frame.
 
-    The parameters and the frame that was fitted with them are both uncertain, and correlated: a change dx of the
-    parameters changes the fitted frame by -F^+ J dx (F the frame's columns at the training points), so that
-
-        cov = A cov(x) A^T + G cov(frame) G^T,   A = J(q) - G F^+ J,   G the frame's columns at the predicted point.
+    The parameters and the frame that was fitted with them are both uncertain, and correlated (`JointKnowledge`):
+    cov = [J G] cov(x, frame) [J G]^T with J and G the columns of parameters and frame at the predicted point.
 
     Args:
         calibration: a fit.
@@ -134,32 +178,11 @@ def prediction_covariance(calibration: Calibration, q: ArrayLike, setup: str | N
     q = np.atleast_2d(np.asarray(q, dtype=float))
     observed = Observations.of(calibration.fitted_dataset)
     name = str(observed.setup[0]) if setup is None else setup
-    rows = np.flatnonzero(observed.setup == name)
-    if len(rows) == 0:
-        raise FitError(
-            f"setup {name!r} has no training points; there are {sorted(set(map(str, observed.setup)))}"
-        )
+    known = JointKnowledge.of(calibration, name)
     scanner_T_base = calibration.after.scanner_T_base[name]
-    rotation = scanner_T_base[:3, :3]
-    model, x = calibration.model, calibration.fit.x
-    at_mm, by_x = linearise_points(model, x, observed)
-    seen_mm = frames.apply(scanner_T_base, at_mm[rows])
-    centre = seen_mm.mean(axis=0)
-    root = np.linalg.inv(np.linalg.cholesky(observed.covariance_mm2[rows]))
-    frame_rows = (root @ _motion(seen_mm, centre)).reshape(-1, 6)
-    parameter_rows = (root @ rotation @ by_x[rows]).reshape(-1, by_x.shape[-1])
-    pseudo = np.linalg.pinv(frame_rows, rcond=1e-9)
-    noise = calibration.fit.noise if np.isfinite(calibration.fit.noise) else 1.0
-    points_mm, by_q = model.linearise(x, conditions_at(calibration.dataset.poses, q))
-    motion = _motion(frames.apply(scanner_T_base, points_mm), centre)
-    drag = rotation @ by_q - motion @ (pseudo @ parameter_rows)
-    frame_covariance = noise**2 * pseudo @ pseudo.T
-    return drag @ calibration.fit.covariance @ np.swapaxes(
-        drag, 1, 2
-    ) + motion @ frame_covariance @ np.swapaxes(motion, 1, 2)
-
-
-def _motion(points_mm: Array, centre_mm: Array) -> Array:
-    """(N, 3, 6) derivative of points (N, 3) by a small shift, then by a small turn about the centre (3,)."""
-    eye = np.broadcast_to(np.eye(3), (len(points_mm), 3, 3))
-    return np.concatenate([eye, -frames.skew(points_mm - centre_mm)], axis=-1)
+    points_mm, by_q = calibration.model.linearise(
+        calibration.fit.x, conditions_at(calibration.dataset.poses, q)
+    )
+    motion = frame_motion(frames.apply(scanner_T_base, points_mm), known.centre_mm)
+    rows = np.concatenate([scanner_T_base[:3, :3] @ by_q, motion], axis=-1)
+    return np.asarray(rows @ known.covariance @ np.swapaxes(rows, 1, 2))

@@ -57,9 +57,14 @@ def frame_columns(scanner_mm: Array, whiten: Array) -> Array:
 
     scanner_mm  # (M, 3); whiten  # (M, 3, 3)
     """
-    arms = scanner_mm - scanner_mm.mean(axis=0)  # about the centre: a far origin would cost digits
-    motion = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -frames.skew(arms)], axis=-1)
-    return (whiten @ motion).reshape(-1, 6)
+    # about the centre: a far origin would cost digits
+    return (whiten @ frame_motion(scanner_mm, scanner_mm.mean(axis=0))).reshape(-1, 6)
+
+
+def frame_motion(points_mm: Array, centre_mm: Array) -> Array:
+    """(M, 3, 6) how points (M, 3) move with a small motion of the frame: a shift, then a turn about the centre (3,)."""
+    eye = np.broadcast_to(np.eye(3), (len(points_mm), 3, 3))
+    return np.concatenate([eye, -frames.skew(points_mm - centre_mm)], axis=-1)
 
 
 def orthonormal(columns: Array) -> Array:

@@ -9,12 +9,13 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.calibration.result import Calibration
+from calib.calibration.uncertainty import JointKnowledge
 from calib.dataset.dataset import Dataset
 from calib.errors import FitError
 from calib.fitting.observations import Observations, linearise_points, with_nominal_scanner_frames
-from calib.fitting.scanner_frame import fit_scanner_frame, whitener
+from calib.fitting.scanner_frame import fit_scanner_frame, frame_motion, whitener
 from calib.monitoring.change_tests import ALARM, AS_WELL, NAMED, ChangeTests, Found, KindTest, the_most_usual
-from calib.monitoring.kinds import BASE, SCANNER, Kind, frame_motion, kind_words, kinds_of_the_arm
+from calib.monitoring.kinds import BASE, SCANNER, Kind, kind_words, kinds_of_the_arm
 from calib.screening.evidence import holm
 
 _FEWEST = 3  # check poses
@@ -58,7 +59,7 @@ class Cell:
         anew = fit_scanner_frame(at_mm, measured, observed.covariance_mm2)
         before = base.after.scanner_T_base[str(setups[0])] if known else anew
         noise = base.fit.noise if np.isfinite(base.fit.noise) else 1.0
-        prior = EarlierKnowledge.of(base, str(setups[0]) if known else None, noise)
+        prior = JointKnowledge.of(base, str(setups[0]) if known else None)
         kinds = kinds_of_the_arm(base.model, base.fit.x, observed)
 
         def placed(scanner_T_base: Array) -> tuple[Array, Array, Array]:
@@ -137,40 +138,3 @@ class Cell:
         found = self.fixed.found(best.kind, [best.kind])
         p = holm([test.p_value for test in tests])[tests.index(best)]
         return [replace(found, p_value=p, as_well=tuple(as_well))]
-
-
-@dataclass(frozen=True)
-class EarlierKnowledge:
-    """What the earlier fit knows: the joint covariance (P + 6, P + 6) of its parameters and of its scanner's frame."""
-
-    covariance: Array
-    centre_mm: Array  # (3,) about which the frame turns, scanner frame
-
-    @classmethod
-    def of(cls, base: Calibration, setup: str | None, noise: float) -> EarlierKnowledge:
-        """setup: the placement of the scanner whose frame is asked for; None: of no frame, whose rows are then zero."""
-        n = len(base.fit.x)
-        covariance = np.zeros((n + 6, n + 6))
-        covariance[:n, :n] = np.where(
-            np.outer(~base.fit.undetermined, ~base.fit.undetermined), base.fit.covariance, 0.0
-        )
-        if setup is None:
-            return cls(covariance, np.zeros(3))
-        dataset = base.fitted_dataset
-        observed = Observations.of(dataset)
-        rows = observed.setup == setup
-        observed = replace(observed, scanner_T_base=base.after.scanner_T_base)
-        at_mm, by_x = linearise_points(base.model, base.fit.x, observed)
-        scanner_T_base = base.after.scanner_T_base[setup]
-        seen = frames.apply(scanner_T_base, at_mm[rows])
-        centre_mm = seen.mean(axis=0)
-        whiten = whitener(observed.covariance_mm2[rows])
-        columns = (whiten @ scanner_T_base[:3, :3] @ by_x[rows]).reshape(3 * int(rows.sum()), -1)
-        motion = (whiten @ frame_motion(seen, centre_mm)).reshape(3 * int(rows.sum()), 6)
-        # Given x the frame is the weighted mean of these points' motions; x itself is known as the fit says.
-        follows = -np.linalg.pinv(motion, rcond=1e-9) @ columns  # (6, P)
-        covariance[n:, :n] = follows @ covariance[:n, :n]
-        covariance[:n, n:] = covariance[n:, :n].T
-        own = noise**2 * np.linalg.pinv(motion.T @ motion, rcond=1e-12)
-        covariance[n:, n:] = follows @ covariance[:n, :n] @ follows.T + own
-        return cls(covariance, centre_mm)

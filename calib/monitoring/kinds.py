@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib import frames
 from calib.array_types import Array
 from calib.effects.gravity import has_masses
 from calib.effects.link_errors import LinkErrors
@@ -74,12 +73,6 @@ def _kinds(robot: Robot, columns: dict[str, Array], torques: Array, turn: Array)
             by_torque = columns[zero] * torques[:, joint - 1, None]
             yield Kind(COMPLIANCE, joint, "", unit, by_torque[..., None])
     yield Kind(TOOL, None, "", "mm", turn)
-
-
-def frame_motion(at_mm: Array, centre_mm: Array) -> Array:
-    """(M, 3, 6) how points (M, 3) move with a small motion of the frame: a shift, then a turn about the centre (3,)."""
-    arms = at_mm - centre_mm
-    return np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -frames.skew(arms)], axis=-1)
 
 
 def kind_words(kind: Kind) -> str:
