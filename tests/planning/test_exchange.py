@@ -1,0 +1,88 @@
+"""What poses tell, and the best few of many: laws, and all subsets of a small case gone through."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from calib.errors import CalibError
+from calib.planning.exchange import WORST, best_poses
+from calib.planning.question import VARIANCE, VOLUME, Question, condensed, inverse
+
+MEASURES = pytest.mark.parametrize("measure", [VARIANCE, VOLUME])
+
+
+def drawn(seed: int, measure: str, n: int = 16, k: int = 6) -> Question:
+    """Candidates of unequal worth about a few unknowns, of which four sums matter."""
+    rng = np.random.default_rng(seed)
+    rows = rng.standard_normal((n, 3, k)) * rng.uniform(0.3, 2.0, (n, 1, 1)) * rng.uniform(0.2, 2.0, k)
+    return Question(rows, 0.05 * np.eye(k), rng.standard_normal((k, 4)), measure)
+
+
+def with_rows(question: Question, rows: list[int]) -> np.ndarray:
+    flat = question.rows[rows].reshape(-1, question.known.shape[0])
+    return question.known + flat.T @ flat
+
+
+@MEASURES
+def test_a_candidates_worth_is_that_of_its_information_added(measure: str) -> None:
+    question = drawn(0, measure)
+    fast = question.log_values_with(question.known)
+    slow = [question.log_value(with_rows(question, [i])) for i in range(len(question.rows))]
+    np.testing.assert_allclose(fast, slow, atol=1e-9)
+    assert np.all(fast < question.log_value(question.known))  # whatever is measured, no less is known
+
+
+@MEASURES
+@pytest.mark.parametrize("seed", range(4))
+def test_the_exchange_is_within_2_percent_of_the_best_of_all_subsets(measure: str, seed: int) -> None:
+    question = drawn(seed, measure, n=14)
+    every = [question.log_value(with_rows(question, list(s))) for s in combinations(range(14), 4)]
+    choice = best_poses([question], 4)
+    assert choice.log_value <= min(every) + np.log(1.02)
+    assert choice.log_value <= choice.greedy_log_value
+    assert choice.log_value == pytest.approx(question.log_value(with_rows(question, choice.rows.tolist())))
+
+
+def test_the_order_of_the_candidates_changes_nothing() -> None:
+    question = drawn(1, VARIANCE, n=30)
+    order = np.random.default_rng(5).permutation(30)
+    shuffled = Question(question.rows[order], question.known, question.wanted)
+    one, other = best_poses([question], 6), best_poses([shuffled], 6)
+    assert [int(order[i]) for i in other.rows] == one.rows.tolist()
+
+
+def test_chosen_ones_stay_and_excluded_ones_stay_out() -> None:
+    question = drawn(2, VARIANCE)
+    free = best_poses([question], 3).rows
+    exclude = np.isin(np.arange(16), free[:1])
+    choice = best_poses([question], 3, exclude=exclude, start=np.array([free[1]]))
+    assert not set(choice.rows.tolist()) & set(free[:2].tolist())
+    with pytest.raises(CalibError, match="found 2 candidates for 3 poses"):
+        best_poses([question], 3, exclude=np.arange(16) > 1)
+
+
+def test_the_worst_of_several_questions_is_made_small() -> None:
+    """Two questions that different candidates answer: the easy one must not take all poses."""
+    rng = np.random.default_rng(3)
+    rows = 0.01 * rng.standard_normal((20, 3, 2))
+    rows[:10, 0, 0] += 3.0
+    rows[10:, 0, 1] += 0.5
+    easy, hard = (Question(rows, np.eye(2) * 1e-3, np.eye(2)[:, [k]]) for k in (0, 1))
+    worst = best_poses([easy, hard], 6, together=WORST)
+    assert np.sum(worst.rows >= 10) == 5
+    assert np.sum(best_poses([easy, hard], 6).rows >= 10) == 3
+
+
+def test_many_sums_are_condensed_without_loss() -> None:
+    rng = np.random.default_rng(4)
+    wanted = rng.standard_normal((5, 60))
+    covariance = inverse(np.eye(5) + np.diag(np.arange(5.0)))
+    few = condensed(wanted)
+    assert few.shape == (5, 5)
+    assert np.trace(few.T @ covariance @ few) == pytest.approx(np.trace(wanted.T @ covariance @ wanted))
+
+
+def test_unknowns_that_nothing_bounds_are_refused() -> None:
+    with pytest.raises(CalibError, match="plan with the prior"):
+        inverse(np.ones((2, 2)))
