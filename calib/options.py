@@ -11,6 +11,10 @@ RESIDUAL_KINDS = ("position", "distance", "pairs", "pose")
 """What a fit may make small: `calib.fitting.residual_kinds`."""
 CORRECTION_KINDS = ("position", "pose")
 """What a correction may bring right: `calib.compensation.target_correction`."""
+PLAN_REGIONS = ("auto", "test", "measurable", "all")
+"""Where a planned fit may be wanted right: `calib.planning.plan`."""
+PLAN_CRITERIA = ("I", "D")
+"""What a plan for a calibration may make small: `calib.planning.purpose`."""
 DEFAULT_FOLDS = 5  # of a cross-validation
 BUILTIN_ROBOTS = ("rb5", "panda")
 """Robots that come with the library: `calib.dataset.files.robot_toml`."""

@@ -1,0 +1,188 @@
+"""A plan: the poses to measure, why each, and the held-out error that a fit has before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.array_types import Array, IndexArray
+from calib.blas_threads import one_blas_thread
+from calib.dataset.dataset import Dataset, Poses
+from calib.effects.catalogue import family_of
+from calib.effects.effect import Effect, Family, full_name
+from calib.errors import CalibError
+from calib.options import PLAN_REGIONS
+from calib.planning.candidates import candidates_of
+from calib.planning.exchange import best_poses
+from calib.planning.prediction import (
+    Prediction,
+    Region,
+    enough_poses,
+    predicted,
+    predicted_of_nominal,
+)
+from calib.planning.purpose import ForCalibration, Purpose, Situation
+from calib.planning.question import Question, condensed
+from calib.planning.reasons import new_ids, reasons
+from calib.planning.start import Start
+from calib.simulation.pose_design import random_poses
+
+CANDIDATES = 500
+RIGHT_EVERYWHERE = ForCalibration()
+_REGION = 300  # poses of a region that is drawn
+_FEWEST_TEST = 5  # test poses that make a region
+_FURTHER = 40  # poses beyond the plan, to see when more no longer pay
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The poses to measure, in the order of measuring, and what they are good for."""
+
+    start: Start
+    purpose: Purpose
+    poses: Poses
+    why: tuple[str, ...]  # a few words a pose
+    worth: tuple[int, ...]  # 1 is the pose that tells most, by pose
+    region: str  # where the error is predicted, in words
+    now: Prediction
+    then: Prediction
+    curve_mm: Array  # (n + 1,) the predicted error by the number of new poses, from none to beyond the plan
+    enough: int | None  # new poses from which five more lower it by less than 5 %; None: not within the curve
+    settles: float | None  # probability that what is open is settled
+    told: tuple[str, ...]  # what the plan does for its purpose
+    notes: tuple[str, ...]  # what was assumed, and what the prediction cannot know
+
+    @property
+    def to_measure(self) -> Dataset:
+        """The dataset's robot, jig and scanner with the planned poses."""
+        return replace(self.start.dataset, poses=self.poses, points=None, scan_folder=None, left_out=())
+
+
+@one_blas_thread()
+def plan_poses(
+    start: Start,
+    count: int,
+    *,
+    purpose: Purpose = RIGHT_EVERYWHERE,
+    region: str = "auto",
+    user_effects: Sequence[Family] = (),
+    candidates: int = CANDIDATES,
+    seed: int = 0,
+) -> Plan:
+    """Choose `count` poses to measure.
+
+    Args:
+        start: what is known already.
+        purpose: what the poses are for.
+        region: where the fit is to be right: the test poses ("test"), all that can be measured ("measurable"), the
+            joints' whole range ("all"); "auto" takes the test poses where there are at least five.
+        user_effects: families of the user's own that the purpose may name.
+        candidates: how many poses to choose from.
+        seed: of the candidates.
+
+    Raises:
+        CalibError: too few poses can be measured, or an effect that cannot be planned for.
+    """
+    if count < 1:
+        raise CalibError(f"found {count} poses to plan; ask for 1 or more")
+    if region not in PLAN_REGIONS:
+        raise CalibError(f"no region {region!r}; there are {', '.join(PLAN_REGIONS)}")
+    rng = np.random.default_rng(seed)
+    offered = start.poses_at(candidates_of(start, max(candidates, 2 * count), rng=rng))
+    unknowns = start.unknowns(_members(start, offered, purpose.effects, user_effects))
+    wanted_at = _region(start, offered, region, rng)
+    situation = Situation(start, unknowns, offered, unknowns.rows(offered), Region.of(*wanted_at, unknowns))
+    chosen = best_poses(purpose.questions(situation), count, together=purpose.together).rows
+    curve_mm = _curve(situation, chosen)
+    none = np.zeros(0, dtype=np.int64)
+    if start.measured is None:
+        now = predicted_of_nominal(situation.region, unknowns, rng)
+        curve_mm[0] = now.geometry_mm
+    else:
+        now = predicted(situation.region, situation.information(none), unknowns.degrees_of_freedom, rng)
+    then = predicted(situation.region, situation.information(chosen), unknowns.degrees_of_freedom, rng)
+    why, order = reasons(situation, chosen), _order(situation, chosen)
+    return Plan(
+        start=start,
+        purpose=purpose,
+        poses=_to_measure(situation, chosen[order]),
+        why=tuple(why[k] for k in order),
+        worth=tuple(int(k) + 1 for k in order),
+        region=situation.region.words,
+        now=now,
+        then=then,
+        curve_mm=curve_mm,
+        enough=enough_poses(curve_mm),
+        settles=purpose.settles(situation, chosen),
+        told=purpose.told(situation, chosen),
+        notes=start.notes,
+    )
+
+
+def _members(
+    start: Start, offered: Poses, names: Sequence[str], user_effects: Sequence[Family]
+) -> tuple[Effect, ...]:
+    """The members of these families for the unknowns, those that the fit has already apart.
+
+    Raises CalibError for a family that the planned poses cannot test either, or that is at a few of many places.
+    """
+    in_fit = {p.name for p in start.unknowns().model.parameters}
+    members: list[Effect] = []
+    for name in names:
+        family = None if start.measured is None else family_of(start.dataset, name, user_effects)
+        if family is None or family.why_not:
+            family = family_of(replace(start.dataset, poses=offered, points=None), name, user_effects)
+        if family.why_not:
+            raise CalibError(f"effect {name} cannot be planned for: {family.why_not}; {family.would_help}")
+        if family.sparse:
+            raise CalibError(
+                f"effect {name} is at few of {len(family.members)} places, which no pose can be planned for; "
+                "add it to the fit with --add"
+            )
+        members += [m for m in family.members if not in_fit & {full_name(m, p) for p in m.parameters}]
+    return tuple(members)
+
+
+def _region(start: Start, offered: Poses, region: str, rng: np.random.Generator) -> tuple[str, Poses]:
+    """In words, and its poses."""
+    measured = start.measured
+    if measured is not None and region in ("auto", "test"):
+        placed = np.isin(measured.setup, list(start.unknowns().scanner_T_base))
+        test = np.flatnonzero(measured.is_test & placed)
+        if len(test) >= (_FEWEST_TEST if region == "auto" else 1):
+            return f"the {len(test)} test poses", measured.select(test)
+    if region == "test":
+        raise CalibError(f"dataset {start.dataset.name}: no test poses to be right at; take another region")
+    if region == "all":
+        robot = start.dataset.robot
+        return "the joints' whole range", start.poses_at(random_poses(robot, _REGION, rng=rng))
+    some = np.arange(min(_REGION, len(offered)))
+    return "the poses that can be measured", offered.select(some)
+
+
+def _curve(situation: Situation, chosen: IndexArray) -> Array:
+    """(n + 1,) the region's predicted error with the first of the chosen, in order of worth, then with more."""
+    region = Question(situation.rows, situation.unknowns.known, condensed(situation.region.wanted))
+    further = min(_FURTHER, len(situation.rows) - len(chosen))
+    more = best_poses([region], further, start=chosen, exchange=False).rows
+    all_of_them = np.concatenate([chosen, more])
+    logs = [region.log_value(situation.information(all_of_them[:k])) for k in range(len(all_of_them) + 1)]
+    return np.exp(0.5 * np.array(logs))
+
+
+def _order(situation: Situation, chosen: IndexArray) -> IndexArray:
+    """The order of measuring, as indices into the chosen."""
+    return np.arange(len(chosen))
+
+
+def _to_measure(situation: Situation, rows: IndexArray) -> Poses:
+    """The chosen candidates under names of their own; the first of a set from scratch is the reference."""
+    measured = situation.start.measured
+    ids = new_ids(len(rows), () if measured is None else measured.ids)
+    role = np.full(len(rows), "train", dtype="<U9")
+    if measured is None:
+        role[0] = "reference"
+    poses = situation.candidates.select(rows)
+    return replace(poses, ids=ids, role=role, scan_names=tuple(f"{pose_id}.ply" for pose_id in ids))

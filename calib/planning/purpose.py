@@ -1,0 +1,143 @@
+"""What poses are wanted for: the questions that they are to answer, and how much of an answer they will be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from calib.array_types import Array, IndexArray
+from calib.dataset.dataset import Poses
+from calib.errors import CalibError
+from calib.options import PLAN_CRITERIA
+from calib.planning.exchange import ALL
+from calib.planning.prediction import Region
+from calib.planning.question import VARIANCE, VOLUME, Question, condensed, inverse
+from calib.planning.start import Start
+from calib.planning.unknowns import Unknowns
+
+CALIBRATION = "calibration"
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What a purpose may ask about."""
+
+    start: Start
+    unknowns: Unknowns
+    candidates: Poses  # (N,)
+    rows: Array  # (N, r, K) of `Unknowns.rows` at the candidates
+    region: Region
+
+    def information(self, chosen: IndexArray) -> Array:
+        """(K, K) what is known once these candidates are measured."""
+        rows = self.rows[chosen].reshape(-1, self.rows.shape[-1])
+        return np.asarray(self.unknowns.known + rows.T @ rows)
+
+
+class Purpose(Protocol):
+    """What a plan is for."""
+
+    @property
+    def name(self) -> str:
+        """As --for takes it."""
+        ...
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Families that the unknowns are to have beside those of the fit."""
+        ...
+
+    @property
+    def together(self) -> str:
+        """How several questions count, of `calib.planning.exchange`."""
+        ...
+
+    def questions(self, situation: Situation) -> tuple[Question, ...]:
+        """What the poses are to tell."""
+        ...
+
+    def settles(self, situation: Situation, chosen: IndexArray) -> float | None:
+        """The probability that what is open is settled by these candidates; None where nothing is."""
+        ...
+
+    def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
+        """What the chosen candidates do for the purpose, a sentence each."""
+        ...
+
+
+@dataclass(frozen=True)
+class ForCalibration:
+    """The model right over a region (I-optimal), or its parameters known (D-optimal)."""
+
+    criterion: str = "I"
+    name = CALIBRATION
+    effects: tuple[str, ...] = ()
+    together = ALL
+
+    def questions(self, situation: Situation) -> tuple[Question, ...]:
+        unknowns = situation.unknowns
+        if self.criterion == "D":
+            return (Question(situation.rows, unknowns.known, unknowns.of_parameters(), VOLUME),)
+        wanted = condensed(situation.region.wanted)
+        return (Question(situation.rows, unknowns.known, wanted, VARIANCE),)
+
+    def settles(self, situation: Situation, chosen: IndexArray) -> float | None:
+        return None
+
+    def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
+        return ()
+
+
+@dataclass(frozen=True)
+class ForEffects:
+    """The coefficients of suspected effects known: the sum of their variances, each in units of its usual size."""
+
+    effects: tuple[str, ...]
+    together = ALL
+
+    @property
+    def name(self) -> str:
+        return ",".join(self.effects)
+
+    def questions(self, situation: Situation) -> tuple[Question, ...]:
+        wanted = situation.unknowns.of_parameters()[:, self._mine(situation.unknowns)]
+        if not np.any(situation.rows @ wanted):
+            raise CalibError(
+                f"{self.name} shows at no pose that can be measured, so none can be planned for it"
+            )
+        return (Question(situation.rows, situation.unknowns.known, wanted, VARIANCE),)
+
+    def settles(self, situation: Situation, chosen: IndexArray) -> float | None:
+        return None
+
+    def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
+        unknowns = situation.unknowns
+        none = np.zeros(0, dtype=np.int64)
+        before, after = (
+            np.sqrt(np.diag(inverse(situation.information(rows))))[: len(unknowns.scales)] * unknowns.scales
+            for rows in (none, chosen)
+        )
+        parameters = unknowns.model.parameters
+        return tuple(
+            f"sigma of {parameters[k].name}: {before[k]:.2g} -> {after[k]:.2g} {parameters[k].unit}"
+            for k in self._mine(unknowns)
+        )
+
+    def _mine(self, unknowns: Unknowns) -> list[int]:
+        """Which unknowns are coefficients of these effects."""
+        families = tuple(f"{name}." for name in self.effects)
+        return [k for k, name in enumerate(unknowns.parameter_names) if name.startswith(families)]
+
+
+def purpose_of(words: str, criterion: str = "I") -> Purpose:
+    """The purpose that --for names: "calibration", or effects with commas between."""
+    if criterion not in PLAN_CRITERIA:
+        raise CalibError(f"no criterion {criterion!r}; there are {' and '.join(PLAN_CRITERIA)}")
+    names = tuple(dict.fromkeys(name.strip() for name in words.split(",") if name.strip()))
+    if names == (CALIBRATION,):
+        return ForCalibration(criterion)
+    if not names or CALIBRATION in names:
+        raise CalibError(f"--for {words}: give {CALIBRATION}, or effects with commas between")
+    return ForEffects(names)

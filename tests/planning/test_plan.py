@@ -1,0 +1,142 @@
+"""Plans for fits and for arms: the prediction against simulated truth, and what a plan says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.calibration.calibrate import calibrate
+from calib.dataset.dataset import Poses
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.errors import CalibError
+from calib.planning.plan import Plan, plan_poses
+from calib.planning.prediction import enough_poses
+from calib.planning.purpose import ForCalibration, ForEffects, purpose_of
+from calib.planning.start import FromFit, FromRobot
+from calib.simulation.measured_dataset import measure
+from calib.simulation.pose_design import draw_scanner_pose, scan_poses
+from calib.simulation.truth.arm_sampling import draw_truth
+
+RB5 = builtin_robot("rb5")
+SCANNER = draw_scanner_pose(RB5, rng=np.random.default_rng(0))
+NOISE_MM = 0.05
+
+
+def measured(q: np.ndarray, test: int, seed: int):
+    """An arm with errors of its own, measured at joints (N, n), the last of which are test poses."""
+    rng = np.random.default_rng(seed)
+    role = np.full(len(q), "train", dtype="<U9")
+    role[0], role[len(q) - test :] = "reference", "test"
+    ids = tuple(f"p{i + 1:02d}" for i in range(len(q)))
+    poses = Poses(ids, role, q, np.full(len(q), ""), ids)
+    truth = draw_truth(RB5, SCANNER, q, rng=rng)
+    return measure(RB5, truth, poses, rng=rng, name="arm", noise_mm=NOISE_MM)
+
+
+@pytest.fixture(scope="module")
+def seen() -> np.ndarray:
+    return scan_poses(RB5, SCANNER, 140, rng=np.random.default_rng(7))
+
+
+@pytest.fixture(scope="module")
+def start(seen: np.ndarray) -> FromFit:
+    return FromFit(calibrate(measured(seen[:40], 15, 0).dataset))
+
+
+@pytest.fixture(scope="module")
+def plan(start: FromFit) -> Plan:
+    return plan_poses(start, 5, candidates=100)
+
+
+@pytest.fixture(scope="module")
+def first_set() -> Plan:
+    return plan_poses(FromRobot(RB5, SCANNER), 20, candidates=200)
+
+
+def test_the_next_poses_of_a_dataset(start: FromFit, plan: Plan) -> None:
+    assert plan.poses.ids == ("p41", "p42", "p43", "p44", "p45")
+    assert set(plan.poses.role) == {"train"}
+    assert plan.region == "the 15 test poses"
+    assert plan.then.geometry_mm < plan.now.geometry_mm
+    assert plan.now.low_mm < plan.now.geometry_mm < plan.now.high_mm
+    assert plan.then.with_noise_mm == pytest.approx(
+        np.hypot(plan.then.geometry_mm, np.sqrt(3.0) * start.calibration.sigma_mm), rel=1e-6
+    )
+    assert all(plan.why)
+    assert sorted(plan.worth) == [1, 2, 3, 4, 5]
+    assert plan.settles is None
+    assert plan.notes == ()
+
+
+def test_more_poses_never_raise_the_predicted_error(plan: Plan, first_set: Plan) -> None:
+    assert np.all(np.diff(plan.curve_mm) < 0.0)
+    assert np.all(np.diff(first_set.curve_mm[1:]) < 0.0)
+    assert plan.curve_mm[5] == pytest.approx(plan.then.geometry_mm)
+    assert first_set.curve_mm[20] == pytest.approx(first_set.then.geometry_mm)
+
+
+def test_a_first_set_has_a_reference_and_says_what_it_assumes(first_set: Plan) -> None:
+    assert first_set.poses.role.tolist() == ["reference", *["train"] * 19]
+    assert first_set.poses.ids[0] == "p01"
+    assert "0.05 mm of noise" in first_set.notes[0]
+    assert first_set.now.geometry_mm > 1.0  # as large as tolerances
+    assert first_set.enough is None or first_set.enough > 20
+
+
+@pytest.mark.slow
+def test_arms_that_are_measured_as_planned_have_the_predicted_error(
+    first_set: Plan, seen: np.ndarray
+) -> None:
+    """Errors and noise of 12 arms from the simulated truth, which shares no code with the plan."""
+    q = np.concatenate([first_set.poses.q, seen[:60]])
+    squares = []
+    for seed in range(12):
+        simulated = measured(q, 60, seed)
+        errors = calibrate(simulated.dataset).after
+        test = errors.is_test[errors.pose]
+        assert simulated.dataset.points is not None
+        noise_mm = simulated.dataset.points.xyz_mm - simulated.apex_mm
+        squares.append(np.mean(np.sum((errors.error_mm + noise_mm)[test] ** 2, axis=1)))
+    assert np.sqrt(np.mean(squares)) == pytest.approx(first_set.then.geometry_mm, rel=0.15)
+
+
+def test_a_suspected_effect_is_known_better_by_poses_planned_for_it(start: FromFit) -> None:
+    for_it = plan_poses(
+        start, 5, candidates=100, purpose=ForEffects(("joint_compliance",)), region="measurable"
+    )
+    assert for_it.region == "the poses that can be measured"
+    told = [line for line in for_it.told if ".J2." in line]
+    before, after = (float(word) for word in told[0].split(": ")[1].split(" rad")[0].split(" -> "))
+    assert after < before
+    with pytest.raises(CalibError, match="joint_dent is at few of"):
+        plan_poses(start, 5, candidates=100, purpose=ForEffects(("joint_dent",)))
+
+
+def test_a_fit_that_leaves_more_than_noise_is_told(start: FromFit) -> None:
+    dataset = start.calibration.dataset
+    finer = replace(dataset, scanner=replace(dataset.scanner, point_sigma_mm=0.005))
+    notes = FromFit(calibrate(finer)).notes
+    assert "times the declared noise, so something is missing" in notes[0]
+
+
+def test_a_further_place_of_the_scanner_is_a_setup_of_its_own(start: FromFit) -> None:
+    moved = FromFit(start.calibration, scanner_place=SCANNER)
+    plan = plan_poses(moved, 2, candidates=60)
+    assert set(plan.poses.setup) == {"new"}
+    assert plan.then.geometry_mm < plan.now.geometry_mm
+
+
+def test_when_more_poses_no_longer_pay() -> None:
+    assert enough_poses(1.0 / np.sqrt(np.arange(1.0, 80.0))) == 46
+    assert enough_poses(np.array([3.0, 2.0, 1.0])) is None
+
+
+def test_what_cannot_be_planned(start: FromFit) -> None:
+    with pytest.raises(CalibError, match="ask for 1 or more"):
+        plan_poses(start, 0)
+    with pytest.raises(CalibError, match="no region 'here'"):
+        plan_poses(start, 3, region="here")
+    with pytest.raises(CalibError, match="no criterion 'E'"):
+        purpose_of("calibration", "E")
+    assert purpose_of("calibration", "D") == ForCalibration("D")
+    assert purpose_of("backlash, joint_compliance") == ForEffects(("backlash", "joint_compliance"))
