@@ -17,6 +17,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.dataset.surroundings import Surroundings
 from calib.errors import DatasetError
 from calib.jig import Jig
 from calib.kinematics.robot import Robot
@@ -33,6 +34,9 @@ class Scanner:
     scan_sigma_mm: float | None = None  # one scan point, along the ray
     extra: Mapping[str, Any] = field(default_factory=dict)
     orientation_sigma_rad: float | None = None  # one measured orientation, about each axis
+    field_mm: tuple[float, float, float] | None = None  # width and height at that distance, and depth
+    distance_mm: float | None = None  # from the scanner to the middle of its field; known where the field is
+    max_incidence_deg: float | None = None  # the steepest face that it measures
 
 
 @dataclass(frozen=True)
@@ -211,6 +215,7 @@ class Dataset:
     left_out: tuple[str, ...] = ()  # ids of poses that count for nothing
     noise: NoiseShape | None = None  # of the points, where it is known to differ from the declared one
     about: About = field(default_factory=About)
+    surroundings: Surroundings = field(default_factory=Surroundings)
 
     def scan_path(self, pose: int) -> Path | None:
         """Where the scan of a pose lies; None where the dataset has no scans."""

@@ -53,6 +53,7 @@ class StepRule:
     iterations: int
     constant_damping_mm2: float = 0.0  # mu; 0: damped only where a full step does not lower the error
     longest_step: float = np.inf  # of any joint, scaled
+    by_normal_equations: bool = False  # instead of singular values: quicker; only for a constant damping
 
 
 FROM_NEARBY = StepRule(iterations=100)
@@ -79,7 +80,10 @@ def solve_inverse(
         is_damped = takes_all | (damping[active, None] > 0.0)
         to_start = np.where(is_damped, 0.0, (start[active] - at) / units)
         damped = (damping[active], rule.constant_damping_mm2)
-        step = _step(jacobian, error, to_start, damped, at <= low[active], at >= high[active])
+        if rule.by_normal_equations:
+            step = _damped_by_normal_equations(jacobian, error, rule.constant_damping_mm2)
+        else:
+            step = _step(jacobian, error, to_start, damped, at <= low[active], at >= high[active])
         longest = np.abs(step).max(axis=1, keepdims=True)
         step = step * np.minimum(1.0, rule.longest_step / np.maximum(longest, 1e-12))
         trial = np.clip(at + step * units, low[active], high[active])
@@ -129,3 +133,9 @@ def _damped(jacobian: Array, error: Array, to_start: Array, damping: tuple[Array
     along = gain * np.einsum("kir,ki->kr", u, error)
     back = np.where(keep, np.einsum("krn,kn->kr", vt, to_start), 0.0)
     return to_start + np.einsum("krn,kr->kn", vt, along - back)
+
+
+def _damped_by_normal_equations(jacobian: Array, error: Array, constant_mm2: float) -> Array:
+    """J^T (J J^T + mu)^(-1) e as it stands: (K, m, n) -> (K, n)."""
+    square = jacobian @ np.swapaxes(jacobian, 1, 2) + constant_mm2 * np.eye(jacobian.shape[1])
+    return np.einsum("kmn,km->kn", jacobian, np.linalg.solve(square, error[..., None])[..., 0])

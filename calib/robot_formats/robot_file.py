@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.dataset.files.robot_checks import refuse_beyond
 from calib.dataset.files.robot_toml import builtin_robot, load_robot
+from calib.dataset.robot_checks import refuse_beyond
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS

@@ -19,12 +19,12 @@ from calib.errors import CalibError
 from calib.jig import Jig
 from calib.kinematics.robot import Robot
 from calib.scans.scan import write_scan
-from calib.simulation.pose_design import target_T_jig
 from calib.simulation.scanner import ScanModel, SimulatedScan, simulate_scan
 from calib.simulation.scene import CUBE_CORNER
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target, truth_document
 from calib.simulation.truth.mechanism import Conditions
 from calib.simulation.truth.visibility import SimulatedCell
+from calib.workcell.jig_frames import target_T_jig
 
 _WINDOW_RASTER_MM = 30.0
 

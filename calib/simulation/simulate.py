@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from calib.array_types import Array
 from calib.dataset.dataset import Poses
 from calib.errors import CalibError
-from calib.jig import Jig, jig_geometry
+from calib.jig import Jig
+from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
 from calib.simulation.conditions import draw_conditions
 from calib.simulation.measured_dataset import Simulation, measure
@@ -24,7 +25,6 @@ from calib.simulation.pose_design import (
     draw_scanner_pose,
     draw_setups,
     facing_poses,
-    random_poses,
     scan_poses,
     spread_poses,
 )
@@ -41,9 +41,7 @@ from calib.simulation.truth.arm_sampling import (
     effect_name,
 )
 from calib.simulation.truth.mechanism import Conditions
-
-JIG_HEIGHT_MM = 88.0
-"""From the flange to the jig's apex, Jang's Table 2; taken where a robot's tool row has no length of its own."""
+from calib.workcell.jig_frames import with_jig
 
 
 def simulate_dataset(
@@ -155,13 +153,6 @@ def simulate_dataset(
         repeats=repeats,
         orientation_sigma_rad=orientation_sigma_rad,
     )
-
-
-def with_jig(robot: Robot, jig: Jig) -> Robot:
-    """The robot with a tool row that reaches from the flange to a jig's apex, where it has none."""
-    if abs(robot.tool.d_mm) > float(np.abs(jig_geometry(jig)[0][:, 2]).mean()) + 1.0:
-        return robot
-    return replace(robot, tool=replace(robot.tool, d_mm=JIG_HEIGHT_MM))
 
 
 def draw_roles(count: int, *, rng: np.random.Generator) -> NDArray[np.str_]:

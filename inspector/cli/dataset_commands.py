@@ -18,8 +18,8 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.points_csv import LEAST_SIGMA_MM, MOST_SIGMA_MM
-from calib.dataset.files.robot_checks import refuse_beyond
 from calib.dataset.files.robot_toml import builtin_robot, load_robot
+from calib.dataset.robot_checks import refuse_beyond
 from calib.effects.catalogue import descriptions
 from calib.errors import DatasetError
 from calib.identifiability.structural import free_frame_rank, redundancy

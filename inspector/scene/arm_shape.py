@@ -19,13 +19,13 @@ from calib.dataset.dataset import Poses
 from calib.effects.state import RobotState
 from calib.fitting.model import Model
 from calib.kinematics.robot import Robot
+from calib.workcell.bodies.arm_bodies import reach_mm
 
 THICKNESS = 0.040  # radius of the first joint over the arm's reach
 LAST_THICKNESS = 0.45  # radius of the last joint over that of the first
 JOINT_LENGTH = 2.4  # over its radius
 LINK_THICKNESS = 0.72  # radius of a link over that of its joint
 TOOL_THICKNESS = 0.35
-USUAL_REACH_MM = 500.0  # of an arm whose table is all zero
 
 
 @dataclass(frozen=True)
@@ -62,13 +62,6 @@ class ArmShape:
             a_T_base @ self.base_T_link,
             frames.apply(a_T_base, self.tip_mm),
         )
-
-
-def reach_mm(robot: Robot) -> float:
-    """How far the arm could reach, all its lengths in one line; prismatic joints as far as their limits say."""
-    lengths = float(np.abs(robot.table[:-1, [0, 2]]).sum())
-    strokes = sum(max(abs(j.min or 0.0), abs(j.max or 0.0)) for j in robot.joints if not j.is_revolute)
-    return lengths + strokes or USUAL_REACH_MM
 
 
 def arm_shape(model: Model, x: ArrayLike, poses: Poses, pose: int) -> ArmShape:

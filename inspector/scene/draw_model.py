@@ -15,6 +15,7 @@ from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
 from calib.fitting.observations import Observations
 from calib.scans.scan import Scan
+from calib.workcell.bodies.link_mesh import load_link_mesh
 from inspector.markup.model.comparison import distance_limit_mm, error_limit_mm
 from inspector.markup.parts import colour_scale, numbers
 from inspector.markup.parts.palette import (
@@ -29,7 +30,6 @@ from inspector.markup.parts.palette import (
 from inspector.scene import corner_nodes, model_nodes
 from inspector.scene.arm_shape import arm_of
 from inspector.scene.arrow_lengths import drawn_as, field_mm
-from inspector.scene.link_mesh import load_link_mesh
 from inspector.scene.scene_view import ROOT, SceneView
 from inspector.session.view import BY_ERROR, View
 

@@ -10,9 +10,9 @@ import viser
 import viser.transforms
 
 from calib.array_types import Array, ByteArray, IndexArray
+from calib.workcell.bodies.link_mesh import LinkMesh
 from inspector.markup.parts.palette import ARM, HIGHLIGHT, JOINT, SLIDE, rgb
 from inspector.scene.arm_shape import ArmShape
-from inspector.scene.link_mesh import LinkMesh
 from inspector.scene.scene_view import M_PER_MM, cloud, to_scene
 from inspector.scene.shapes import facing, unit_cylinder, unit_sphere
 

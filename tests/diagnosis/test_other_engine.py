@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from calib.dataset.dataset import Dataset, Points, Poses, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
+from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
-from calib.simulation.pose_design import random_poses
 from tests.support.mujoco_arm import in_mujoco, mujoco_model
 
 POSES, TRAIN = 80, 64

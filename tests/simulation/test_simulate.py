@@ -15,13 +15,12 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
 from calib.jig import jig_geometry
 from calib.kinematics.chain import forward
+from calib.kinematics.joint_range import random_poses
 from calib.scans.scan import load_scan
 from calib.simulation.conditions import PAYLOADS_KG
 from calib.simulation.measured_dataset import write_simulation
 from calib.simulation.pose_design import (
-    JANG_FIELD,
     draw_scanner_pose,
-    random_poses,
     reach_apexes,
     spread_poses,
 )
@@ -37,6 +36,7 @@ from calib.simulation.truth.equilibrium import Truth, scanner_T_target, solve_eq
 from calib.simulation.truth.joint_effects import JointScale
 from calib.simulation.truth.load_effects import JointCompliance
 from calib.simulation.truth.mechanism import Conditions
+from calib.workcell.scan_field import JANG_FIELD
 
 ARMS = ("rb5", "panda")
 SOME = ("joint_compliance", "transmission_error", "tool_sag")

@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-import math
 import shutil
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 
-from calib.dataset.dataset import About, Dataset, Poses, Scanner
+from calib.dataset.dataset import About, Dataset, Poses
 from calib.dataset.files.atomic_write import write_text_atomically
+from calib.dataset.files.cell_tables import (
+    load_scanner,
+    load_surroundings,
+    scanner_document,
+    surroundings_document,
+)
 from calib.dataset.files.csv_table import TableFile
 from calib.dataset.files.declared_units import load_units
 from calib.dataset.files.points_checks import unmeasured_note
-from calib.dataset.files.points_csv import (
-    LEAST_SIGMA_DEG,
-    LEAST_SIGMA_MM,
-    MOST_SIGMA_DEG,
-    MOST_SIGMA_MM,
-    load_points,
-    points_frame,
-)
+from calib.dataset.files.points_csv import load_points, points_frame
 from calib.dataset.files.poses_csv import is_one_line, load_poses, poses_frame
-from calib.dataset.files.robot_checks import refuse_beyond
 from calib.dataset.files.robot_toml import load_robot, robot_to_toml
 from calib.dataset.files.toml_table import TomlTable
+from calib.dataset.robot_checks import refuse_beyond
 from calib.errors import CornerError, DatasetError
 from calib.jig import Jig, jig_normals
 
@@ -92,8 +90,9 @@ def load_dataset(folder: str | Path) -> Dataset:
         _check_scans(folder, scans, poses, poses_path, needed=points is None)
     jig, jig_extra = _jig(top.table("jig"))
     about = _about(top.table("about"))
+    surroundings = load_surroundings(top.table("cell"))
     scanner_table = top.table("scanner")
-    scanner = _scanner(scanner_table)
+    scanner = load_scanner(scanner_table)
     if scanner.scan_sigma_mm is not None and scanner.scan_sigma_mm > jig.edge_mm / 10.0:
         raise scanner_table.error(
             "scan_sigma_mm",
@@ -115,6 +114,7 @@ def load_dataset(folder: str | Path) -> Dataset:
         extra=dict(top.unread()) | ({"jig": jig_extra} if jig_extra else {}),
         jig_is_declared="jig" in top.data,
         about=about,
+        surroundings=surroundings,
     )
 
 
@@ -160,28 +160,6 @@ def _about(table: TomlTable) -> About:
                 key, f"found {told[key]!r}", "a text of one line without control characters is needed"
             )
     return About(**told, extra=table.unread())
-
-
-def _scanner(table: TomlTable) -> Scanner:
-    sigma_deg = _sigma(table, "orientation_sigma_deg", LEAST_SIGMA_DEG, MOST_SIGMA_DEG, "deg")
-    return Scanner(
-        orientation_sigma_rad=None if sigma_deg is None else math.radians(sigma_deg),
-        point_sigma_mm=_sigma(table, "point_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
-        scan_sigma_mm=_sigma(table, "scan_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
-        extra=table.unread(),
-    )
-
-
-def _sigma(table: TomlTable, key: str, least: float, most: float, unit: str) -> float | None:
-    """A standard deviation that an instrument may have; None where the key is absent."""
-    sigma = table.number(key, positive=True)
-    if sigma is not None and not least <= sigma <= most:
-        raise table.error(
-            key,
-            f"found {sigma:g} {unit}",
-            f"a sigma lies between {least:g} and {most:g} {unit}; leave the line out where it is not known",
-        )
-    return sigma
 
 
 def _jig(table: TomlTable) -> tuple[Jig, dict[str, Any]]:
@@ -263,13 +241,9 @@ def _dataset_document(dataset: Dataset) -> dict[str, Any]:
     if dataset.scan_folder is not None:
         document["scans"] = dataset.scan_folder
     document |= extra
-    sigmas = {
-        "point_sigma_mm": dataset.scanner.point_sigma_mm,
-        "scan_sigma_mm": dataset.scanner.scan_sigma_mm,
-    }
-    if dataset.scanner.orientation_sigma_rad is not None:
-        sigmas["orientation_sigma_deg"] = math.degrees(dataset.scanner.orientation_sigma_rad)
-    document["scanner"] = {k: v for k, v in sigmas.items() if v is not None} | dict(dataset.scanner.extra)
+    document["scanner"] = scanner_document(dataset.scanner)
+    if cell := surroundings_document(dataset.surroundings):
+        document["cell"] = cell
     about = {key: value for key in ABOUT if (value := getattr(dataset.about, key))} | dict(
         dataset.about.extra
     )

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
+from calib.workcell.bodies.arm_bodies import reach_mm
 from inspector.panels.review import ReviewPanel
-from inspector.scene.arm_shape import reach_mm
 from inspector.scene.draw_scan import middle_of
 from inspector.scene.floor import draw_floor, draw_scale
 from inspector.scene.scene_view import BESIDE, DOWN, LAYERS, SceneView

@@ -15,7 +15,8 @@ from calib.effects.catalogue import effects_for
 from calib.fitting.model import Model, geometric_model
 from calib.kinematics.robot import Joint, Robot, Target, Tool
 from calib.simulation.simulate import simulate_dataset
-from inspector.scene.arm_shape import ArmShape, arm_shape, reach_mm
+from calib.workcell.bodies.arm_bodies import reach_mm
+from inspector.scene.arm_shape import ArmShape, arm_shape
 
 
 def poses_at(q: np.ndarray) -> Poses:

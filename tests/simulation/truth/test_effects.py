@@ -13,9 +13,10 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.effects.catalogue import catalogue_names
 from calib.errors import CalibError
 from calib.kinematics.chain import target_jacobian
+from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Joint, Robot, Tool
 from calib.simulation.conditions import draw_conditions
-from calib.simulation.pose_design import draw_scanner_pose, draw_setups, random_poses
+from calib.simulation.pose_design import draw_scanner_pose, draw_setups
 from calib.simulation.truth.arm_sampling import OUTSIDE_EFFECTS, SIMULATED_EFFECTS, draw_truth
 from calib.simulation.truth.effect import TrueEffect
 from calib.simulation.truth.effect_sampling import CATALOGUE, OUTSIDE

@@ -10,8 +10,8 @@ from scipy.optimize import brentq
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
 from calib.kinematics.chain import forward
+from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Joint, Robot, Tool
-from calib.simulation.pose_design import random_poses
 from calib.simulation.truth.equilibrium import Truth, solve_equilibrium
 from calib.simulation.truth.joint_effects import TransmissionError
 from calib.simulation.truth.load_effects import JointCompliance

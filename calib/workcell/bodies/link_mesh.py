@@ -1,4 +1,4 @@
-"""The meshes that robot.toml names for looking at: each in its link's own frame, in mm."""
+"""The meshes of links that robot.toml names: each in its link's own frame, in mm."""
 
 from __future__ import annotations
 
@@ -22,6 +22,21 @@ class LinkMesh:
 
     vertices_mm: Array  # (V, 3) in the link's own frame
     triangles: NDArray[np.int64]  # (T, 3) indices into them
+
+    def bounding_capsule(self) -> tuple[Array, Array, float]:
+        """Ends (3,) of an axis along the mesh and a radius, mm, about which every vertex lies inside."""
+        middle = self.vertices_mm.mean(axis=0)
+        off_mm = self.vertices_mm - middle
+        axis = np.linalg.svd(off_mm, full_matrices=False)[2][0]
+        along = off_mm @ axis
+        across = np.linalg.norm(off_mm - along[:, None] * axis, axis=1)
+        radius = float(across.max())
+        rounded = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
+        first, last = float((along + rounded).min()), float((along - rounded).max())
+        if first > last:  # shorter than thick
+            first = last = 0.5 * (first + last)
+            radius = float(np.hypot(across, along - first).max())
+        return middle + first * axis, middle + last * axis, radius
 
 
 def load_link_mesh(dataset: Dataset, joint: int) -> LinkMesh | None:

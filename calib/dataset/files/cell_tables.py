@@ -1,0 +1,124 @@
+"""Tables of dataset.toml that tell of the cell: [scanner], its errors and field, and [cell], what is in the way."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from calib.dataset.dataset import Scanner
+from calib.dataset.files.points_csv import LEAST_SIGMA_DEG, LEAST_SIGMA_MM, MOST_SIGMA_DEG, MOST_SIGMA_MM
+from calib.dataset.files.poses_csv import is_one_line
+from calib.dataset.files.toml_table import TomlTable
+from calib.dataset.surroundings import Box, Surroundings
+
+_FARTHEST_MM = 1e5
+_MOST_BOXES = 1000
+
+
+def load_scanner(table: TomlTable) -> Scanner:
+    """[scanner]. Raises DatasetError."""
+    sigma_deg = _sigma(table, "orientation_sigma_deg", LEAST_SIGMA_DEG, MOST_SIGMA_DEG, "deg")
+    field_mm, distance_mm = table.vector("field_mm"), table.number("distance_mm", positive=True)
+    if field_mm is not None and not all(0.0 < size <= _FARTHEST_MM for size in field_mm):
+        raise table.error(
+            "field_mm", f"found {list(field_mm)}", "width, height and depth of the field, above 0, are needed"
+        )
+    if (field_mm is None) != (distance_mm is None):
+        missing = "field_mm" if field_mm is None else "distance_mm"
+        remedy = "give field_mm = [width, height, depth] and distance_mm, to the field's middle, or neither"
+        raise table.error(missing, "the key is missing", remedy)
+    if field_mm is not None and distance_mm is not None and 0.5 * field_mm[2] >= distance_mm:
+        found = f"found a depth of {field_mm[2]:g} mm around {distance_mm:g} mm"
+        raise table.error("field_mm", found, "half the depth is less than distance_mm")
+    incidence_deg = table.number("max_incidence_deg", positive=True)
+    if incidence_deg is not None and incidence_deg >= 90.0:
+        raise table.error("max_incidence_deg", f"found {incidence_deg:g}", "an angle below 90 is needed")
+    return Scanner(
+        orientation_sigma_rad=None if sigma_deg is None else math.radians(sigma_deg),
+        point_sigma_mm=_sigma(table, "point_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
+        scan_sigma_mm=_sigma(table, "scan_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
+        field_mm=field_mm,
+        distance_mm=distance_mm,
+        max_incidence_deg=incidence_deg,
+        extra=table.unread(),
+    )
+
+
+def _sigma(table: TomlTable, key: str, least: float, most: float, unit: str) -> float | None:
+    """A standard deviation that an instrument may have; None where the key is absent."""
+    sigma = table.number(key, positive=True)
+    if sigma is not None and not least <= sigma <= most:
+        raise table.error(
+            key,
+            f"found {sigma:g} {unit}",
+            f"a sigma lies between {least:g} and {most:g} {unit}; leave the line out where it is not known",
+        )
+    return sigma
+
+
+def scanner_document(scanner: Scanner) -> dict[str, Any]:
+    """What `load_scanner` reads."""
+    sigma_rad = scanner.orientation_sigma_rad
+    told = {
+        "point_sigma_mm": scanner.point_sigma_mm,
+        "scan_sigma_mm": scanner.scan_sigma_mm,
+        "orientation_sigma_deg": None if sigma_rad is None else math.degrees(sigma_rad),
+        "field_mm": None if scanner.field_mm is None else list(scanner.field_mm),
+        "distance_mm": scanner.distance_mm,
+        "max_incidence_deg": scanner.max_incidence_deg,
+    }
+    return {key: value for key, value in told.items() if value is not None} | dict(scanner.extra)
+
+
+def load_surroundings(table: TomlTable) -> Surroundings:
+    """[cell]. Raises DatasetError."""
+    floor_z_mm = table.number("floor_z_mm")
+    if floor_z_mm is not None and abs(floor_z_mm) > _FARTHEST_MM:
+        remedy = f"a height within {_FARTHEST_MM:g} mm of the base is needed"
+        raise table.error("floor_z_mm", f"found {floor_z_mm:g}", remedy)
+    rows = table.tables("boxes")
+    if len(rows) > _MOST_BOXES:
+        raise table.error("boxes", f"found {len(rows)}", f"{_MOST_BOXES} or fewer would do")
+    boxes = [_box(row, f"box {i + 1}") for i, row in enumerate(rows)]
+    names = [box.name for box in boxes]
+    for row, name in zip(rows, names, strict=True):
+        if names.count(name) > 1:
+            raise row.error("name", f"found {name!r} more than once", "give each box a name of its own")
+    return Surroundings(floor_z_mm, tuple(boxes), table.unread())
+
+
+def _box(row: TomlTable, default_name: str) -> Box:
+    name = row.text("name", default_name) or default_name
+    if not is_one_line(name):
+        raise row.error("name", f"found {name!r}", "a name is one line without control characters")
+    corners = {key: row.vector(key) for key in ("min_mm", "max_mm")}
+    for key, corner in corners.items():
+        if corner is None:
+            raise row.error(key, "the key is missing", f"add a line such as {key} = [0.0, 0.0, 0.0]")
+        if max(map(abs, corner)) > _FARTHEST_MM:
+            remedy = f"a corner within {_FARTHEST_MM:g} mm of the base is needed"
+            raise row.error(key, f"found {list(corner)}", remedy)
+    low, high = corners["min_mm"], corners["max_mm"]
+    assert low is not None
+    assert high is not None
+    for axis, least, most in zip("xyz", low, high, strict=True):
+        if least >= most:
+            found = f"found {axis} {most:g}, and min_mm has {least:g}"
+            raise row.error("max_mm", found, "each number is larger than that of min_mm")
+    for key in row.unread():
+        raise row.error(key, "is no key of a box", "name, min_mm and max_mm are")
+    return Box(name, low, high)
+
+
+def surroundings_document(surroundings: Surroundings) -> dict[str, Any]:
+    """What `load_surroundings` reads; empty where nothing is known."""
+    document: dict[str, Any] = {}
+    if surroundings.floor_z_mm is not None:
+        document["floor_z_mm"] = surroundings.floor_z_mm
+    document |= surroundings.extra
+    if surroundings.boxes:
+        document["boxes"] = [
+            {"name": box.name, "min_mm": list(box.min_mm), "max_mm": list(box.max_mm)}
+            for box in surroundings.boxes
+        ]
+    return document

@@ -1,0 +1,82 @@
+"""Poses that can be measured, spread over all that an arm can do."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.array_types import Array
+from calib.errors import CalibError
+from calib.frames import apply
+from calib.kinematics.inverse import StepRule, solve_inverse
+from calib.kinematics.joint_range import wrapped
+from calib.workcell.jig_goals import JigGoals
+from calib.workcell.measurable import counted, measurable
+from calib.workcell.scan_field import tilted
+from calib.workcell.workcell import Workcell
+
+_BATCH = 1024
+_STARTS = 4  # random joint vectors for each goal, of which the nearest is taken
+_MOST_TRIES = 40  # for each pose that is wanted
+_FEWEST_TRIES = 16 * _BATCH
+_PRISMATIC_UNIT_MM = 300.0
+_TILT_DEG = 25.0  # a cube's corner that leans farther from the line of sight has a face steeper than 70 deg
+_TOWARDS = StepRule(iterations=14, constant_damping_mm2=400.0, longest_step=0.5, by_normal_equations=True)
+
+
+def candidate_poses(cell: Workcell, count: int, *, rng: np.random.Generator) -> Array:
+    """(count, n) poses that `measurable` accepts.
+
+    Where the scanner's place and field are known, apexes and axes of the jig are drawn in it, and the joints go there
+    from random ones of the whole range; they need not arrive, only to end where the jig is seen. Otherwise joints are
+    drawn within their range.
+
+    Raises:
+        CalibError: too few exist, with what refused the others.
+    """
+    found: list[Array] = []
+    reasons: list[NDArray[np.str_]] = []
+    total = tried = 0
+    while total < count:
+        if tried >= max(_MOST_TRIES * count, _FEWEST_TRIES):
+            raise CalibError(
+                f"robot {cell.robot.name}: found {total} of {count} poses that can be measured; of {tried} tries "
+                f"{counted(reasons)}; move the scanner, widen its field or the joints' limits, or correct [cell]"
+            )
+        q = _drawn(cell, rng)
+        judged = measurable(cell, q)
+        found.append(q[judged.ok])
+        reasons.append(judged.reason)
+        tried += len(q)
+        total += len(found[-1])
+    return np.concatenate(found)[:count]
+
+
+def _drawn(cell: Workcell, rng: np.random.Generator) -> Array:
+    """(B, n) joints that are likely to hold the jig in the field."""
+    low, high = cell.low, cell.high
+    if cell.field is None or cell.base_T_scanner is None:
+        return rng.uniform(low, high, (_BATCH, len(low)))
+    goals = _goals(cell, rng)
+    starts = rng.uniform(low, high, (_STARTS, _BATCH, len(low)))
+    every = np.arange(_BATCH)
+    off = np.array([np.linalg.norm(goals.linearise(q, every)[0], axis=1) for q in starts])
+    start = starts[np.argmin(off, axis=0), every]
+    anywhere = np.full_like(start, np.inf)
+    turns = cell.robot.is_revolute
+    lowest = np.where(turns, -anywhere, low)
+    q = solve_inverse(goals, start, lowest, np.where(turns, anywhere, high), _TOWARDS)
+    return np.where(turns, wrapped(q, low), q)
+
+
+def _goals(cell: Workcell, rng: np.random.Generator) -> JigGoals:
+    """Apexes in the field and, of a jig, axes within a tilt from which its faces can be seen."""
+    assert cell.field is not None
+    assert cell.base_T_scanner is not None
+    apex_mm = cell.field.draw(_BATCH, rng)
+    outward = None
+    if cell.jig is not None:
+        sight = apex_mm / np.linalg.norm(apex_mm, axis=1, keepdims=True)
+        outward = -tilted(sight, _TILT_DEG, rng) @ cell.base_T_scanner[:3, :3].T
+    open_side = -cell.tool_T_jig[:3, 2]
+    return JigGoals(cell.robot, open_side, apply(cell.base_T_scanner, apex_mm), outward, _PRISMATIC_UNIT_MM)

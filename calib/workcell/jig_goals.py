@@ -1,0 +1,56 @@
+"""The inverse problem of a jig's apex and axis: where the scanner wants to have it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.array_types import Array, BoolArray, IndexArray
+from calib.kinematics.chain import Chain, forward, joint_jacobian
+from calib.kinematics.robot import Robot
+
+_LEVER_MM = 300.0  # weighs one radian of the jig's axis against millimetres
+
+
+@dataclass(frozen=True)
+class JigGoals:
+    """The jig's apex at N points and its axis along N directions; its turn about that axis does not matter."""
+
+    robot: Robot
+    axis_in_tool: Array  # (3,) unit, tool frame: from the jig towards its open side
+    apex_mm: Array  # (N, 3) base frame
+    outward: Array | None  # (N, 3) unit, base frame: where that axis shall point; None: anywhere
+    prismatic_unit_mm: float = 1.0  # that counts as much as a radian
+
+    @property
+    def joint_units(self) -> Array:
+        return np.where(self.robot.is_revolute, 1.0, self.prismatic_unit_mm)
+
+    def pointing(self, chain: Chain) -> Array:
+        """(K, 3) the jig's axis, base frame."""
+        return chain.base_T_frame[:, -1, :3, :3] @ self.axis_in_tool
+
+    def linearise(self, q: Array, rows: IndexArray) -> tuple[Array, Array]:
+        """The apex's error and the sine of the axis's, times `_LEVER_MM`; what turns about the axis is taken out."""
+        chain = forward(self.robot.table, q, self.robot.is_revolute, self.robot.base_T_first)
+        moved, axes = joint_jacobian(chain, self.robot.is_revolute)
+        off_mm = self.apex_mm[rows] - chain.target_mm
+        if self.outward is None:
+            return off_mm, moved * self.joint_units
+        pointing, outward = self.pointing(chain), self.outward[rows]
+        turn = np.cross(pointing, outward)
+        # Where the axis points the wrong way round its sine vanishes too: any turn leads on.
+        turn += np.where(np.sum(pointing * outward, axis=1) < -0.99, 0.1, 0.0)[:, None]
+        axes = axes - pointing[:, :, None] * np.einsum("ki,kin->kn", pointing, axes)[:, None]
+        error = np.concatenate([off_mm, _LEVER_MM * turn], axis=1)
+        return error, np.concatenate([moved, _LEVER_MM * axes], axis=1) * self.joint_units
+
+    def reached(self, q: Array) -> BoolArray:
+        """(N,) whether apex and axis are where they should be, to 1 mm and 0.02 rad."""
+        chain = forward(self.robot.table, q, self.robot.is_revolute, self.robot.base_T_first)
+        near = np.linalg.norm(self.apex_mm - chain.target_mm, axis=1) < 1.0
+        if self.outward is None:
+            return np.asarray(near)
+        cosine = np.sum(self.pointing(chain) * self.outward, axis=1)
+        return np.asarray(near & (np.arccos(np.clip(cosine, -1.0, 1.0)) < 0.02))

@@ -1,0 +1,273 @@
+"""The cell of a dataset, of which what was measured tells most, and the cell of a robot still to be measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib import frames
+from calib.array_types import Array, IndexArray
+from calib.dataset.dataset import Dataset
+from calib.dataset.surroundings import Surroundings
+from calib.errors import CalibError
+from calib.jig import Jig, jig_geometry
+from calib.kinematics.chain import Chain, forward
+from calib.kinematics.joint_range import joint_range
+from calib.kinematics.robot import Robot
+from calib.workcell.bodies.arm_bodies import FIXED, ArmBodies, arm_bodies
+from calib.workcell.bodies.link_mesh import load_link_mesh
+from calib.workcell.evident_field import MAX_INCIDENCE_DEG, evident_field, fitted_scanner_place
+from calib.workcell.in_front import likely_scanner_place
+from calib.workcell.jig_frames import target_T_jig, with_jig
+from calib.workcell.measurable import FLOOR, HIDDEN, SCANNER, SELF, incidence_cosines, measurable
+from calib.workcell.scan_field import JANG_FIELD, BoxField, ScanField
+from calib.workcell.workcell import Workcell
+
+CUBE_CORNER = Jig()
+NOTHING_KNOWN = Surroundings()
+_MOST_REFUSED = 0.1  # of the measured poses: a rule that refuses more is none of this cell's
+_THINNER = (1.0, 0.8, 0.6)  # shares of the guessed radii
+_FEW = 0.03  # of the measured poses may be refused by bodies of the right thickness
+_UNSEEN_DEG = 85.0  # a face that is measured is not steeper
+
+
+def workcell_of_robot(
+    robot: Robot,
+    *,
+    base_T_scanner: ArrayLike | None = None,
+    jig: Jig | None = CUBE_CORNER,
+    field: ScanField | BoxField | None = None,
+    surroundings: Surroundings = NOTHING_KNOWN,
+    least_manipulability: float = 0.0,
+) -> Workcell:
+    """The cell of a robot of which nothing has been measured; `notes` tell what is assumed.
+
+    Its robot has a tool row that reaches to the jig's apex, where the given one has none.
+
+    Args:
+        base_T_scanner: (4, 4); None: in front of the arm (with a jig), or not asked (without).
+        jig: None: a mirror or a ball, which is seen from everywhere.
+        field: None: with a jig Jang's scanner.
+
+    Raises:
+        CalibError: a joint has no range.
+    """
+    notes: list[str] = []
+    if jig is not None:
+        longer = with_jig(robot, jig)
+        if longer is not robot:
+            notes.append(f"tool: [tool] reaches no jig, so it is taken {longer.tool.d_mm:g} mm long")
+        robot = longer
+        if field is None:
+            field = replace(JANG_FIELD, max_incidence_deg=MAX_INCIDENCE_DEG)
+            size = f"{field.width_mm:g} x {field.height_mm:g} x {field.depth_mm:g} mm at {field.distance_mm:g} mm"
+            notes.append(f"scanner's field: {size}, assumed")
+    tool_T_jig = target_T_jig(robot)
+    if base_T_scanner is None and field is not None:
+        distance_mm = field.distance_mm if isinstance(field, ScanField) else JANG_FIELD.distance_mm
+        base_T_scanner = likely_scanner_place(robot, tool_T_jig, distance_mm)
+        at = ", ".join(f"{v:.0f}" for v in base_T_scanner[:3, 3])
+        looks = ", ".join(f"{v:.2f}" for v in base_T_scanner[:3, 2])
+        notes.append(f"scanner: assumed at ({at}) mm of the base, looking along ({looks})")
+    low, high = joint_range(robot)
+    notes += _limits_note(robot)
+    bodies = arm_bodies(robot, jig, tool_T_jig)
+    cell = Workcell(
+        robot=robot,
+        low=low,
+        high=high,
+        jig=jig,
+        tool_T_jig=tool_T_jig,
+        base_T_scanner=None if base_T_scanner is None else np.asarray(base_T_scanner, dtype=float),
+        field=field,
+        bodies=bodies,
+        floor_z_mm=surroundings.floor_z_mm,
+        boxes=surroundings.boxes,
+        least_manipulability=least_manipulability,
+        notes=(*notes, _bodies_note(bodies)),
+    )
+    return _with_likely_floor(cell, np.zeros((0, robot.n_joints)))
+
+
+def workcell_of_dataset(
+    dataset: Dataset,
+    *,
+    base_T_scanner: ArrayLike | None = None,
+    setup: str | None = None,
+    least_manipulability: float = 0.0,
+) -> Workcell:
+    """The cell in which a dataset was measured; `notes` tell what its points say of it and what is assumed.
+
+    What was measured can be measured: a rule that refuses more than a tenth of the measured poses (guessed bodies, a
+    floor that is only likely, the jig's faces) is left out, and guessed bodies are made thinner until they hide none.
+
+    Args:
+        base_T_scanner: (4, 4) where a fit has the scanner; None: where the robot's own table has it by the points.
+        setup: which placement of the scanner; None: the first.
+
+    Raises:
+        CalibError: an unknown setup, a joint without range, or a mesh that cannot be read.
+    """
+    names = list(dict.fromkeys(str(name) for name in dataset.poses.setup))
+    if setup is not None and setup not in names:
+        raise CalibError(f"dataset {dataset.name}: no setup {setup!r}; its setups are {', '.join(names)}")
+    measured = _Measured.of(dataset, names[0] if setup is None else setup)
+    jig = dataset.jig if dataset.shows_faces else None
+    told = dataset.surroundings
+    if len(measured.rows) < 3 and base_T_scanner is None:
+        field = (
+            None if dataset.scanner.field_mm is None else evident_field(dataset.scanner, np.zeros((0, 3)))[0]
+        )
+        return workcell_of_robot(
+            dataset.robot, jig=jig, field=field, surroundings=told, least_manipulability=least_manipulability
+        )
+    notes: list[str] = []
+    if base_T_scanner is None:
+        base_T_scanner = fitted_scanner_place(measured.base_mm, measured.scanner_mm)
+        notes.append(f"scanner: where the robot's own table has it by {len(measured.base_mm)} points")
+    base_T_scanner = np.asarray(base_T_scanner, dtype=float)
+    apex_mm = frames.apply(frames.invert(base_T_scanner), measured.chain.target_mm)
+    field, said = evident_field(dataset.scanner, apex_mm)
+    notes.append(said)
+    low, high = joint_range(dataset.robot)
+    notes += _limits_note(dataset.robot)
+    tool_T_jig = target_T_jig(dataset.robot)
+    if jig is not None:
+        tool_T_jig, jig, faces = _mounted(jig, tool_T_jig, measured.chain, base_T_scanner[:3, 3])
+        notes += faces
+    meshes = {
+        i: mesh for i in range(dataset.robot.n_joints) if (mesh := load_link_mesh(dataset, i)) is not None
+    }
+    cell = Workcell(
+        robot=dataset.robot,
+        low=np.minimum(low, measured.q.min(axis=0)),
+        high=np.maximum(high, measured.q.max(axis=0)),
+        jig=jig,
+        tool_T_jig=tool_T_jig,
+        base_T_scanner=base_T_scanner,
+        field=field,
+        bodies=arm_bodies(dataset.robot, jig, tool_T_jig, meshes),
+        least_manipulability=least_manipulability,
+        notes=tuple(notes),
+    )
+    cell = _as_thick_as_measured(cell, measured.q)
+    cell = replace(cell, floor_z_mm=told.floor_z_mm, boxes=told.boxes)
+    return _with_likely_floor(cell, measured.q)
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """What one setup measured: its points where the robot's table has them, and its poses, once each."""
+
+    rows: IndexArray  # (N,) of the dataset's poses
+    q: Array  # (N, n)
+    chain: Chain
+    base_mm: Array  # (M, 3)
+    scanner_mm: Array  # (M, 3)
+
+    @classmethod
+    def of(cls, dataset: Dataset, setup: str) -> _Measured:
+        robot, points = dataset.robot, dataset.points
+        every = np.zeros(0, dtype=np.intp) if points is None else points.pose
+        here = dataset.poses.setup[every] == setup
+        rows = np.unique(every[here])
+        chain = forward(robot.table, dataset.poses.q[rows], robot.is_revolute, robot.base_T_first)
+        if points is None:
+            return cls(rows, dataset.poses.q[rows], chain, np.zeros((0, 3)), np.zeros((0, 3)))
+        pose = np.searchsorted(rows, every[here])
+        base_mm = chain.target_mm[pose]
+        for target in robot.targets:
+            on = points.target[here] == target.name
+            frame = chain.base_T_link(target.joint)[pose[on]]
+            base_mm[on] = frame[:, :3, :3] @ np.array(target.xyz_mm) + frame[:, :3, 3]
+        return cls(rows, dataset.poses.q[rows], chain, base_mm, points.xyz_mm[here])
+
+
+def _limits_note(robot: Robot) -> list[str]:
+    """Which joints have no limits, and what is taken instead."""
+    open_ended = [j for j in robot.joints if j.min is None or j.max is None]
+    if not open_ended:
+        return []
+    names = ", ".join(j.name for j in open_ended)
+    return [f"joints without limits in robot.toml: {names}; half a turn either way (0 to 500 mm) is assumed"]
+
+
+def _bodies_note(bodies: ArmBodies) -> str:
+    guessed = bodies.radius_mm[bodies.piece != FIXED]
+    if not len(guessed):
+        return f"the arm's bodies: {len(bodies.meshes)} meshes of robot.toml"
+    with_mesh = f", {len(bodies.meshes)} links by their meshes" if bodies.meshes else ""
+    return (
+        f"the arm's bodies: guessed from its lengths, {guessed.min():.0f} to {guessed.max():.0f} mm "
+        f"about the straight pieces of its chain{with_mesh}"
+    )
+
+
+def _mounted(jig: Jig, tool_T_jig: Array, chain: Chain, eye_mm: Array) -> tuple[Array, Jig | None, list[str]]:
+    """How the jig sits on the tool, by the side from which it was seen; None where it was seen from all sides."""
+    _, normals = jig_geometry(jig)
+    if _unseen(tool_T_jig, normals, chain, eye_mm) <= _MOST_REFUSED:
+        return tool_T_jig, jig, []
+    sight = eye_mm - chain.target_mm
+    sight /= np.linalg.norm(sight, axis=1, keepdims=True)
+    open_side = np.einsum("nji,nj->ni", chain.base_T_frame[:, -1, :3, :3], sight).mean(axis=0)
+    open_side /= max(np.linalg.norm(open_side), 1e-9)
+    axis = np.cross(-tool_T_jig[:3, 2], open_side)
+    angle = np.arctan2(np.linalg.norm(axis), -tool_T_jig[:3, 2] @ open_side)
+    turn = frames.rotation_from_rotvec(angle * axis / max(np.linalg.norm(axis), 1e-9))
+    turned = frames.make_transform(turn @ tool_T_jig[:3, :3], np.zeros(3))
+    if _unseen(turned, normals, chain, eye_mm) <= _MOST_REFUSED:
+        x, y, z = -turned[:3, 2]
+        return turned, jig, [f"jig: seen from ({x:.2f}, {y:.2f}, {z:.2f}) of the tool, so it points there"]
+    return tool_T_jig, None, ["jig: its faces were seen from all sides, so none has to face the scanner"]
+
+
+def _unseen(tool_T_jig: Array, normals: Array, chain: Chain, eye_mm: Array) -> float:
+    """Share of the measured poses at which a face could not have been seen."""
+    cosine = incidence_cosines(chain.base_T_frame[:, -1] @ tool_T_jig, normals, eye_mm)
+    return float(np.mean(np.any(cosine < np.cos(np.radians(_UNSEEN_DEG)), axis=1)))
+
+
+def _as_thick_as_measured(cell: Workcell, q: Array) -> Workcell:
+    """With bodies that neither hide what was measured nor meet there, as far as the guess allows that."""
+    for share in _THINNER:
+        thinner = replace(cell, bodies=cell.bodies.thinner(share))
+        hidden, inside = _refused(thinner, q, (HIDDEN, SCANNER)), _refused(thinner, q, (SELF,))
+        if max(hidden, inside) <= _FEW:
+            return replace(thinner, notes=(*cell.notes, _bodies_note(thinner.bodies)))
+    bodies, notes = cell.bodies, [*cell.notes, _bodies_note(cell.bodies)]
+    if inside > _MOST_REFUSED:
+        bodies = replace(bodies, pairs=bodies.pairs[:0])
+        notes.append("whether they meet each other is not asked: measured poses would have been refused")
+    hidden = _refused(replace(cell, bodies=bodies), q, (HIDDEN, SCANNER))
+    if hidden > _MOST_REFUSED:
+        bodies = replace(bodies, hides=np.zeros_like(bodies.hides))
+        notes.append("whether they hide the target is not asked: at measured poses they would have")
+    return replace(cell, bodies=bodies, notes=tuple(notes))
+
+
+def _refused(cell: Workcell, q: Array, reasons: tuple[str, ...]) -> float:
+    """Share of the poses that are refused for these reasons."""
+    return float(np.mean(np.isin(measurable(cell, q).reason, reasons)))
+
+
+def _with_likely_floor(cell: Workcell, measured_q: Array) -> Workcell:
+    """With the plane in which an upright arm's base stands, where no floor is told and nothing speaks against it."""
+    robot = cell.robot
+    if cell.floor_z_mm is not None or not len(cell.bodies):
+        return cell
+    down = np.array(robot.gravity_m_s2) / max(np.linalg.norm(robot.gravity_m_s2), 1e-9)
+    floor = replace(cell, floor_z_mm=0.0)
+    upright = down[2] < -0.9 and robot.joints[0].is_revolute and robot.base_T_first[2, 3] >= 0.0
+    above = cell.base_T_scanner is None or cell.base_T_scanner[2, 3] > 0.0
+    if (
+        not upright
+        or not above
+        or (len(measured_q) and _refused(floor, measured_q, (FLOOR,)) > _MOST_REFUSED)
+    ):
+        return replace(cell, notes=(*cell.notes, "floor: not known; add [cell] floor_z_mm to dataset.toml"))
+    return replace(
+        floor, notes=(*cell.notes, "floor: the base's plane z = 0, assumed; [cell] floor_z_mm tells another")
+    )

@@ -1,0 +1,216 @@
+"""Which joint vectors can be measured, and what is in the way of the others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calib.array_types import Array, BoolArray
+from calib.frames import apply, invert
+from calib.jig import jig_geometry
+from calib.kinematics.chain import Chain, joint_jacobian
+from calib.workcell.bodies.arm_bodies import reach_mm, touching
+from calib.workcell.bodies.distances import between_segments, pass_box, to_box
+from calib.workcell.bodies.sight import hidden_by_arm, on_faces
+from calib.workcell.workcell import Workcell
+
+LIMIT = "beyond a joint's limit"
+FIELD = "outside the scanner's field"
+STEEP = "a face too steep"
+SINGULAR = "near a singularity"
+FLOOR = "the arm in the floor"
+BOX = "the arm in a box"
+SCANNER = "the arm at the scanner"
+SELF = "the arm in itself"
+HIDDEN = "a face hidden by the arm"
+BOX_HIDES = "a face hidden by a box"
+REASONS = (LIMIT, FIELD, STEEP, SINGULAR, FLOOR, BOX, SCANNER, SELF, HIDDEN, BOX_HIDES)
+"""In the order in which they are asked: a pose has the first that holds."""
+
+_ROUNDING = 1e-9  # rad or mm: a joint commanded to its limit is within it
+_SCANNER_RADIUS_MM = 100.0
+
+
+@dataclass(frozen=True)
+class Measurable:
+    """For each of N poses whether it can be measured, and the first of REASONS why not; "" where it can."""
+
+    reason: NDArray[np.str_]  # (N,)
+
+    @property
+    def ok(self) -> BoolArray:
+        """(N,)"""
+        return np.asarray(self.reason == "")
+
+    def counted(self) -> str:
+        """ "3100 outside the scanner's field, 12 in a box": the reasons that occur, the most frequent first."""
+        return counted([self.reason])
+
+
+def counted(reasons: Sequence[NDArray[np.str_]]) -> str:
+    """As `Measurable.counted`, over several."""
+    found, times = np.unique(np.concatenate([*reasons, np.array([], dtype=str)]), return_counts=True)
+    order = np.argsort(-times, kind="stable")
+    return ", ".join(f"{times[k]} {found[k]}" for k in order if found[k])
+
+
+def measurable(cell: Workcell, q: ArrayLike) -> Measurable:
+    """Ask of joints (N, n), rad or mm, everything that the cell knows; what refuses most and costs least first."""
+    q = np.atleast_2d(np.asarray(q, dtype=float))
+    reason = np.full(len(q), "", dtype=f"<U{max(map(len, REASONS))}")
+    standing = _Standing(cell, q, cell.chain(q))
+    left = np.arange(len(q))
+    for name, refuses in _QUESTIONS:
+        refused = refuses(standing)
+        if refused is None or not refused.any():
+            continue
+        reason[left[refused]] = name
+        left, standing = left[~refused], standing.take(~refused)
+    return Measurable(reason)
+
+
+@dataclass(frozen=True)
+class _Standing:
+    """The arm at N poses in its cell."""
+
+    cell: Workcell
+    q: Array  # (N, n)
+    chain: Chain
+
+    def take(self, rows: BoolArray) -> _Standing:
+        chain = Chain(self.chain.base_T_frame[rows], self.chain.turned_x[rows])
+        return replace(self, q=self.q[rows], chain=chain)
+
+    @property
+    def eye_mm(self) -> Array | None:
+        """(3,) the scanner, base frame."""
+        return None if self.cell.base_T_scanner is None else self.cell.base_T_scanner[:3, 3]
+
+    @property
+    def base_T_jig(self) -> Array:
+        """(N, 4, 4)"""
+        return self.chain.base_T_frame[:, -1] @ self.cell.tool_T_jig
+
+    def jig_points_mm(self) -> Array:
+        """(N, P, 3) what the scanner has to see, base frame: points on the faces, or the target itself."""
+        if self.cell.jig is None:
+            return self.chain.target_mm[:, None]
+        return on_faces(self.base_T_jig, jig_geometry(self.cell.jig)[0])
+
+
+def _beyond_limit(at: _Standing) -> BoolArray:
+    beyond = (at.q < at.cell.low - _ROUNDING) | (at.q > at.cell.high + _ROUNDING)
+    return np.asarray(beyond.any(axis=1))
+
+
+def _outside_field(at: _Standing) -> BoolArray | None:
+    if at.cell.base_T_scanner is None or at.cell.field is None:
+        return None
+    return ~at.cell.field.contains(apply(invert(at.cell.base_T_scanner), at.chain.target_mm))
+
+
+def _too_steep(at: _Standing) -> BoolArray | None:
+    if at.eye_mm is None or at.cell.jig is None or at.cell.field is None:
+        return None
+    cosine = incidence_cosines(at.base_T_jig, jig_geometry(at.cell.jig)[1], at.eye_mm)
+    return np.asarray(np.any(cosine < np.cos(np.radians(at.cell.field.max_incidence_deg)), axis=1))
+
+
+def incidence_cosines(base_T_jig: Array, normals: Array, eye_mm: Array) -> Array:
+    """(N, 3) of the angle at the apex between each face's normal and the line to the scanner at (3,), base frame."""
+    to_eye = eye_mm - base_T_jig[:, :3, 3]
+    to_eye = to_eye / np.linalg.norm(to_eye, axis=1, keepdims=True)
+    return np.einsum("nij,kj,ni->nk", base_T_jig[:, :3, :3], normals, to_eye, optimize=True)
+
+
+def _near_singularity(at: _Standing) -> BoolArray | None:
+    if at.cell.least_manipulability <= 0.0:
+        return None
+    return manipulability(at.cell, at.chain) < at.cell.least_manipulability
+
+
+def manipulability(cell: Workcell, chain: Chain) -> Array:
+    """(N,) least over largest singular value of the Jacobian, turns times a third of the reach: 0 at a singularity.
+
+    An arm of fewer than six joints has as many singular values as joints. A prismatic joint's unit is a third of the
+    reach too, so that the figure has none.
+    """
+    third_mm = reach_mm(cell.robot) / 3.0
+    moved, axes = joint_jacobian(chain, cell.robot.is_revolute)
+    unit = np.where(cell.robot.is_revolute, 1.0, third_mm)
+    values = np.linalg.svd(np.concatenate([moved / third_mm, axes], axis=1) * unit, compute_uv=False)
+    return np.asarray(values[:, -1] / np.maximum(values[:, 0], 1e-12))
+
+
+def _in_floor(at: _Standing) -> BoolArray | None:
+    if at.cell.floor_z_mm is None or not len(at.cell.bodies):
+        return None
+    start, end, radius = _moving(at)
+    lowest = np.minimum(start[..., 2], end[..., 2]) - radius
+    return np.asarray(np.any(lowest < at.cell.floor_z_mm, axis=1))
+
+
+def _in_box(at: _Standing) -> BoolArray | None:
+    if not at.cell.boxes or not len(at.cell.bodies):
+        return None
+    start, end, radius = _moving(at)
+    refused = np.zeros(len(at.q), dtype=bool)
+    for box in at.cell.boxes:
+        refused |= np.any(to_box(start, end, np.array(box.min_mm), np.array(box.max_mm)) < radius, axis=1)
+    return refused
+
+
+def _at_scanner(at: _Standing) -> BoolArray | None:
+    if at.eye_mm is None or at.cell.jig is None or not len(at.cell.bodies):
+        return None
+    start, end, radius = _moving(at)
+    return np.asarray(
+        np.any(between_segments(start, end, at.eye_mm, at.eye_mm) < radius + _SCANNER_RADIUS_MM, axis=1)
+    )
+
+
+def _moving(at: _Standing) -> tuple[Array, Array, Array]:
+    """Ends (N, K, 3) and radii (K,) of the bodies that do not stand on the floor."""
+    bodies = at.cell.bodies
+    start, end = bodies.at(at.chain)
+    return start[:, ~bodies.static], end[:, ~bodies.static], bodies.radius_mm[~bodies.static]
+
+
+def _in_itself(at: _Standing) -> BoolArray | None:
+    bodies = at.cell.bodies
+    if not len(bodies.pairs):
+        return None
+    return np.asarray(touching(bodies, *bodies.at(at.chain), bodies.pairs).any(axis=1))
+
+
+def _arm_hides(at: _Standing) -> BoolArray | None:
+    if at.eye_mm is None or not len(at.cell.bodies):
+        return None
+    return np.asarray(hidden_by_arm(at.cell.bodies, at.chain, at.eye_mm, at.jig_points_mm()).any(axis=1))
+
+
+def _box_hides(at: _Standing) -> BoolArray | None:
+    if at.eye_mm is None or not at.cell.boxes:
+        return None
+    points_mm = at.jig_points_mm()
+    refused = np.zeros(len(at.q), dtype=bool)
+    for box in at.cell.boxes:
+        refused |= np.any(pass_box(at.eye_mm, points_mm, np.array(box.min_mm), np.array(box.max_mm)), axis=1)
+    return refused
+
+
+_QUESTIONS: tuple[tuple[str, Callable[[_Standing], BoolArray | None]], ...] = (
+    (LIMIT, _beyond_limit),
+    (FIELD, _outside_field),
+    (STEEP, _too_steep),
+    (SINGULAR, _near_singularity),
+    (FLOOR, _in_floor),
+    (BOX, _in_box),
+    (SCANNER, _at_scanner),
+    (SELF, _in_itself),
+    (HIDDEN, _arm_hides),
+    (BOX_HIDES, _box_hides),
+)
