@@ -24,7 +24,6 @@ from calib.planning.prediction import (
     predicted_of_nominal,
 )
 from calib.planning.purpose import ForCalibration, Purpose, Situation
-from calib.planning.question import Question, condensed
 from calib.planning.reasons import new_ids, reasons
 from calib.planning.start import Start
 from calib.simulation.pose_design import random_poses
@@ -33,6 +32,7 @@ CANDIDATES = 500
 RIGHT_EVERYWHERE = ForCalibration()
 _REGION = 300  # poses of a region that is drawn
 _FEWEST_TEST = 5  # test poses that make a region
+_TYPED = 1e-3  # deg or mm
 _FURTHER = 40  # poses beyond the plan, to see when more no longer pay
 
 
@@ -94,7 +94,7 @@ def plan_poses(
     unknowns = start.unknowns(_members(start, offered, purpose.effects, user_effects))
     wanted_at = _region(start, offered, region, rng)
     situation = Situation(start, unknowns, offered, unknowns.rows(offered), Region.of(*wanted_at, unknowns))
-    chosen = best_poses(purpose.questions(situation), count, together=purpose.together).rows
+    chosen = purpose.choose(situation, count)
     curve_mm = _curve(situation, chosen)
     none = np.zeros(0, dtype=np.int64)
     if start.measured is None:
@@ -164,7 +164,7 @@ def _region(start: Start, offered: Poses, region: str, rng: np.random.Generator)
 
 def _curve(situation: Situation, chosen: IndexArray) -> Array:
     """(n + 1,) the region's predicted error with the first of the chosen, in order of worth, then with more."""
-    region = Question(situation.rows, situation.unknowns.known, condensed(situation.region.wanted))
+    region = situation.right_at_region
     further = min(_FURTHER, len(situation.rows) - len(chosen))
     more = best_poses([region], further, start=chosen, exchange=False).rows
     all_of_them = np.concatenate([chosen, more])
@@ -178,11 +178,16 @@ def _order(situation: Situation, chosen: IndexArray) -> IndexArray:
 
 
 def _to_measure(situation: Situation, rows: IndexArray) -> Poses:
-    """The chosen candidates under names of their own; the first of a set from scratch is the reference."""
+    """The chosen candidates under names of their own, joints to 0.001 deg or mm as a person would type them.
+
+    The first of a set from scratch is the reference.
+    """
     measured = situation.start.measured
     ids = new_ids(len(rows), () if measured is None else measured.ids)
     role = np.full(len(rows), "train", dtype="<U9")
     if measured is None:
         role[0] = "reference"
     poses = situation.candidates.select(rows)
+    step = np.where(situation.start.dataset.robot.is_revolute, np.radians(_TYPED), _TYPED)
+    poses = replace(poses, q=step * np.round(poses.q / step))
     return replace(poses, ids=ids, role=role, scan_names=tuple(f"{pose_id}.ply" for pose_id in ids))

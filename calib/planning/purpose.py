@@ -1,8 +1,9 @@
-"""What poses are wanted for: the questions that they are to answer, and how much of an answer they will be."""
+"""What poses are wanted for: which candidates tell most of it, and how much that is."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -11,7 +12,7 @@ from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Poses
 from calib.errors import CalibError
 from calib.options import PLAN_CRITERIA
-from calib.planning.exchange import ALL
+from calib.planning.exchange import best_poses
 from calib.planning.prediction import Region
 from calib.planning.question import VARIANCE, VOLUME, Question, condensed, inverse
 from calib.planning.start import Start
@@ -29,6 +30,11 @@ class Situation:
     candidates: Poses  # (N,)
     rows: Array  # (N, r, K) of `Unknowns.rows` at the candidates
     region: Region
+
+    @cached_property
+    def right_at_region(self) -> Question:
+        """The model's mean square error over the region."""
+        return Question(self.rows, self.unknowns.known, condensed(self.region.wanted), VARIANCE)
 
     def information(self, chosen: IndexArray) -> Array:
         """(K, K) what is known once these candidates are measured."""
@@ -49,13 +55,8 @@ class Purpose(Protocol):
         """Families that the unknowns are to have beside those of the fit."""
         ...
 
-    @property
-    def together(self) -> str:
-        """How several questions count, of `calib.planning.exchange`."""
-        ...
-
-    def questions(self, situation: Situation) -> tuple[Question, ...]:
-        """What the poses are to tell."""
+    def choose(self, situation: Situation, count: int) -> IndexArray:
+        """(count,) the candidates that tell most of what is asked, the most telling first."""
         ...
 
     def settles(self, situation: Situation, chosen: IndexArray) -> float | None:
@@ -74,14 +75,13 @@ class ForCalibration:
     criterion: str = "I"
     name = CALIBRATION
     effects: tuple[str, ...] = ()
-    together = ALL
 
-    def questions(self, situation: Situation) -> tuple[Question, ...]:
+    def choose(self, situation: Situation, count: int) -> IndexArray:
         unknowns = situation.unknowns
         if self.criterion == "D":
-            return (Question(situation.rows, unknowns.known, unknowns.of_parameters(), VOLUME),)
-        wanted = condensed(situation.region.wanted)
-        return (Question(situation.rows, unknowns.known, wanted, VARIANCE),)
+            known = Question(situation.rows, unknowns.known, unknowns.of_parameters(), VOLUME)
+            return best_poses([known], count).rows
+        return best_poses([situation.right_at_region], count).rows
 
     def settles(self, situation: Situation, chosen: IndexArray) -> float | None:
         return None
@@ -95,19 +95,18 @@ class ForEffects:
     """The coefficients of suspected effects known: the sum of their variances, each in units of its usual size."""
 
     effects: tuple[str, ...]
-    together = ALL
 
     @property
     def name(self) -> str:
         return ",".join(self.effects)
 
-    def questions(self, situation: Situation) -> tuple[Question, ...]:
+    def choose(self, situation: Situation, count: int) -> IndexArray:
         wanted = situation.unknowns.of_parameters()[:, self._mine(situation.unknowns)]
         if not np.any(situation.rows @ wanted):
             raise CalibError(
                 f"{self.name} shows at no pose that can be measured, so none can be planned for it"
             )
-        return (Question(situation.rows, situation.unknowns.known, wanted, VARIANCE),)
+        return best_poses([Question(situation.rows, situation.unknowns.known, wanted)], count).rows
 
     def settles(self, situation: Situation, chosen: IndexArray) -> float | None:
         return None

@@ -20,14 +20,16 @@ def reasons(situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
     whole = situation.information(chosen)
     p = len(situation.unknowns.scales)
     with_all = np.diag(inverse(whole))[:p]
-    names = situation.unknowns.parameter_names
+    names = [
+        name.rpartition(".")[0] or name for name in situation.unknowns.parameter_names
+    ]  # without the symbol
     out = []
     for candidate in chosen:
         rows = situation.rows[candidate]
         without = np.diag(inverse(whole - rows.T @ rows))[:p]
         gains = 1.0 - np.sqrt(with_all / without)
         best = [k for k in np.argsort(-gains)[:_NAMED] if gains[k] > _TELLS]
-        told = ", ".join(names[k] for k in best) or "a little of everything"
+        told = ", ".join(dict.fromkeys(names[k] for k in best)) or "a little of everything"
         where = _unusual(situation, situation.candidates.q[candidate])
         out.append(f"{where}: {told}" if where else told)
     return tuple(out)

@@ -66,6 +66,7 @@ class FromFit:
 
     calibration: Calibration
     scanner_place: Array | None = None  # (4, 4) base_T_scanner of a placement that was not measured from yet
+    assumed: tuple[str, ...] = ()  # sentences for `notes`
 
     @property
     def dataset(self) -> Dataset:
@@ -96,14 +97,14 @@ class FromFit:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        out = []
+        out = [*self.assumed]
         check = check_sigma(self.calibration)
         if check.verdict == "excess" and check.declared_mm:
             ratio = check.sigma_mm / check.declared_mm
             out.append(
                 f"the fit leaves {ratio:.3g} times the declared noise, so something is missing from the model: the "
-                "prediction is of the link errors alone, and what is missing may be the larger part away from the "
-                "measured poses; diagnose first"
+                "prediction is of its parameters alone, and what is missing may be the larger part away from the "
+                "measured poses"
             )
         elif check.verdict == "unknown":
             out.append("no noise of the points is declared: what the fit leaves over is taken for noise")

@@ -195,6 +195,21 @@ class RobotFileOptions(Output):
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlanOptions(_FittingOptions, RobotFileOptions):
+    """Of `plan`."""
+
+    poses: int | None
+    add: int | None
+    purpose: str
+    criterion: str
+    region: str
+    scanner: tuple[float, ...] | None  # x, y, z, mm; then those of the point that it looks at
+    noise_mm: float | None
+    seed: int
+    out: Path | None
+
+
+@dataclass(frozen=True, kw_only=True)
 class ConvertOptions(RobotFileOptions):
     """Of `convert`."""
 

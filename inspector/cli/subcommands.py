@@ -17,6 +17,7 @@ from inspector.cli.arguments.fit import (
     validate_arguments,
     watch_arguments,
 )
+from inspector.cli.arguments.plan import plan_arguments
 from inspector.cli.arguments.shared import (
     add_fit,
     add_json,
@@ -173,6 +174,14 @@ SUBCOMMANDS = (
         watch_arguments,
         "what changed in a cell since a calibration, by a few check poses",
         path="dataset folder of the earlier calibration",
+    ),
+    Subcommand(
+        "plan",
+        "planning.plan_command.run_plan",
+        options.PlanOptions,
+        plan_arguments,
+        "which poses to measure, and the error that they will leave",
+        path="dataset folder, or a robot: a file of any form, rb5 or panda",
     ),
     Subcommand(
         "report",

@@ -44,6 +44,24 @@ def port(text: str) -> int:
     return _whole(text, 0, 65535, "port")
 
 
+def pose_count(text: str) -> int:
+    """A number of poses to plan."""
+    return _whole(text, 1, 200, "number of poses")
+
+
+def scanner_place(text: str) -> tuple[float, ...]:
+    """ "x,y,z" or "x,y,z,x,y,z": where the scanner stands, and what it looks at, mm."""
+    try:
+        numbers = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) not in (3, 6) or not all(map(math.isfinite, numbers)):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no place; give X,Y,Z in mm, such as 1400,0,500, then the X,Y,Z that it looks at if you like"
+        )
+    return numbers
+
+
 def rmse_mm(text: str) -> float:
     """A root mean square error in mm, above 0."""
     try:

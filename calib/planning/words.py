@@ -1,0 +1,63 @@
+"""A plan in words: a table of poses, the error before and after, when more poses no longer pay."""
+
+from __future__ import annotations
+
+from calib.dataset.files.poses_csv import poses_frame
+from calib.planning.plan import Plan
+from calib.planning.prediction import PAYS, STEP
+from calib.planning.purpose import ForCalibration
+
+_SHOWN = (0, 5, 10, 15, 20, 30, 40, 50)  # counts of poses of the curve that are told
+
+
+def plan_text(plan: Plan) -> str:
+    """As a terminal has it."""
+    table = poses_frame(plan.poses, plan.start.dataset.robot)
+    joints = [name for name in table.columns if name not in ("role", "setup")]
+    table = table[joints].assign(rank=plan.worth, tells=plan.why)
+    rows = table.to_string(index=False, float_format=lambda v: f"{v:.1f}", justify="left").splitlines()
+    lines = [heading(plan), *(row.rstrip() for row in rows), *plan.told, *error_lines(plan)]
+    return "\n".join([*lines, *(f"note: {note}" for note in plan.notes)])
+
+
+def heading(plan: Plan) -> str:
+    """What the poses are for."""
+    count, name = len(plan.poses), plan.start.dataset.name
+    purpose = plan.purpose
+    aim = f"for {purpose.name}"
+    if isinstance(purpose, ForCalibration):
+        aim = (
+            "to know the parameters (D-optimal)"
+            if purpose.criterion == "D"
+            else f"to be right at {plan.region}"
+        )
+        aim += " (I-optimal)" if purpose.criterion == "I" else ""
+    said = "" if count == 1 else "; rank 1 tells most, what is left out first is the last rank"
+    return f"{count} pose{'' if count == 1 else 's'} for {name}, {aim}{said}"
+
+
+def error_lines(plan: Plan) -> list[str]:
+    """The predicted error, and when more poses no longer pay."""
+    before = "before any calibration" if plan.start.measured is None else "now"
+    out = [
+        f"predicted error of the model at {plan.region}: {before} {plan.now.words}, then {plan.then.words}; "
+        f"as measured there, with a point's noise: {plan.then.with_noise_mm:.2g} mm"
+    ]
+    usable = range(len(plan.curve_mm))
+    told = [f"{k}: {plan.curve_mm[k]:.2g}" for k in _SHOWN if k in usable and _is_told(plan, k)]
+    out.append(f"by the number of new poses, mm: {', '.join(told)}")
+    share = f"{100 * PAYS:.0f} %"
+    if plan.enough is None:
+        out.append(
+            f"more poses pay: {STEP} more lower it by over {share}, up to {len(plan.curve_mm) - 1} new ones"
+        )
+    else:
+        out.append(f"from {plan.enough} new poses on, {STEP} more lower it by less than {share}")
+    if plan.settles is not None:
+        out.append(f"probability that these poses settle it: {100 * plan.settles:.0f} %")
+    return out
+
+
+def _is_told(plan: Plan, count: int) -> bool:
+    """Fewer poses than a fit takes have no error worth telling."""
+    return plan.start.measured is not None or plan.curve_mm[count] < plan.now.geometry_mm

@@ -1,0 +1,56 @@
+"""Arguments of `plan`. Nothing slow is imported."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser
+from pathlib import Path
+
+from calib.options import PLAN_CRITERIA, PLAN_REGIONS
+from inspector.cli.arguments import values
+from inspector.cli.arguments.shared import add_fit, add_json, links_arguments
+
+
+def plan_arguments(sub: ArgumentParser) -> None:
+    """What the poses are for, how many, and from where they are seen."""
+    sub.add_argument(
+        "--poses", type=values.pose_count, metavar="K", help="a first set of K poses (default 20 for a robot)"
+    )
+    sub.add_argument(
+        "--add", type=values.pose_count, metavar="K", help="K more poses for a dataset (default 5)"
+    )
+    sub.add_argument(
+        "--for",
+        dest="purpose",
+        default="calibration",
+        metavar="WHAT",
+        help="calibration (default), or suspected effects with commas between",
+    )
+    sub.add_argument(
+        "--criterion",
+        choices=PLAN_CRITERIA,
+        default="I",
+        help="of a calibration: I, right over the region (default), or D, parameters known",
+    )
+    sub.add_argument(
+        "--region",
+        choices=PLAN_REGIONS,
+        default="auto",
+        help="where it is to be right: the test poses where there are (auto), all that can be measured, all joints",
+    )
+    sub.add_argument(
+        "--scanner",
+        type=values.scanner_place,
+        metavar="X,Y,Z[,TOWARD]",
+        help="where the scanner stands, mm in the base frame, and the point that it looks at (x,y,z)",
+    )
+    sub.add_argument(
+        "--noise-mm",
+        type=values.rmse_mm,
+        metavar="X",
+        help="of a measured point, each axis, for a robot (default 0.05)",
+    )
+    sub.add_argument("--seed", type=int, default=0, help="of the poses to choose from (default 0)")
+    sub.add_argument("--out", type=Path, metavar="FILE.csv", help="write the poses as poses.csv")
+    links_arguments(sub)
+    add_fit(sub)
+    add_json(sub)

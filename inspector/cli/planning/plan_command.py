@@ -1,0 +1,109 @@
+"""`plan`: which poses to measure, for a robot or for a dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.dataset.files.atomic_write import write_text_atomically
+from calib.effects.effect import Family
+from calib.errors import CalibError
+from calib.kinematics.robot import Robot
+from calib.options import BUILTIN_ROBOTS
+from calib.planning.fitted_start import start_of_dataset
+from calib.planning.plan import plan_poses
+from calib.planning.purpose import purpose_of
+from calib.planning.scanner_place import scanner_at, scanner_in_front
+from calib.planning.start import FromFit, FromRobot
+from calib.planning.unknowns import DEFAULT_NOISE_MM
+from calib.planning.words import plan_text
+from calib.robot_formats.robot_file import named_robot
+from inspector.cli.calibrate_command import loaded_effects
+from inspector.cli.dataset_commands import load, measured, show
+from inspector.cli.options import PlanOptions
+from inspector.cli.output_paths import check_outputs
+from inspector.cli.progress import stages
+from inspector.cli.robots.reading import reading_of
+from inspector.export.plan_document import plan_csv, plan_document
+
+FIRST_SET, FURTHER = 20, 5
+
+
+def run_plan(options: PlanOptions) -> int:
+    """Choose poses, and tell why and what they will be good for."""
+    purpose = purpose_of(options.purpose, options.criterion)
+    start: FromFit | FromRobot
+    user_effects: Sequence[Family] = ()
+    if options.path.is_dir():
+        start, user_effects = _dataset_start(options)
+        count = options.add or FURTHER
+    else:
+        start = _robot_start(options)
+        count = options.poses or FIRST_SET
+    plan = plan_poses(
+        start, count, purpose=purpose, region=options.region, user_effects=user_effects, seed=options.seed
+    )
+    if options.out is not None:
+        write_text_atomically(options.out, plan_csv(plan))
+    show(options, plan_document(plan), plan_text(plan))
+    return 0
+
+
+def _dataset_start(options: PlanOptions) -> tuple[FromFit, Sequence[Family]]:
+    if options.poses is not None:
+        raise CalibError(
+            f"{options.path}: --poses is a first set for a robot; give --add for more of a dataset"
+        )
+    if options.noise_mm is not None:
+        raise CalibError(f"{options.path}: the noise is known from the fit; leave out --noise-mm")
+    dataset = load(options.path, options.leave_out)
+    check_outputs(dataset, [options.out], [options.effects_file])
+    dataset = measured(dataset, orientation=options.residual == "pose")
+    user_effects = loaded_effects(options.effects_file, dataset)
+    place = None if options.scanner is None else _placed(options.scanner, dataset.robot)
+    with stages() as on_step:
+        start = start_of_dataset(
+            dataset,
+            options.fit_options(),
+            effects=options.effect,
+            user_effects=user_effects,
+            scanner_place=place,
+            on_step=on_step,
+        )
+    return start, user_effects
+
+
+def _robot_start(options: PlanOptions) -> FromRobot:
+    if options.add is not None:
+        raise CalibError(f"{options.path}: --add is more of a dataset; give --poses for a robot's first set")
+    if options.effects_file is not None or options.effect:
+        raise CalibError(
+            f"{options.path}: effects are of a dataset's fit; name those that you suspect with --for"
+        )
+    name = str(options.path)
+    builtin = name.lower() in BUILTIN_ROBOTS and not Path(name).exists()
+    robot = named_robot(name.lower() if builtin else name, reading_of(options)).robot
+    assumed: tuple[str, ...] = ()
+    if options.scanner is None:
+        place = scanner_in_front(robot)
+        assumed = (
+            f"the scanner stands at {_told(place)} mm of the base, in front of the arm; --scanner says where",
+        )
+    else:
+        place = _placed(options.scanner, robot)
+    noise_mm = DEFAULT_NOISE_MM if options.noise_mm is None else options.noise_mm
+    return FromRobot(robot, place, noise_mm, options.fit_options(), assumed)
+
+
+def _placed(numbers: Sequence[float], robot: Robot) -> Array:
+    """base_T_scanner of --scanner; it looks at what the usual place looks at where no point is given."""
+    usual = scanner_in_front(robot)
+    toward = np.array(numbers[3:]) if len(numbers) == 6 else usual[:3, 3] + 700.0 * usual[:3, 2]
+    return scanner_at(np.array(numbers[:3]), toward)
+
+
+def _told(base_T_scanner: Array) -> str:
+    return ", ".join(f"{v:.0f}" for v in base_T_scanner[:3, 3])

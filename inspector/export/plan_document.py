@@ -1,0 +1,46 @@
+"""A plan as the command prints it with --json, and as poses.csv."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from calib.dataset.files.poses_csv import joint_columns, poses_frame
+from calib.planning.plan import Plan
+from calib.planning.prediction import Prediction
+
+
+def plan_document(plan: Plan) -> dict[str, Any]:
+    """Of `inspector plan --json`; joints as commanded, in the units that `columns` name."""
+    robot = plan.start.dataset.robot
+    table = poses_frame(plan.poses, robot)
+    columns = joint_columns(robot)
+    each = zip(
+        table["pose"], table["role"], table[columns].to_numpy().tolist(), plan.why, plan.worth, strict=True
+    )
+    return {
+        "poses": [
+            {"pose": pose, "role": role, "q": q, "why": why, "worth": worth}
+            for pose, role, q, why, worth in each
+        ],
+        "columns": columns,
+        "for": plan.purpose.name,
+        "region": plan.region,
+        "predicted_test_rmse_mm": {"now": plan.now.geometry_mm, "then": plan.then.geometry_mm},
+        "band_90_mm": {"now": _band(plan.now), "then": _band(plan.then)},
+        "with_noise_mm": {"now": plan.now.with_noise_mm, "then": plan.then.with_noise_mm},
+        "curve_mm": plan.curve_mm,
+        "enough": plan.enough,
+        "settles": plan.settles,
+        "model": plan.start.unknowns().model.family_names,
+        "told": plan.told,
+        "notes": plan.notes,
+    }
+
+
+def plan_csv(plan: Plan) -> str:
+    """The planned poses in the form of poses.csv."""
+    return str(poses_frame(plan.poses, plan.start.dataset.robot).to_csv(index=False, lineterminator="\n"))
+
+
+def _band(prediction: Prediction) -> list[float]:
+    return [prediction.low_mm, prediction.high_mm]

@@ -1,0 +1,99 @@
+"""`plan`: the promised JSON, a poses.csv that loads, and one line where it cannot be done."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calib.dataset.files.folder import load_dataset, write_dataset
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.simulation.simulate import simulate_dataset
+from inspector.cli.parser import main
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cell") / "cell"
+    made = simulate_dataset(
+        builtin_robot("rb5"), rng=np.random.default_rng(4), poses=45, effects=("joint_compliance",)
+    )
+    write_dataset(made.dataset, folder)
+    return folder
+
+
+def test_the_next_poses_of_a_dataset(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "next.csv"
+    arguments = ["plan", str(folder), "--add", "3", "--out", str(out), "--effect", "joint_compliance"]
+    assert main([*arguments, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert [pose["pose"] for pose in document["poses"]] == ["p46", "p47", "p48"]
+    assert {"pose", "q", "why"} <= set(document["poses"][0])
+    assert document["settles"] is None
+    errors = document["predicted_test_rmse_mm"]
+    assert errors["then"] < errors["now"]
+    assert document["band_90_mm"]["then"][0] < errors["then"] < document["band_90_mm"]["then"][1]
+    assert document["model"] == ["joint_compliance"]
+    table, measured = pd.read_csv(out), pd.read_csv(folder / "poses.csv")
+    assert list(table.columns) == list(measured.columns)
+    assert set(table["role"]) == {"train"}
+    np.testing.assert_array_equal(table[document["columns"]], [pose["q"] for pose in document["poses"]])
+    pd.concat([measured, table]).to_csv(folder / "poses.csv", index=False)
+    assert len(load_dataset(folder).poses) == 48  # points of the new poses may come later
+    measured.to_csv(folder / "poses.csv", index=False)
+    assert main(arguments) == 0
+    text = capsys.readouterr().out
+    assert "rank" in text
+    assert "predicted error of the model at the 9 test poses: now" in text
+
+
+@pytest.mark.slow
+def test_what_is_missing_is_diagnosed_first(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["plan", str(folder), "--add", "2", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["model"] == ["joint_compliance"]
+    assert "times the declared noise; the model is that of the diagnosis" in document["notes"][0]
+
+
+def test_a_first_set_for_a_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "poses.csv"
+    place = ["--scanner", "1200,0,520,400,0,400", "--noise-mm", "0.02"]
+    assert main(["plan", "RB5", "--poses", "16", "--out", str(out), *place]) == 0
+    text = capsys.readouterr().out
+    assert "16 poses for RB5-850, to be right at the poses that can be measured (I-optimal)" in text
+    assert "0.02 mm of noise" in text
+    table = pd.read_csv(out)
+    assert table["pose"].tolist() == [f"p{k:02d}" for k in range(1, 17)]
+    assert table["role"].tolist() == ["reference", *["train"] * 15]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["rb5", "--add", "3"], "--poses"),
+        (["rb5", "--for", "jelly"], "no effect named 'jelly'"),
+        (["rb5", "--for", ","], "effects with commas between"),
+        (["rb5", "--effect", "backlash"], "name those that you suspect with --for"),
+        (["nothing.urdf"], "nothing.urdf"),
+    ],
+)
+def test_what_cannot_be_planned_is_one_line(
+    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plan", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert said in captured.err
+    assert captured.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("place", ["1,2", "here", "1,2,nan"])
+def test_a_place_is_three_or_six_numbers(place: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["plan", "rb5", "--scanner", place])
+    assert "is no place; give X,Y,Z in mm" in capsys.readouterr().err
