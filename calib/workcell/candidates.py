@@ -18,7 +18,7 @@ from calib.workcell.workcell import Workcell
 _BATCH = 1024
 _STARTS = 4  # random joint vectors for each goal, of which the nearest is taken
 _MOST_TRIES = 40  # for each pose that is wanted
-_FEWEST_TRIES = 16 * _BATCH
+_FEWEST_TRIES, _TRIES_FOR_ONE = 16 * _BATCH, 4 * _BATCH
 _PRISMATIC_UNIT_MM = 300.0
 _TILT_DEG = 25.0  # a cube's corner that leans farther from the line of sight has a face steeper than 70 deg
 _TOWARDS = StepRule(iterations=14, constant_damping_mm2=400.0, longest_step=0.5, by_normal_equations=True)
@@ -38,7 +38,7 @@ def candidate_poses(cell: Workcell, count: int, *, rng: np.random.Generator) -> 
     reasons: list[NDArray[np.str_]] = []
     total = tried = 0
     while total < count:
-        if tried >= max(_MOST_TRIES * count, _FEWEST_TRIES):
+        if tried >= (max(_MOST_TRIES * count, _FEWEST_TRIES) if total else _TRIES_FOR_ONE):
             raise CalibError(
                 f"robot {cell.robot.name}: found {total} of {count} poses that can be measured; of {tried} tries "
                 f"{counted(reasons)}; move the scanner, widen its field or the joints' limits, or correct [cell]"

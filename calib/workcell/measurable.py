@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -202,15 +203,31 @@ def _box_hides(at: _Standing) -> BoolArray | None:
     return refused
 
 
-_QUESTIONS: tuple[tuple[str, Callable[[_Standing], BoolArray | None]], ...] = (
-    (LIMIT, _beyond_limit),
-    (FIELD, _outside_field),
-    (STEEP, _too_steep),
-    (SINGULAR, _near_singularity),
+def collides(cell: Workcell, q: Array) -> BoolArray:
+    """(N,) whether the arm at joints (N, n) is in the floor, a box, the scanner or itself."""
+    standing = _Standing(cell, q, cell.chain(q))
+    hits = np.zeros(len(q), dtype=bool)
+    for _, refuses in _COLLISIONS:
+        refused = refuses(standing)
+        if refused is not None:
+            hits |= refused
+    return hits
+
+
+_Question: TypeAlias = tuple[str, Callable[[_Standing], BoolArray | None]]
+
+_COLLISIONS: tuple[_Question, ...] = (
     (FLOOR, _in_floor),
     (BOX, _in_box),
     (SCANNER, _at_scanner),
     (SELF, _in_itself),
+)
+_QUESTIONS: tuple[_Question, ...] = (
+    (LIMIT, _beyond_limit),
+    (FIELD, _outside_field),
+    (STEEP, _too_steep),
+    (SINGULAR, _near_singularity),
+    *_COLLISIONS,
     (HIDDEN, _arm_hides),
     (BOX_HIDES, _box_hides),
 )
