@@ -48,7 +48,7 @@ def test_an_unchanged_cell_raises_no_alarm(cells: list[Drawn]) -> None:
 def test_a_slipped_joint_is_named_with_its_size(cells: list[Drawn], joint: int) -> None:
     by = np.radians(0.03)
     for rng, cell, base in cells:
-        found = watch(base, cell.with_change(f"theta{joint}", by).measured(rng))
+        found = watch(base, cell.with_changes({f"theta{joint}": by}).measured(rng))
         assert whats(found) == [f"joint_zero {joint}"]
         change = found.changes[0]
         assert abs(change.size - by) < 4.0 * change.sigma < by
@@ -74,7 +74,7 @@ def test_a_scanner_that_moved_is_never_blamed_on_the_arm(cells: list[Drawn]) -> 
 
 def test_a_slip_beside_a_moved_scanner_is_still_found(cells: list[Drawn]) -> None:
     for rng, cell, base in cells:
-        changed = cell.with_change("theta3", np.radians(0.08)).with_scanner_moved(
+        changed = cell.with_changes({"theta3": np.radians(0.08)}).with_scanner_moved(
             np.array([0.01, 0.0, 0.0]), np.array([5.0, 0.0, 0.0])
         )
         assert whats(watch(base, changed.measured(rng))) == ["joint_zero 3", "scanner"]
@@ -82,7 +82,7 @@ def test_a_slip_beside_a_moved_scanner_is_still_found(cells: list[Drawn]) -> Non
 
 def test_a_tool_that_moved_and_more_noise(cells: list[Drawn]) -> None:
     for rng, cell, base in cells:
-        found = watch(base, cell.with_change("aTCP", 0.4).measured(rng))
+        found = watch(base, cell.with_changes({"aTCP": 0.4}).measured(rng))
         assert whats(found)[0] == "tool"
         assert np.linalg.norm(found.changes[0].vector) == pytest.approx(0.4, abs=0.2)
         new = cell.measured(rng, 12)
@@ -101,7 +101,7 @@ def test_what_is_promised_is_found(cells: list[Drawn]) -> None:
     size = sizes["joint_zero", 3]
     assert size is not None
     hits = [
-        watch(base, cell.with_change("theta3", size).measured(rng, at=poses), scanner_moved=True).changes
+        watch(base, cell.with_changes({"theta3": size}).measured(rng, q=poses.poses.q), scanner_moved=True).changes
         for _ in range(20)
     ]
     assert sum(map(bool, hits)) >= 16  # 19 of 20 are promised
@@ -123,7 +123,7 @@ def test_the_command_tells_it_and_its_exit_code_alarms(
     cell = Cell.drawn(rng)
     march, october = (
         cell.measured(rng, 64, "march"),
-        cell.with_change("theta2", np.radians(0.05)).measured(rng),
+        cell.with_changes({"theta2": np.radians(0.05)}).measured(rng),
     )
     for dataset, name in ((march, "march"), (cell.measured(rng), "april"), (october, "october")):
         write_dataset(dataset, tmp_path / name)

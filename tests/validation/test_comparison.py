@@ -12,7 +12,7 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import FitError
 from calib.simulation.simulate import simulate_dataset
 from calib.validation.comparison import ALPHA, Comparison, compare
-from tests.support.two_sessions import measured_twice
+from tests.support.checked_cell import measured_twice
 
 
 def compared(seed: int, changed: dict[str, float] | None = None, *, other_arm: bool = False) -> Comparison:

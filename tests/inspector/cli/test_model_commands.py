@@ -14,7 +14,7 @@ import calib
 from calib.dataset.files.folder import load_dataset, write_dataset
 from inspector.cli.parser import main
 from tests.support.hidden_dataset import HIDDEN, write_hidden
-from tests.support.two_sessions import measured_twice
+from tests.support.checked_cell import measured_twice
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from inspector.app.app import App
 from inspector.server.viser_server import url_of
 from tests.support.app import idle_app
 from tests.support.browser import MS, browser, open_page, open_tab, says
-from tests.support.two_sessions import measured_twice
+from tests.support.checked_cell import measured_twice
 
 pytestmark = pytest.mark.slow
 

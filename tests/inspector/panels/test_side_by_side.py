@@ -12,7 +12,7 @@ from calib.dataset.files.folder import write_dataset
 from inspector.app.app import App
 from inspector.panels.model.side_by_side import NONE, VERSION
 from tests.support.app import IDLE_S, idle_app, plain
-from tests.support.two_sessions import measured_twice
+from tests.support.checked_cell import measured_twice
 from tests.support.wire_client import WireClient
 
 pytestmark = pytest.mark.slow
