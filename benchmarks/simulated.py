@@ -41,6 +41,19 @@ def ur10(tool: Tool) -> Robot:
     return Robot("UR10", joints, tool)
 
 
+def ur10e() -> Robot:
+    """Universal Robots UR10e: the maker's DH table and masses, and a jig off the flange's axis."""
+    lengths_mm = [(0.0, 180.7), (-612.7, 0.0), (-571.55, 0.0), (0.0, 174.15), (0.0, 119.85), (0.0, 116.55)]
+    masses_kg = [7.369, 13.051, 3.989, 2.1, 1.98, 0.615]
+    com_mm = [(21.0, 0.0, 27.0), (380.0, 0.0, 158.0), (240.0, 0.0, 68.0), *[(0.0, 7.0, 18.0)] * 2, (0.0, 0.0, -26.0)]
+    old = ur10(Tool(a_mm=40.0, d_mm=88.0))
+    joints = tuple(
+        replace(joint, a_mm=a, d_mm=d, mass_kg=kg, com_mm=com)
+        for joint, (a, d), kg, com in zip(old.joints, lengths_mm, masses_kg, com_mm, strict=True)
+    )
+    return replace(old, name="UR10e", joints=joints)
+
+
 def scara() -> Robot:
     """Two parallel turns, a slide and a turn: a 600 mm SCARA with a tool off its last axis."""
     rows = [(325.0, 0.0, 400.0, 0.0), (275.0, np.pi, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 50.0, 0.0)]

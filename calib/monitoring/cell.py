@@ -14,9 +14,8 @@ from calib.dataset.dataset import Dataset
 from calib.errors import FitError
 from calib.fitting.observations import Observations, linearise_points, with_nominal_scanner_frames
 from calib.fitting.scanner_frame import fit_scanner_frame, frame_motion, whitener
-from calib.monitoring.change_tests import ALARM, AS_WELL, NAMED, ChangeTests, Found, KindTest, the_most_usual
-from calib.monitoring.kinds import BASE, SCANNER, Kind, kind_words, kinds_of_the_arm
-from calib.screening.evidence import holm
+from calib.monitoring.change_tests import ALARM, NAMED, ChangeTests, Found, as_well, the_likeliest
+from calib.monitoring.kinds import BASE, SCANNER, Kind, kinds_of_the_arm
 
 _FEWEST = 3  # check poses
 
@@ -58,7 +57,8 @@ class Cell:
         measured = observed.points.xyz_mm
         anew = fit_scanner_frame(at_mm, measured, observed.covariance_mm2)
         before = base.after.scanner_T_base[str(setups[0])] if known else anew
-        noise = base.fit.noise if np.isfinite(base.fit.noise) else 1.0
+        judged = np.isfinite(base.fit.noise)  # else the declared noise stands
+        noise, freedom = (base.fit.noise, base.fit.degrees_of_freedom) if judged else (1.0, np.inf)
         prior = JointKnowledge.of(base, str(setups[0]) if known else None)
         kinds = kinds_of_the_arm(base.model, base.fit.x, observed)
 
@@ -81,7 +81,7 @@ class Cell:
         both = np.concatenate([columns, motion], axis=1)
         covariance = both @ prior.covariance @ both.T + noise**2 * np.eye(len(residual))
         root = np.linalg.inv(np.linalg.cholesky(covariance))
-        fixed = ChangeTests(root @ residual, root @ to_rows(before), base.fit.degrees_of_freedom)
+        fixed = ChangeTests(root @ residual, root @ to_rows(before), freedom)
         rmse_mm = float(np.sqrt(np.mean(np.sum((measured - frames.apply(before, at_mm)) ** 2, axis=1))))
 
         residual, columns, motion = placed(anew)
@@ -90,7 +90,7 @@ class Cell:
         inside = rest.T @ columns
         covariance = inside @ prior.covariance[:n, :n] @ inside.T + noise**2 * np.eye(rest.shape[1])
         root = np.linalg.inv(np.linalg.cholesky(covariance)) @ rest.T
-        free = ChangeTests(root @ residual, root @ to_rows(anew), base.fit.degrees_of_freedom)
+        free = ChangeTests(root @ residual, root @ to_rows(anew), freedom)
         left = np.sum((measured - frames.apply(anew, at_mm)) ** 2, axis=1)
 
         by_frame = before[:3, :3].T @ frame_motion(frames.apply(before, at_mm), prior.centre_mm)
@@ -100,6 +100,13 @@ class Cell:
             kinds, (*kinds, scanner), fixed, free, known, scanner, rmse_mm, float(np.sqrt(left.mean())),
             float(noise * np.sqrt(sigma2.mean())), count,
         )  # fmt: skip
+
+    @property
+    def p_unchanged(self) -> float:
+        """Of the most striking kind of change being as striking where nothing changed."""
+        if self.scanner_known:
+            return self.fixed.chance(self.fixed.tests(self.kinds_with_scanner))
+        return self.free.chance(self.free.tests(self.kinds))
 
     def scanner_moved(self, arm: list[Kind]) -> Found | None:
         """The scanner's motion beside these changes of the arm, where it shows; the base's would look the same."""
@@ -115,26 +122,20 @@ class Cell:
         moved = np.einsum("mik,k->mi", self.scanner.columns, np.concatenate([shift, turn]))
         size = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
         sigma = size / max(np.sqrt(test.gain), 1e-9)
-        as_well = [BASE] if arm else [BASE, *self._instead_of_scanner(test)]
-        return replace(found, size=size, sigma=float(sigma), p_value=test.p_value, as_well=tuple(as_well))
-
-    def _instead_of_scanner(self, moved: KindTest) -> list[str]:
-        """Single changes of the arm that explain as much with the scanner where it was."""
-        tests = self.fixed.tests(self.kinds)
-        return [kind_words(t.kind) for t in tests if t.gain > moved.gain - AS_WELL and t.p_value < ALARM]
+        instead = () if arm else as_well([*self.fixed.tests(self.kinds), test], test)
+        return replace(
+            found, size=size, sigma=float(sigma), p_value=test.p_value, as_well=(BASE, *instead)
+        )
 
     def with_the_scanner_where_it_was(self) -> list[Found]:
-        """The change of the arm that explains best what shows only where the scanner did not move."""
+        """The change that explains best what a moved scanner may explain as well: nobody knows then which it was."""
         tests = self.fixed.tests(self.kinds_with_scanner)
-        best = the_most_usual(tests)
+        best = the_likeliest(tests)
         if best is None or self.fixed.noise_explains([], best.kind):
             return []
-        as_well = [
-            kind_words(t.kind)
-            for t in tests
-            if t is not best and t.gain > best.gain - AS_WELL and t.kind.count <= max(best.kind.count, 1)
-        ]
-        as_well += [SCANNER] if best.kind.what != SCANNER else []
+        if best.kind.what == SCANNER:
+            moved = self.scanner_moved([])
+            return [] if moved is None else [moved]
         found = self.fixed.found(best.kind, [best.kind])
-        p = holm([test.p_value for test in tests])[tests.index(best)]
-        return [replace(found, p_value=p, as_well=tuple(as_well))]
+        others = dict.fromkeys((*as_well(tests, best), SCANNER))
+        return [replace(found, p_value=self.fixed.chance(tests), as_well=tuple(others))]

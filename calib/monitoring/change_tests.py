@@ -8,15 +8,15 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.distributions import f_sf
-from calib.monitoring.kinds import ANGLE, COMPLIANCE, JOINT_ZERO, LENGTH, SCANNER, TOOL, Kind
+from calib.monitoring.alarm import chance_of_least, weight
+from calib.monitoring.kinds import Kind, kind_words
 
-ALARM = 0.003  # probability of an alarm where nothing changed, over all kinds
-NOISIER = 0.001  # probability of telling more noise where there is none
-NAMED = 0.001  # of a change of the arm beside a scanner that may have moved
-NEAR = 3.0  # chi squared by which the more usual kind may explain less and still be named
+ALARM = 0.005  # probability of an alarm where nothing changed, over all kinds
+NOISIER = 0.0005  # probability of telling more noise where there is none
+NAMED = 0.001  # of a change of the arm beside a scanner that may have moved, over all kinds
 AS_WELL = 6.0  # chi squared by which another change may explain less and still be said
-USUAL = (SCANNER, JOINT_ZERO, TOOL, COMPLIANCE, LENGTH, ANGLE)  # as often as they happen
-_SEEN_Z = 4.4 + 1.645  # sigmas of a size that passes NAMED over some forty kinds 19 times of 20
+_EACH = 2.5  # chi squared that each number of a change has to explain
+_SEEN_Z = 3.9 + 1.645  # sigmas of a size that passes NAMED 19 times of 20
 
 
 @dataclass(frozen=True)
@@ -48,18 +48,40 @@ class Detectable:
 
 @dataclass(frozen=True)
 class KindTest:
+    """One kind against the residuals. `basis`: (R, K) what it makes of them, orthonormal."""
+
     kind: Kind
     gain: float  # of chi squared
     p_value: float
+    basis: Array
+
+    @property
+    def weighted(self) -> float:
+        """The p-value over the kind's weight: small for what is usual."""
+        return self.p_value / weight(self.kind)
 
 
-def the_most_usual(tests: list[KindTest]) -> KindTest | None:
-    """The test that explains most; of several that explain about as much, the most usual kind of change."""
-    best = min(tests, key=lambda test: (test.p_value, -test.gain), default=None)
-    if best is None:
-        return None
-    near = [t for t in tests if t.gain > best.gain - NEAR and t.kind.count <= best.kind.count]
-    return min([best, *near], key=lambda test: (USUAL.index(test.kind.what), -test.gain))
+    @property
+    def score(self) -> float:
+        """Twice the log odds of this change against none, beside a constant."""
+        return self.gain - _EACH * self.kind.count + 2.0 * float(np.log(weight(self.kind)))
+
+
+def the_likeliest(tests: list[KindTest]) -> KindTest | None:
+    """The change that explains most for its numbers, usual kinds before others."""
+    return max(tests, key=lambda test: test.score, default=None)
+
+
+def as_well(tests: list[KindTest], best: KindTest) -> tuple[str, ...]:
+    """Changes of no more numbers that explain about as much as the best."""
+    return tuple(
+        kind_words(t.kind)
+        for t in tests
+        if t is not best
+        and (fewer := best.kind.count - t.kind.count) >= 0
+        and t.gain > best.gain - AS_WELL - _EACH * fewer
+        and t.p_value < ALARM
+    )
 
 
 @dataclass(frozen=True)
@@ -96,8 +118,14 @@ class ChangeTests:
                 continue
             gain = float(np.sum((u[:, seen].T @ rest) ** 2))
             count = float(seen.sum())
-            out.append(KindTest(kind, gain, f_sf(gain / count, count, self.base_freedom)))
+            out.append(KindTest(kind, gain, f_sf(gain / count, count, self.base_freedom), u[:, seen]))
         return out
+
+    def chance(self, tests: list[KindTest]) -> float:
+        """Of the most striking of these tests being as striking where there is nothing of them all."""
+        least = min((test.weighted for test in tests), default=1.0)
+        bases, weights = [t.basis for t in tests], [weight(t.kind) for t in tests]
+        return chance_of_least(bases, weights, least, self.base_freedom)
 
     def freedom(self, given: list[Kind]) -> float:
         """Degrees of freedom that are left beside these changes."""

@@ -17,9 +17,8 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.errors import FitError
 from calib.monitoring.cell import Cell
-from calib.monitoring.change_tests import ALARM, AS_WELL, NAMED, NOISIER, Detectable, Found, the_most_usual
-from calib.monitoring.kinds import ANGLE, BASE, LENGTH, NOISE, SCANNER, Kind, kind_words
-from calib.screening.evidence import holm
+from calib.monitoring.change_tests import ALARM, NAMED, NOISIER, Detectable, Found, as_well, the_likeliest
+from calib.monitoring.kinds import ANGLE, BASE, LENGTH, NOISE, SCANNER, Kind
 
 MOST = 3  # changes of the arm that are told
 
@@ -101,9 +100,7 @@ def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> Wa
     if new.robot.is_revolute.tolist() != base.dataset.robot.is_revolute.tolist():
         raise FitError(f"dataset {new.name}: its robot has other joints than that of {base.dataset.name}")
     cell = Cell.of(base, new, scanner_moved=scanner_moved)
-    alarms = cell.fixed.tests(cell.kinds_with_scanner) if cell.scanner_known else []
-    alarms += cell.free.tests(cell.kinds)
-    p_unchanged = min(holm([test.p_value for test in alarms]), default=1.0)
+    p_unchanged = cell.p_unchanged
     changes = _changes(cell, alarmed=p_unchanged < ALARM)
     verdict = "unchanged" if not changes else "unclear" if _mixed(changes) else "changed"
     return Watched(
@@ -146,27 +143,21 @@ def _of_arm_and_scanner(cell: Cell) -> list[Found]:
     said: list[tuple[float, tuple[str, ...]]] = []
     while len(arm) < MOST:
         tests = cell.free.tests(cell.kinds, given=arm)
-        best = the_most_usual(tests)
+        best = the_likeliest(tests)
         if best is None:
             break
-        p = holm([test.p_value for test in tests])[tests.index(best)]
-        if p > NAMED or cell.free.noise_explains(arm, best.kind):
+        p = cell.free.chance(tests)
+        enough = NAMED if arm or cell.scanner_known else ALARM
+        if p > enough or cell.free.noise_explains(arm, best.kind):
             break
-        as_well = tuple(
-            kind_words(t.kind)
-            for t in tests
-            if t is not best and t.gain > best.gain - AS_WELL and t.kind.count <= best.kind.count
-        )
         arm.append(best.kind)
-        said.append((p, as_well))
-    moved = cell.scanner_moved(arm)
-    if not arm and moved is None:
+        said.append((p, as_well(tests, best)))
+    if not arm:
         return cell.with_the_scanner_where_it_was() if cell.scanner_known else []
+    moved = cell.scanner_moved(arm)
     view = cell.free if moved is not None or not cell.scanner_known else cell.fixed
     found = [
-        replace(view.found(kind, arm), p_value=p, as_well=as_well)
-        for kind, (p, as_well) in zip(arm, said, strict=True)
+        replace(view.found(kind, arm), p_value=p, as_well=others)
+        for kind, (p, others) in zip(arm, said, strict=True)
     ]
-    if moved is not None:
-        found.append(moved)
-    return found
+    return found if moved is None else [*found, moved]

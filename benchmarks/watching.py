@@ -1,0 +1,207 @@
+"""A cell watched by eight check poses: alarms where nothing changed, changes that are found and named, beside the bound.
+
+Truth and measurements come from MuJoCo (`tests.support.checked_cell`), and so does the bound: the information that the
+calibration's training poses and the check poses have together of one change, with every entry of the table and the
+scanner's frame unknown beside it, by differences of MuJoCo's own points. *bound* is what the best test of that one
+change finds at an alarm rate of 1 %, the scanner where it was; *named* the same at 0.1 % with the scanner's place free,
+as nothing may be blamed on the arm that a moved scanner explains. No test of many kinds at once can be better than these.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from scipy.stats import chi2, ncx2
+from simulated import unit, ur10e
+
+from calib import frames
+from calib.array_types import Array
+from calib.calibration.calibrate import calibrate
+from calib.calibration.result import Calibration
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.monitoring.watch import Watched, watch
+from calib.simulation.pose_design import random_poses
+from calib.simulation.simulate import rounded
+from tests.support.checked_cell import TOLERANCES, Cell
+
+SLIP_RAD, SHIFT_MM = np.radians(0.02), 0.1
+ALARM, BLAME = 0.01, 0.001  # of the bounds
+ROBOTS = {"RB5": lambda: builtin_robot("rb5"), "Panda": lambda: builtin_robot("panda"), "UR10e": ur10e}
+
+
+@dataclass(frozen=True)
+class Change:
+    """What happened, and what it is to be called."""
+
+    name: str
+    what: str
+    joint: int | None
+    of: Callable[[Cell, np.random.Generator], Cell]
+
+
+def changes_of(joints: int) -> Iterator[Change]:
+    for j in range(1, joints + 1):
+        yield Change(f"joint {j}, 0.02 deg", "joint_zero", j, lambda c, rng, j=j: slipped(c, rng, j))
+    yield Change(
+        "tool, 0.1 mm", "tool", None, lambda c, rng: c.with_tool_shifted(SHIFT_MM * unit(rng.normal(size=3)))
+    )
+
+
+def slipped(cell: Cell, rng: np.random.Generator, joint: int) -> Cell:
+    return cell.with_changes({f"theta{joint}": rng.choice([-1.0, 1.0]) * SLIP_RAD})
+
+
+def scanner_moved(cell: Cell, rng: np.random.Generator) -> Cell:
+    """By 0.05 to 10 mm and 0.003 to 0.6 deg."""
+    return cell.with_scanner_moved(
+        rng.normal(size=3) * 10 ** rng.uniform(-4.3, -2), rng.normal(size=3) * 10 ** rng.uniform(-1.3, 1)
+    )
+
+
+class Bound:
+    """The information of a calibration's poses, by differences of MuJoCo's points, in units of the noise."""
+
+    def __init__(self, cell: Cell, base: Dataset) -> None:
+        self.cell = cell
+        arm, frame = self._columns(base.poses.q[~base.poses.is_test])
+        n = arm.shape[1]
+        self.information = np.concatenate([arm, frame], axis=1)
+        self.information = self.information.T @ self.information
+        prior = np.tile(TOLERANCES, n // len(TOLERANCES)) ** -2.0
+        self.information[np.arange(n), np.arange(n)] += prior
+
+    def _columns(self, q: Array) -> tuple[Array, Array]:
+        """(3 N, P) by the entries of the table, and (3 N, 6) by the frame's motion."""
+        cell, step = self.cell, 1e-3 * TOLERANCES
+        at = cell.seen_mm(q)
+        names = cell.nominal.parameter_names
+        by = [
+            (cell.with_changes({name: step[k % 5]}).seen_mm(q) - at).ravel() / step[k % 5]
+            for k, name in enumerate(names)
+        ]
+        arms = at - cell.scanner_T_base[:3, 3]
+        frame = np.concatenate([np.broadcast_to(np.eye(3), (len(q), 3, 3)), -frames.skew(arms)], axis=-1)
+        return np.stack(by, axis=1) / cell.noise_mm, frame.reshape(-1, 6) / cell.noise_mm
+
+    def sigmas(self, q: Array, changed: Cell) -> tuple[float, float]:
+        """By how many sigmas check poses at q (N, n) show a change: the scanner where it was, and its place free."""
+        arm, frame = self._columns(q)
+        change = (changed.seen_mm(q) - self.cell.seen_mm(q)).ravel() / self.cell.noise_mm
+        fixed = self._beside(np.concatenate([arm, frame], axis=1), self.information, change)
+        none = np.zeros((len(self.information), 6))
+        information = np.block([[self.information, none], [none.T, 1e-9 * np.eye(6)]])
+        free = self._beside(np.concatenate([arm, 0.0 * frame, frame], axis=1), information, change)
+        return fixed, free
+
+    def _beside(self, columns: Array, information: Array, change: Array) -> float:
+        scale = 1.0 / np.sqrt(np.diag(information) + np.sum(columns**2, axis=0))
+        both = scale[:, None] * (information + columns.T @ columns) * scale
+        mixed = scale * (columns.T @ change)
+        return float(np.sqrt(max(change @ change - mixed @ np.linalg.solve(both, mixed), 0.0)))
+
+
+def power(sigmas: float, alarm: float, freedom: int) -> float:
+    """Of the best test of a change of one number, or of three whose direction is not known."""
+    return float(ncx2.sf(chi2.isf(alarm, freedom), freedom, sigmas**2))
+
+
+def named(seen: Watched, change: Change) -> bool:
+    return seen.verdict == "changed" and [(c.what, c.joint) for c in seen.changes] == [(change.what, change.joint)]
+
+
+def in_doubt(seen: Watched, change: Change) -> bool:
+    """Named, or said to be as likely as what is named."""
+    name = f"{change.what} {change.joint or ''}".strip()
+    return any((c.what, c.joint) == (change.what, change.joint) or name in c.as_well for c in seen.changes)
+
+
+def told(seen: Watched) -> str:
+    return ", ".join(f"{c.what} {c.joint or ''}".strip() for c in seen.changes)
+
+
+Chooser = Callable[[Cell, Calibration, np.random.Generator], Array]
+
+
+def random_checks(cell: Cell, base: Calibration, rng: np.random.Generator) -> Array:
+    return rounded(cell.nominal, random_poses(cell.nominal, 8, rng=rng))
+
+
+def run(name: str, choose: Chooser, *, arms: int, unchanged: int, moved: int, each: int, tell: bool) -> list[int]:
+    """[false alarms, unchanged cells, moved scanners blamed on the arm, moved scanners]"""
+    robot = ROBOTS[name]()
+    changes = list(changes_of(robot.n_joints))
+    counts = {c.name: Counter() for c in changes}
+    bounds = {c.name: [] for c in changes}
+    alarms, blamed, total, total_moved, found_moved = 0, 0, 0, 0, 0
+    for seed in range(arms):
+        rng = np.random.default_rng([seed, *name.encode()])
+        cell = Cell.drawn(rng, robot)
+        dataset = cell.measured(rng, 64, "base")
+        base, bound = calibrate(dataset), Bound(cell, dataset)
+
+        def checked(now: Cell, q: Array, base: Calibration = base, rng: np.random.Generator = rng) -> Watched:
+            return watch(base, now.measured(rng, q=q))
+
+        for _ in range(unchanged):
+            seen = checked(cell, choose(cell, base, rng))
+            alarms, total = alarms + (seen.verdict != "unchanged"), total + 1
+            if tell and seen.verdict != "unchanged":
+                print(f"  alarm, arm {seed}: {told(seen)}")
+        for _ in range(moved):
+            seen = checked(scanner_moved(cell, rng), choose(cell, base, rng))
+            wrong = any(c.what not in ("scanner", "base", "noise") for c in seen.changes if "scanner" not in c.as_well)
+            blamed, total_moved = blamed + wrong, total_moved + 1
+            found_moved += any(c.what == "scanner" for c in seen.changes)
+            if tell and wrong:
+                print(f"  blamed, arm {seed}: {seen.headline}")
+        for change in changes:
+            for _ in range(each):
+                q, after = choose(cell, base, rng), change.of(cell, rng)
+                seen, sigmas = checked(after, q), bound.sigmas(q, after)
+                n = 3 if change.what == "tool" else 1
+                bounds[change.name].append((power(sigmas[0], ALARM, n), power(sigmas[1], BLAME, n), *sigmas))
+                counts[change.name] += Counter(
+                    total=1,
+                    found=seen.verdict != "unchanged",
+                    named=named(seen, change),
+                    doubt=in_doubt(seen, change),
+                )
+    print(f"{name}: {alarms} alarms of {total} unchanged cells; scanner moved: {blamed} of {total_moved} blamed on the arm, {found_moved} found")
+    print(f"  {'':18} found (bound)   named (bound)  named or among those said   sigmas: fixed, free")
+    for change in changes:
+        c, b = counts[change.name], np.mean(bounds[change.name], axis=0)
+        share = {k: 100.0 * c[k] / c["total"] for k in ("found", "named", "doubt")}
+        print(
+            f"  {change.name:18} {share['found']:4.0f} ({100 * b[0]:4.0f}) %   {share['named']:4.0f} ({100 * b[1]:4.0f}) %"
+            f"        {share['doubt']:4.0f} %                     {b[2]:5.1f} {b[3]:5.1f}"
+        )
+    return [alarms, total, blamed, total_moved]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--arms", type=int, default=20, help="base fits of each robot")
+    parser.add_argument("--unchanged", type=int, default=17, help="unchanged cells of each")
+    parser.add_argument("--moved", type=int, default=17, help="moved scanners of each")
+    parser.add_argument("--each", type=int, default=5, help="of each change, for each base fit")
+    parser.add_argument("--robot", choices=ROBOTS, action="append")
+    parser.add_argument("--tell", action="store_true", help="print each wrong alarm")
+    args = parser.parse_args()
+    counts = np.zeros(4, dtype=int)
+    for name in args.robot or ROBOTS:
+        counts += run(
+            name, random_checks, arms=args.arms, unchanged=args.unchanged, moved=args.moved, each=args.each, tell=args.tell,
+        )  # fmt: skip
+    print(f"all: {counts[0]} alarms of {counts[1]} unchanged cells, {counts[2]} of {counts[3]} moved scanners blamed on the arm")
+
+
+if __name__ == "__main__":
+    main()
