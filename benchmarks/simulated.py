@@ -45,7 +45,13 @@ def ur10e() -> Robot:
     """Universal Robots UR10e: the maker's DH table and masses, and a jig off the flange's axis."""
     lengths_mm = [(0.0, 180.7), (-612.7, 0.0), (-571.55, 0.0), (0.0, 174.15), (0.0, 119.85), (0.0, 116.55)]
     masses_kg = [7.369, 13.051, 3.989, 2.1, 1.98, 0.615]
-    com_mm = [(21.0, 0.0, 27.0), (380.0, 0.0, 158.0), (240.0, 0.0, 68.0), *[(0.0, 7.0, 18.0)] * 2, (0.0, 0.0, -26.0)]
+    com_mm = [
+        (21.0, 0.0, 27.0),
+        (380.0, 0.0, 158.0),
+        (240.0, 0.0, 68.0),
+        *[(0.0, 7.0, 18.0)] * 2,
+        (0.0, 0.0, -26.0),
+    ]
     old = ur10(Tool(a_mm=40.0, d_mm=88.0))
     joints = tuple(
         replace(joint, a_mm=a, d_mm=d, mass_kg=kg, com_mm=com)

@@ -1,10 +1,10 @@
-"""A cell watched by eight check poses: alarms where nothing changed, changes that are found and named, beside the bound.
+"""A cell watched by eight check poses: alarms where nothing changed, changes found and named, beside the bound.
 
 Truth and measurements come from MuJoCo (`tests.support.checked_cell`), and so does the bound: the information that the
 calibration's training poses and the check poses have together of one change, with every entry of the table and the
-scanner's frame unknown beside it, by differences of MuJoCo's own points. *bound* is what the best test of that one
-change finds at an alarm rate of 1 %, the scanner where it was; *named* the same at 0.1 % with the scanner's place free,
-as nothing may be blamed on the arm that a moved scanner explains. No test of many kinds at once can be better than these.
+scanner's frame unknown beside it, by differences of MuJoCo's own points. *found* in brackets is what the best test of
+that one change finds at an alarm rate of 1 %, the scanner where it was; *named* the same at 0.03 % with the scanner's
+place free, as nothing may be blamed on the arm that a moved scanner explains. A test of many kinds finds less.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import argparse
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -33,7 +33,7 @@ from calib.simulation.simulate import rounded
 from tests.support.checked_cell import TOLERANCES, Cell
 
 SLIP_RAD, SHIFT_MM = np.radians(0.02), 0.1
-ALARM, BLAME = 0.01, 0.001  # of the bounds
+ALARM, BLAME = 0.01, 0.0003  # of the bounds
 ROBOTS = {"RB5": lambda: builtin_robot("rb5"), "Panda": lambda: builtin_robot("panda"), "UR10e": ur10e}
 
 
@@ -48,6 +48,7 @@ class Change:
 
 
 def changes_of(joints: int) -> Iterator[Change]:
+    """Each joint's zero and the tool."""
     for j in range(1, joints + 1):
         yield Change(f"joint {j}, 0.02 deg", "joint_zero", j, lambda c, rng, j=j: slipped(c, rng, j))
     yield Change(
@@ -56,6 +57,7 @@ def changes_of(joints: int) -> Iterator[Change]:
 
 
 def slipped(cell: Cell, rng: np.random.Generator, joint: int) -> Cell:
+    """One joint's zero, to either side."""
     return cell.with_changes({f"theta{joint}": rng.choice([-1.0, 1.0]) * SLIP_RAD})
 
 
@@ -114,7 +116,10 @@ def power(sigmas: float, alarm: float, freedom: int) -> float:
 
 
 def named(seen: Watched, change: Change) -> bool:
-    return seen.verdict == "changed" and [(c.what, c.joint) for c in seen.changes] == [(change.what, change.joint)]
+    """This and nothing else, without doubt."""
+    return seen.verdict == "changed" and [(c.what, c.joint) for c in seen.changes] == [
+        (change.what, change.joint)
+    ]
 
 
 def in_doubt(seen: Watched, change: Change) -> bool:
@@ -124,6 +129,7 @@ def in_doubt(seen: Watched, change: Change) -> bool:
 
 
 def told(seen: Watched) -> str:
+    """What is said to have changed."""
     return ", ".join(f"{c.what} {c.joint or ''}".strip() for c in seen.changes)
 
 
@@ -131,10 +137,13 @@ Chooser = Callable[[Cell, Calibration, np.random.Generator], Array]
 
 
 def random_checks(cell: Cell, base: Calibration, rng: np.random.Generator) -> Array:
+    """Eight poses all over."""
     return rounded(cell.nominal, random_poses(cell.nominal, 8, rng=rng))
 
 
-def run(name: str, choose: Chooser, *, arms: int, unchanged: int, moved: int, each: int, tell: bool) -> list[int]:
+def run(
+    name: str, choose: Chooser, *, arms: int, unchanged: int, moved: int, each: int, tell: bool
+) -> list[int]:
     """[false alarms, unchanged cells, moved scanners blamed on the arm, moved scanners]"""
     robot = ROBOTS[name]()
     changes = list(changes_of(robot.n_joints))
@@ -157,7 +166,9 @@ def run(name: str, choose: Chooser, *, arms: int, unchanged: int, moved: int, ea
                 print(f"  alarm, arm {seed}: {told(seen)}")
         for _ in range(moved):
             seen = checked(scanner_moved(cell, rng), choose(cell, base, rng))
-            wrong = any(c.what not in ("scanner", "base", "noise") for c in seen.changes if "scanner" not in c.as_well)
+            wrong = any(
+                c.what not in ("scanner", "base", "noise") for c in seen.changes if "scanner" not in c.as_well
+            )
             blamed, total_moved = blamed + wrong, total_moved + 1
             found_moved += any(c.what == "scanner" for c in seen.changes)
             if tell and wrong:
@@ -174,19 +185,24 @@ def run(name: str, choose: Chooser, *, arms: int, unchanged: int, moved: int, ea
                     named=named(seen, change),
                     doubt=in_doubt(seen, change),
                 )
-    print(f"{name}: {alarms} alarms of {total} unchanged cells; scanner moved: {blamed} of {total_moved} blamed on the arm, {found_moved} found")
+    print(
+        f"{name}: {alarms} alarms of {total} unchanged cells; scanner moved: {blamed} of {total_moved} blamed on the "
+        f"arm, {found_moved} found"
+    )
     print(f"  {'':18} found (bound)   named (bound)  named or among those said   sigmas: fixed, free")
     for change in changes:
         c, b = counts[change.name], np.mean(bounds[change.name], axis=0)
         share = {k: 100.0 * c[k] / c["total"] for k in ("found", "named", "doubt")}
         print(
-            f"  {change.name:18} {share['found']:4.0f} ({100 * b[0]:4.0f}) %   {share['named']:4.0f} ({100 * b[1]:4.0f}) %"
+            f"  {change.name:18} {share['found']:4.0f} ({100 * b[0]:4.0f}) %"
+            f"   {share['named']:4.0f} ({100 * b[1]:4.0f}) %"
             f"        {share['doubt']:4.0f} %                     {b[2]:5.1f} {b[3]:5.1f}"
         )
     return [alarms, total, blamed, total_moved]
 
 
 def main() -> None:
+    """Print the rates of each robot."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--arms", type=int, default=20, help="base fits of each robot")
     parser.add_argument("--unchanged", type=int, default=17, help="unchanged cells of each")
@@ -198,9 +214,13 @@ def main() -> None:
     counts = np.zeros(4, dtype=int)
     for name in args.robot or ROBOTS:
         counts += run(
-            name, random_checks, arms=args.arms, unchanged=args.unchanged, moved=args.moved, each=args.each, tell=args.tell,
+            name, random_checks, arms=args.arms, unchanged=args.unchanged, moved=args.moved, each=args.each,
+            tell=args.tell,
         )  # fmt: skip
-    print(f"all: {counts[0]} alarms of {counts[1]} unchanged cells, {counts[2]} of {counts[3]} moved scanners blamed on the arm")
+    print(
+        f"all: {counts[0]} alarms of {counts[1]} unchanged cells, {counts[2]} of {counts[3]} moved scanners blamed on "
+        "the arm"
+    )
 
 
 if __name__ == "__main__":

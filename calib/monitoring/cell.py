@@ -123,9 +123,7 @@ class Cell:
         size = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
         sigma = size / max(np.sqrt(test.gain), 1e-9)
         instead = () if arm else as_well([*self.fixed.tests(self.kinds), test], test)
-        return replace(
-            found, size=size, sigma=float(sigma), p_value=test.p_value, as_well=(BASE, *instead)
-        )
+        return replace(found, size=size, sigma=float(sigma), p_value=test.p_value, as_well=(BASE, *instead))
 
     def with_the_scanner_where_it_was(self) -> list[Found]:
         """The change that explains best what a moved scanner may explain as well: nobody knows then which it was."""

@@ -13,10 +13,10 @@ from calib.monitoring.kinds import Kind, kind_words
 
 ALARM = 0.005  # probability of an alarm where nothing changed, over all kinds
 NOISIER = 0.0005  # probability of telling more noise where there is none
-NAMED = 0.001  # of a change of the arm beside a scanner that may have moved, over all kinds
+NAMED = 0.0003  # of a change of the arm beside a scanner that may have moved, over all kinds
 AS_WELL = 6.0  # chi squared by which another change may explain less and still be said
 _EACH = 2.5  # chi squared that each number of a change has to explain
-_SEEN_Z = 3.9 + 1.645  # sigmas of a size that passes NAMED 19 times of 20
+_SEEN_Z = 4.2 + 1.645  # sigmas of a size that passes NAMED 19 times of 20
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,6 @@ class KindTest:
     def weighted(self) -> float:
         """The p-value over the kind's weight: small for what is usual."""
         return self.p_value / weight(self.kind)
-
 
     @property
     def score(self) -> float:
@@ -111,9 +110,10 @@ class ChangeTests:
         out = []
         for kind in kinds:
             columns = self.rows(kind)
+            columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)  # mm beside rad
             free = columns - basis @ (basis.T @ columns)
             u, s, _ = np.linalg.svd(free, full_matrices=False)
-            seen = s > 1e-3 * max(float(np.linalg.norm(columns)), 1e-300)
+            seen = s > 1e-3
             if not seen.any() or any(kind.key == g.key for g in given or []):
                 continue
             gain = float(np.sum((u[:, seen].T @ rest) ** 2))

@@ -101,7 +101,9 @@ def test_what_is_promised_is_found(cells: list[Drawn]) -> None:
     size = sizes["joint_zero", 3]
     assert size is not None
     hits = [
-        watch(base, cell.with_changes({"theta3": size}).measured(rng, q=poses.poses.q), scanner_moved=True).changes
+        watch(
+            base, cell.with_changes({"theta3": size}).measured(rng, q=poses.poses.q), scanner_moved=True
+        ).changes
         for _ in range(20)
     ]
     assert sum(map(bool, hits)) >= 16  # 19 of 20 are promised
@@ -137,3 +139,10 @@ def test_the_command_tells_it_and_its_exit_code_alarms(
     assert (document["changes"][0]["what"], document["changes"][0]["joint"]) == ("joint_zero", 2)
     assert {"what", "joint", "size", "sigma", "unit"} <= set(document["changes"][0])
     assert main(["watch", folders[0], str(tmp_path / "none")]) == 2
+
+
+def test_a_scanner_far_from_where_it_was_is_no_noise(cells: list[Drawn]) -> None:
+    rng, cell, base = cells[1]
+    for k in range(10):  # turns beside shifts: rad and mm are many powers of ten apart
+        moved = cell.with_scanner_moved(rng.normal(size=3) * 10 ** (-0.4 * k - 1), rng.normal(size=3))
+        assert whats(watch(base, moved.measured(rng))) == ["scanner"]

@@ -82,9 +82,7 @@ class Cell:
         return Dataset(
             name,
             self.nominal,
-            Poses(
-                ids, draw_roles(len(q), rng=rng), q, np.full(len(q), ""), tuple(f"{i}.ply" for i in ids)
-            ),
+            Poses(ids, draw_roles(len(q), rng=rng), q, np.full(len(q), ""), tuple(f"{i}.ply" for i in ids)),
             Points(np.arange(len(q)), noisy_mm, np.full(len(q), "jig")),
             scanner=Scanner(point_sigma_mm=self.noise_mm),
         )

@@ -13,8 +13,8 @@ import pytest
 import calib
 from calib.dataset.files.folder import load_dataset, write_dataset
 from inspector.cli.parser import main
-from tests.support.hidden_dataset import HIDDEN, write_hidden
 from tests.support.checked_cell import measured_twice
+from tests.support.hidden_dataset import HIDDEN, write_hidden
 
 
 @pytest.fixture(scope="module")
