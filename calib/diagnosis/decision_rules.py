@@ -12,14 +12,19 @@ from calib.calibration.result import Calibration
 from calib.dataset.stands import stands_of
 from calib.diagnosis.findings import Findings
 from calib.fitting.pose_means import mean_by_pose
-from calib.screening.candidates import MIN_RIVAL_OVERLAP, Candidate, Screening, Untestable
+from calib.screening.candidates import (
+    MIN_LEAD,
+    MIN_RIVAL_OVERLAP,
+    Candidate,
+    Screening,
+    Untestable,
+)
 from calib.screening.curves.joint_curves import MIN_LOG_EVIDENCE as MIN_CURVE_EVIDENCE
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.fault_models import JointFault
 from calib.screening.residual_tests import ResidualTests
 
 MAX_P_VALUE = 0.01  # that the Holm-corrected p of an effect has to be below
-MIN_LEAD = 3.0  # in log evidence over the nearest rival
 MIN_LOG_EVIDENCE = 3.0
 MAX_SIGMAS_LEFT = (
     1.4  # residual over noise beside an open set, up to which the effects named before it are claimed

@@ -20,6 +20,7 @@ from calib.screening.evidence import Evidence, holm, most_columns
 from calib.screening.member_columns import VisibleColumns, visible_columns
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 
+MIN_LEAD = 3.0  # in log evidence over the nearest rival, from which an effect is named
 MIN_RIVAL_OVERLAP = 0.5  # share of what one effect explains that its rival could explain too
 
 
