@@ -9,7 +9,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from calib.calibration.result import Calibration
-from calib.diagnosis.conclusion import concluded, with_discriminating_poses
+from calib.diagnosis.conclusion import concluded, with_split
 from calib.diagnosis.decision_rules import curves_say_more
 from calib.diagnosis.diagnose import AddCurves, SearchAgain, SearchWithNoise, closing_move
 from calib.diagnosis.effect_selection import FitStep
@@ -65,11 +65,7 @@ def advice_or_verdict(
         return advice_on(move, tests, steps[-1].calibration)
     found = concluded(space, steps, move, tests)
     closing = closing_move(space, found, tell)
-    return (
-        with_discriminating_poses(found)
-        if closing is None
-        else advice_on(closing, tests, steps[-1].calibration)
-    )
+    return with_split(found) if closing is None else advice_on(closing, tests, steps[-1].calibration)
 
 
 def advice_on(move: Move, tests: ResidualTests, calibration: Calibration) -> Advice:

@@ -13,7 +13,7 @@ from calib.diagnosis.decision_rules import (
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.findings import Learned
 from calib.diagnosis.moves import Stop, next_move
-from calib.diagnosis.open_sets import open_sets
+from calib.diagnosis.open_sets import doubts_of, open_sets
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace, step_after
 from calib.diagnosis.stepwise import way_to
@@ -22,9 +22,12 @@ from calib.screening.curves.effect_file import formula_text
 from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError
 from calib.screening.noise.from_repeats import scatter_of_repeats
 from calib.screening.noise.shown_noise import ShownNoise, first_beaten
-from calib.screening.pose_recommendation import DiscriminatingPose, discriminating_poses
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests, run_residual_tests
+from calib.screening.rivals.further_poses import further_poses
+from calib.screening.rivals.split import split
+
+NEXT_POSES = 5  # that are advised where a set is open
 
 
 def concluded(
@@ -146,14 +149,14 @@ def _same(step: FitStep, selected: Sequence[object], last: FitStep) -> bool:
     return step.selected == tuple(selected) and step.left_out == last.left_out and without
 
 
-def with_discriminating_poses(found: Diagnosis) -> Diagnosis:
-    """With the poses at which the effects of an ambiguous set differ most; none where none can be fitted."""
-    return replace(found, discriminating_poses=_discriminating_poses(found))
-
-
-def _discriminating_poses(found: Diagnosis) -> tuple[DiscriminatingPose, ...]:
-    tied = [c for c in found.screenings[-1].candidates if c.name in found.tied]
+def with_split(found: Diagnosis) -> Diagnosis:
+    """With the next poses by which the first set that is open is told apart; none where none can be."""
+    doubts = doubts_of(found)
+    if not doubts or len(doubts[0].rivals) < 2:
+        return found
+    doubt = doubts[0]
     try:
-        return discriminating_poses(found.calibration, tied)
-    except FitError:  # too few poses to fit one of them
-        return ()
+        split_by = split(doubt.calibration, doubt.rivals, further_poses(doubt.calibration), NEXT_POSES)
+    except FitError:  # too few poses to tell a rival at all
+        return found
+    return replace(found, split=split_by)

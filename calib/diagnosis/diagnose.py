@@ -18,7 +18,7 @@ from calib.blas_threads import one_blas_thread
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
-from calib.diagnosis.conclusion import concluded, with_discriminating_poses, with_learned
+from calib.diagnosis.conclusion import concluded, with_learned, with_split
 from calib.diagnosis.decision_rules import (
     MIN_LEAD,
     curves_say_more,
@@ -109,7 +109,7 @@ def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:
     found = _searched(space, tell)
     while (move := closing_move(space, found, tell)) is not None:
         found = move.found
-    return with_discriminating_poses(found)
+    return with_split(found)
 
 
 def _searched(space: SearchSpace, tell: Tell, rival: str = "") -> Diagnosis:

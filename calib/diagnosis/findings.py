@@ -10,8 +10,9 @@ from calib.diagnosis.effect_selection import FitStep
 from calib.screening.candidates import Candidate, Screening, Untestable
 from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, inputs_of, joints_of
 from calib.screening.noise.shown_noise import Added, ShownNoise
-from calib.screening.pose_recommendation import DiscriminatingPose
 from calib.screening.residual_tests import ResidualTests
+from calib.screening.rivals.pose_recommendation import DiscriminatingPose, poses_of
+from calib.screening.rivals.split import Split
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class Findings:
     open_sets: tuple[OpenSet, ...] = ()  # each with one effect in the model
     beaten: str = ""  # an effect that was added, and does not lead a slow wander of the instrument
     noise: ShownNoise | None = None  # where the noise has another shape than was declared
-    discriminating_poses: tuple[DiscriminatingPose, ...] = ()  # at which the ambiguous set differs most
+    split: Split | None = None  # the next poses by which the first of the open sets is told apart
 
     @property
     def calibration(self) -> Calibration:
@@ -104,6 +105,11 @@ class Findings:
             for before, after in pairwise(self.steps)
             if after.effect and after.candidate is not None and before.screening is not None
         )
+
+    @property
+    def discriminating_poses(self) -> tuple[DiscriminatingPose, ...]:
+        """The poses of `split`, those at which the rivals differ most first."""
+        return () if self.split is None else poses_of(self.split, self.calibration)
 
     @property
     def screenings(self) -> tuple[Screening, ...]:

@@ -24,8 +24,8 @@ from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import with_corners
 from calib.screening.candidates import Screening
 from calib.screening.curves.joint_curves import LearnedCurves
-from calib.screening.pose_recommendation import DiscriminatingPose
 from calib.screening.residual_tests import ResidualTests
+from calib.screening.rivals.pose_recommendation import DiscriminatingPose
 
 
 @dataclass(frozen=True)

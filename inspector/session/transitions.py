@@ -26,8 +26,8 @@ from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.options import FitOptions
 from calib.screening.curves.smooth_joint_error import LEARNED
-from calib.screening.pose_recommendation import discriminating_poses, nearest_rival
 from calib.screening.residual_tests import run_residual_tests
+from calib.screening.rivals.pose_recommendation import discriminating_poses, nearest_rival
 from inspector.session.measuring import with_face_labels
 from inspector.session.session import Separation, Session, untested
 

@@ -86,11 +86,11 @@ def test_what_rivals_predict_is_what_fits_as_was_asked_predict(dataset: Dataset,
         at_mm = fitted.model.predict(fitted.fit.x, conditions_at(dataset.poses, q))
         return frames.apply(next(iter(fitted.after.scanner_T_base.values())), at_mm)
 
-    poses = further_poses(dataset, tried=50)
+    poses = further_poses(result, tried=50)
     predicted = predict(result, (Rival.of(first), Rival.of(second)), poses)
     one, other = (rival.mean * predicted.sigma_mm for rival in predicted.rivals)
     apart = places(first, poses.q) - places(second, poses.q)
-    assert np.linalg.norm(one - other - apart) < 0.2 * np.linalg.norm(apart)
+    assert np.linalg.norm(one - other - apart) < 0.3 * np.linalg.norm(apart)
 
 
 @pytest.mark.slow

@@ -27,9 +27,9 @@ from calib.effects.effect import Effect, Parameter
 from calib.effects.state import RobotState
 from calib.kinematics.chain import target_jacobian
 from calib.screening.candidates import Screening, screen
-from calib.screening.pose_recommendation import discriminating_poses, nearest_rival
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests, run_residual_tests
+from calib.screening.rivals.pose_recommendation import discriminating_poses, nearest_rival
 from calib.simulation.simulate import simulate_dataset
 
 

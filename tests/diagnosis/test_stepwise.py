@@ -28,6 +28,8 @@ from calib.screening.candidates import Screening, screen
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import run_residual_tests
 from calib.simulation.simulate import simulate_dataset
+from calib.workcell.known_cell import workcell_of_dataset
+from calib.workcell.measurable import measurable
 
 
 def simulated(
@@ -400,8 +402,9 @@ def test_an_ambiguous_set_comes_with_poses_that_split_it() -> None:
     poses = result.discriminating_poses
     assert len(poses) == 5
     assert [p.separation_mm for p in poses] == sorted((p.separation_mm for p in poses), reverse=True)
-    measured = result.calibration.dataset.poses.q
-    assert all(np.all((p.q >= measured.min(axis=0)) & (p.q <= measured.max(axis=0))) for p in poses)
+    assert result.split is not None
+    cell = workcell_of_dataset(result.calibration.dataset)
+    assert measurable(cell, result.split.poses.q).ok.all()
     words = result.summary()
     assert "cannot tell which" in words
     assert "Poses at which they differ most" in words
@@ -413,7 +416,7 @@ def test_where_tied_effects_cannot_be_fitted_no_pose_is_recommended(monkeypatch:
     def too_few(*_: object, **__: object) -> None:
         raise FitError("measure more poses")
 
-    monkeypatch.setattr("calib.diagnosis.conclusion.discriminating_poses", too_few)
+    monkeypatch.setattr("calib.diagnosis.conclusion.split", too_few)
     result = diagnose(simulated(["link_bending"], seed=10, sigmas=1.0))
     assert result.verdict == "ambiguous"
     assert result.discriminating_poses == ()

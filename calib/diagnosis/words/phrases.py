@@ -15,7 +15,7 @@ from calib.effects.catalogue.unknown_masses import stiffness
 from calib.effects.effect import Effect, Parameter, has_meaning, meaning_of
 from calib.screening.candidates import Untestable
 from calib.screening.fault_models import JointFault
-from calib.screening.pose_recommendation import DiscriminatingPose
+from calib.screening.rivals.pose_recommendation import DiscriminatingPose
 
 _CONDITIONS = {
     "payload_kg": "the payload",

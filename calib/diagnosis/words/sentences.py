@@ -15,7 +15,7 @@ from calib.diagnosis.words.noise_text import NoiseShaped
 from calib.effects.natural_bounds import NaturalBound
 from calib.fitting.tool_point.placement import ToolShift
 from calib.screening.fault_models import JointFault
-from calib.screening.pose_recommendation import DiscriminatingPose
+from calib.screening.rivals.pose_recommendation import DiscriminatingPose
 from calib.screening.scan_statistic import Channel
 
 SMALL_CHANGE = 0.03  # share of the test poses' error below which a change of it counts for nothing

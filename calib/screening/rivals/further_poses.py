@@ -6,39 +6,58 @@ from dataclasses import replace
 
 import numpy as np
 
+from calib import frames
 from calib.array_types import Array
-from calib.dataset.dataset import Dataset, Poses
+from calib.calibration.result import Calibration
+from calib.dataset.dataset import Poses
+from calib.errors import CalibError
 from calib.fitting.observations import conditions_at
+from calib.workcell.candidates import candidate_poses
+from calib.workcell.known_cell import workcell_of_dataset
 
 TRIED = 400
 
 
-def further_poses(
-    dataset: Dataset, q: Array | None = None, *, payloads_kg: tuple[float, ...] = (), tried: int = TRIED
-) -> Poses:
-    """Candidates for the next poses, with conditions drawn from those that were written down.
+def further_poses(calibration: Calibration, *, tried: int = TRIED) -> Poses:
+    """Candidates for the next poses: as far as is known they can be measured from where the scanner stood first.
 
-    Args:
-        dataset: whose conditions vary as these shall: payload and temperature at both ends of their range, each joint
-            approached from either side.
-        q: (C, n) rad or mm, that can be measured; where None, joint vectors within the range of the measured ones.
-        payloads_kg: to be carried in turn, where the data have none.
-        tried: how many are drawn.
+    Where no such pose is found they are within the range of the measured joints.
     """
     rng = np.random.default_rng(0)
+    dataset = calibration.dataset
     measured = dataset.poses
-    if q is None:
+    setup, scanner_T_base = next(iter(calibration.after.scanner_T_base.items()))
+    try:
+        cell = workcell_of_dataset(dataset, base_T_scanner=frames.invert(scanner_T_base), setup=setup)
+        q = candidate_poses(cell, tried, rng=rng)
+    except CalibError:
         q = rng.uniform(measured.q.min(axis=0), measured.q.max(axis=0), (tried, measured.q.shape[1]))
     poses = conditions_at(measured, q)
-    ends = [_ends(measured.payload_kg) or payloads_kg, _ends(measured.temperature_c)]
-    payload_kg, temperature_c = (rng.choice(end, len(q)) if end else None for end in ends)
-    approach = None if measured.approach is None else rng.choice([-1.0, 1.0], q.shape)
+    there = replace(poses, role=np.full(tried, "train"), setup=np.full(tried, setup))
+    return under_conditions(there, measured)
+
+
+def under_conditions(poses: Poses, measured: Poses, payloads_kg: tuple[float, ...] = ()) -> Poses:
+    """Poses under conditions that are drawn from those of the measured ones.
+
+    Payload and temperature are at either end of their range, and each joint is approached from either side, where that
+    was written down.
+
+    Args:
+        poses: to be measured.
+        measured: whose conditions vary as these shall.
+        payloads_kg: one of which each pose carries where the measured ones carry all the same.
+    """
+    rng = np.random.default_rng(0)
+    payload_kg, temperature_c = (
+        rng.choice(ends, len(poses)) if ends else None
+        for ends in (_ends(measured.payload_kg) or payloads_kg, _ends(measured.temperature_c))
+    )
     return replace(
         poses,
-        role=np.full(len(q), "train"),
         payload_kg=poses.payload_kg if payload_kg is None else payload_kg,
         temperature_c=poses.temperature_c if temperature_c is None else temperature_c,
-        approach=approach,
+        approach=None if measured.approach is None else rng.choice([-1.0, 1.0], poses.q.shape),
     )
 
 

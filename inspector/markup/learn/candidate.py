@@ -20,7 +20,7 @@ from calib.effects.effect import (
 )
 from calib.kinematics.robot import Robot
 from calib.screening.candidates import Candidate, Value
-from calib.screening.pose_recommendation import DiscriminatingPose
+from calib.screening.rivals.pose_recommendation import DiscriminatingPose
 from inspector.markup.parts import elements, numbers
 from inspector.markup.parts.links import joint_asks, joints_by_parameter
 

@@ -16,7 +16,7 @@ from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.words.phrases import untestable_texts
 from calib.screening.candidates import Untestable
-from calib.screening.pose_recommendation import discriminating_poses, nearest_rival
+from calib.screening.rivals.pose_recommendation import discriminating_poses, nearest_rival
 from inspector.app.app import App
 from inspector.figures.residual_plots import SELECTED
 from inspector.markup.learn.effects import verdict_html

@@ -31,12 +31,12 @@ def discriminating_poses(
 ) -> tuple[DiscriminatingPose, ...]:
     """Poses that together tell causes beyond a calibration's model apart, as `split` chooses them.
 
-    They are within the range of the measured ones, under conditions that these had. () for fewer than two causes that
-    show at all.
+    They can be measured, as far as the cell is known, under conditions that the measured ones had. () for
+    fewer than two causes that show at all.
 
     Raises FitError where no degree of freedom is left.
     """
-    candidates = further_poses(calibration.dataset, tried=tried)
+    candidates = further_poses(calibration, tried=tried)
     found = split(calibration, [Rival.of(cause) for cause in causes], candidates, count, most_shots=1)
     return () if found is None else poses_of(found, calibration)
 
