@@ -13,8 +13,8 @@ from calib.dataset.dataset import Dataset, Poses
 from calib.effects.catalogue import family_of
 from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError
+from calib.kinematics.joint_range import random_poses
 from calib.options import PLAN_REGIONS
-from calib.planning.candidates import candidates_of
 from calib.planning.exchange import best_poses
 from calib.planning.prediction import (
     Prediction,
@@ -26,7 +26,7 @@ from calib.planning.prediction import (
 from calib.planning.purpose import ForCalibration, Purpose, Situation
 from calib.planning.reasons import new_ids, reasons
 from calib.planning.start import Start
-from calib.simulation.pose_design import random_poses
+from calib.workcell.candidates import candidate_poses
 
 CANDIDATES = 500
 RIGHT_EVERYWHERE = ForCalibration()
@@ -51,6 +51,7 @@ class Plan:
     curve_mm: Array  # (n + 1,) the predicted error by the number of new poses, from none to beyond the plan
     enough: int | None  # new poses from which five more lower it by less than 5 %; None: not within the curve
     settles: float | None  # probability that what is open is settled
+    model: tuple[str, ...]  # families beside the link errors
     told: tuple[str, ...]  # what the plan does for its purpose
     notes: tuple[str, ...]  # what was assumed, and what the prediction cannot know
 
@@ -90,7 +91,7 @@ def plan_poses(
     if region not in PLAN_REGIONS:
         raise CalibError(f"no region {region!r}; there are {', '.join(PLAN_REGIONS)}")
     rng = np.random.default_rng(seed)
-    offered = start.poses_at(candidates_of(start, max(candidates, 2 * count), rng=rng))
+    offered = start.poses_at(candidate_poses(start.cell, max(candidates, 2 * count), rng=rng))
     unknowns = start.unknowns(_members(start, offered, purpose.effects, user_effects))
     wanted_at = _region(start, offered, region, rng)
     situation = Situation(start, unknowns, offered, unknowns.rows(offered), Region.of(*wanted_at, unknowns))
@@ -116,6 +117,7 @@ def plan_poses(
         curve_mm=curve_mm,
         enough=enough_poses(curve_mm),
         settles=purpose.settles(situation, chosen),
+        model=unknowns.model.family_names,
         told=purpose.told(situation, chosen),
         notes=start.notes,
     )

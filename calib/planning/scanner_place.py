@@ -7,13 +7,6 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.errors import CalibError
-from calib.kinematics.robot import Robot
-from calib.simulation.pose_design import draw_scanner_pose
-
-
-def scanner_in_front(robot: Robot) -> Array:
-    """base_T_scanner (4, 4): in front of the arm, at the middle of its reach."""
-    return draw_scanner_pose(robot, rng=np.random.default_rng(0))
 
 
 def scanner_at(place_mm: Array, toward_mm: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -16,9 +17,10 @@ from calib.dataset.dataset import Dataset, Poses
 from calib.effects.effect import Effect
 from calib.errors import CalibError
 from calib.fitting.observations import conditions_at
-from calib.kinematics.robot import Robot
 from calib.options import FitOptions
 from calib.planning.unknowns import DEFAULT_NOISE_MM, Unknowns, unknowns_of_fit, unknowns_of_robot
+from calib.workcell.known_cell import workcell_of_dataset
+from calib.workcell.workcell import Workcell
 
 NEW_SETUP = "new"
 
@@ -42,8 +44,8 @@ class Start(Protocol):
         ...
 
     @property
-    def base_T_scanner(self) -> Array:
-        """(4, 4) where that is, in the base frame."""
+    def cell(self) -> Workcell:
+        """What decides which poses can be measured."""
         ...
 
     @property
@@ -78,22 +80,30 @@ class FromFit:
 
     @property
     def setup(self) -> str:
-        names = [str(name) for name in self.measured.setup]
         if self.scanner_place is None:
-            points = self.calibration.fitted_dataset.points
-            assert points is not None
-            trained = points.pose[~self.measured.is_test[points.pose]] if len(points) else points.pose
-            return names[int(trained[np.argmax(self.measured.order[trained])])]
+            return self._last_setup
+        names = set(map(str, self.measured.setup))
         number = 1
         while (name := NEW_SETUP if number == 1 else f"{NEW_SETUP}{number}") in names:
             number += 1
         return name
 
     @property
-    def base_T_scanner(self) -> Array:
-        if self.scanner_place is not None:
-            return self.scanner_place
-        return frames.invert(self.calibration.after.scanner_T_base[self.setup])
+    def _last_setup(self) -> str:
+        """Of the training poses the last."""
+        poses, points = self.calibration.fitted_dataset.poses, self.calibration.fitted_dataset.points
+        assert points is not None
+        trained = points.pose[~poses.is_test[points.pose]]
+        return str(poses.setup[trained[np.argmax(poses.order[trained])]])
+
+    @cached_property
+    def cell(self) -> Workcell:
+        """With the fitted table, the scanner where the fit has it, or at the further place."""
+        last = self._last_setup
+        fitted = replace(self.dataset, robot=self.calibration.robot)
+        seen_from = frames.invert(self.calibration.after.scanner_T_base[last])
+        cell = workcell_of_dataset(fitted, base_T_scanner=seen_from, setup=last)
+        return cell if self.scanner_place is None else replace(cell, base_T_scanner=self.scanner_place)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -110,7 +120,7 @@ class FromFit:
             out.append("no noise of the points is declared: what the fit leaves over is taken for noise")
         if self.calibration.residual != "position":
             out.append(f"planned as for a fit of positions; this one is of {self.calibration.residual}")
-        return tuple(out)
+        return (*out, *self.cell.notes)
 
     def unknowns(self, effects: Sequence[Effect] = ()) -> Unknowns:
         further = None if self.scanner_place is None else {self.setup: frames.invert(self.scanner_place)}
@@ -125,16 +135,14 @@ class FromFit:
 class FromRobot:
     """A first set of poses for an arm."""
 
-    robot: Robot
-    base_T_scanner: Array  # (4, 4), roughly
+    cell: Workcell  # with the scanner roughly where it will stand
     noise_mm: float = DEFAULT_NOISE_MM  # of a measured point, each axis
     options: FitOptions = field(default_factory=FitOptions)
-    assumed: tuple[str, ...] = ()  # sentences for `notes`
 
     @property
     def dataset(self) -> Dataset:
-        none = np.zeros((0, self.robot.n_joints))
-        return Dataset(self.robot.name, self.robot, self.poses_at(none))
+        robot = self.cell.robot
+        return Dataset(robot.name, robot, self.poses_at(np.zeros((0, robot.n_joints))))
 
     @property
     def measured(self) -> None:
@@ -147,14 +155,15 @@ class FromRobot:
     @property
     def notes(self) -> tuple[str, ...]:
         said = f"{self.noise_mm:g} mm of noise a coordinate of a measured point, and errors within their tolerances"
-        return (f"assumed: {said}", *self.assumed)
+        return (f"assumed: {said}", *self.cell.notes)
 
     def unknowns(self, effects: Sequence[Effect] = ()) -> Unknowns:
         if not self.options.prior:
             raise CalibError("a first set of poses is planned with tolerances; leave out --no-prior")
+        place = np.eye(4) if self.cell.base_T_scanner is None else self.cell.base_T_scanner
         return unknowns_of_robot(
-            self.robot,
-            self.base_T_scanner,
+            self.cell.robot,
+            place,
             noise_mm=self.noise_mm,
             effects=effects,
             tolerances=self.options.tolerances,

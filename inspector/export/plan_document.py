@@ -31,7 +31,7 @@ def plan_document(plan: Plan) -> dict[str, Any]:
         "curve_mm": plan.curve_mm,
         "enough": plan.enough,
         "settles": plan.settles,
-        "model": plan.start.unknowns().model.family_names,
+        "model": plan.model,
         "told": plan.told,
         "notes": plan.notes,
     }

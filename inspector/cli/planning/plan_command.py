@@ -11,16 +11,18 @@ from calib.array_types import Array
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.effects.effect import Family
 from calib.errors import CalibError
-from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
 from calib.planning.fitted_start import start_of_dataset
 from calib.planning.plan import plan_poses
 from calib.planning.purpose import purpose_of
-from calib.planning.scanner_place import scanner_at, scanner_in_front
+from calib.planning.scanner_place import scanner_at
 from calib.planning.start import FromFit, FromRobot
 from calib.planning.unknowns import DEFAULT_NOISE_MM
 from calib.planning.words import plan_text
 from calib.robot_formats.robot_file import named_robot
+from calib.workcell.known_cell import workcell_of_robot
+from calib.workcell.scan_field import JANG_FIELD
+from calib.workcell.workcell import Workcell
 from inspector.cli.calibrate_command import loaded_effects
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options import PlanOptions
@@ -63,7 +65,9 @@ def _dataset_start(options: PlanOptions) -> tuple[FromFit, Sequence[Family]]:
     check_outputs(dataset, [options.out], [options.effects_file])
     dataset = measured(dataset, orientation=options.residual == "pose")
     user_effects = loaded_effects(options.effects_file, dataset)
-    place = None if options.scanner is None else _placed(options.scanner, dataset.robot)
+    place = None
+    if options.scanner is not None:
+        place = _placed(options.scanner, workcell_of_robot(dataset.robot))
     with stages() as on_step:
         start = start_of_dataset(
             dataset,
@@ -86,24 +90,18 @@ def _robot_start(options: PlanOptions) -> FromRobot:
     name = str(options.path)
     builtin = name.lower() in BUILTIN_ROBOTS and not Path(name).exists()
     robot = named_robot(name.lower() if builtin else name, reading_of(options)).robot
-    assumed: tuple[str, ...] = ()
-    if options.scanner is None:
-        place = scanner_in_front(robot)
-        assumed = (
-            f"the scanner stands at {_told(place)} mm of the base, in front of the arm; --scanner says where",
-        )
-    else:
-        place = _placed(options.scanner, robot)
+    cell = workcell_of_robot(robot)
+    if options.scanner is not None:
+        cell = workcell_of_robot(robot, base_T_scanner=_placed(options.scanner, cell))
     noise_mm = DEFAULT_NOISE_MM if options.noise_mm is None else options.noise_mm
-    return FromRobot(robot, place, noise_mm, options.fit_options(), assumed)
+    return FromRobot(cell, noise_mm, options.fit_options())
 
 
-def _placed(numbers: Sequence[float], robot: Robot) -> Array:
-    """base_T_scanner of --scanner; it looks at what the usual place looks at where no point is given."""
-    usual = scanner_in_front(robot)
-    toward = np.array(numbers[3:]) if len(numbers) == 6 else usual[:3, 3] + 700.0 * usual[:3, 2]
-    return scanner_at(np.array(numbers[:3]), toward)
-
-
-def _told(base_T_scanner: Array) -> str:
-    return ", ".join(f"{v:.0f}" for v in base_T_scanner[:3, 3])
+def _placed(numbers: Sequence[float], usual: Workcell) -> Array:
+    """base_T_scanner of --scanner; it looks at what the usual one looks at where no point is given."""
+    place_mm = np.array(numbers[:3])
+    if len(numbers) == 6:
+        return scanner_at(place_mm, np.array(numbers[3:]))
+    assert usual.base_T_scanner is not None
+    middle_mm = usual.base_T_scanner[:3, 3] + JANG_FIELD.distance_mm * usual.base_T_scanner[:3, 2]
+    return scanner_at(place_mm, middle_mm)
