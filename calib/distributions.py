@@ -8,6 +8,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import special
 
+from calib.array_types import Array
+
 
 def chi2_sf(x: float, freedom: float) -> float:
     """P(X > x) of chi squared."""
@@ -27,3 +29,20 @@ def chi_median(freedom: float) -> float:
 def f_sf(x: float, above: float, below: float) -> float:
     """P(X > x) of the F distribution; degrees of freedom of numerator and denominator."""
     return float(special.fdtrc(above, below, max(x, 0.0)))
+
+
+def hypergeometric_sf(population: int, cases: int) -> Array:
+    """(population + 1, cases + 1) P(X >= k) of the number X of cases among w drawn from a population without return.
+
+    Rows are w, columns k; Fisher's exact test of a group of w with k cases is one entry (one-sided).
+    """
+    drawn, found = np.mgrid[0 : population + 1, 0 : cases + 1].astype(float)
+
+    def log_choose(n: Array | float, k: Array) -> Array:
+        with np.errstate(invalid="ignore"):
+            ways = special.gammaln(n + 1.0) - special.gammaln(k + 1.0) - special.gammaln(n - k + 1.0)
+        return np.asarray(np.where((k < 0.0) | (k > n), -np.inf, ways))
+
+    log_p = log_choose(float(cases), found) + log_choose(float(population - cases), drawn - found)
+    p = np.exp(log_p - log_choose(float(population), drawn))
+    return np.asarray(np.minimum(np.cumsum(p[:, ::-1], axis=1)[:, ::-1], 1.0))

@@ -24,6 +24,14 @@ def map_as_completed(
         for index, item in enumerate(items):
             yield index, function(item)
         return
+    for index, future in futures_as_completed(function, items, executor, in_flight):
+        yield index, future.result()
+
+
+def futures_as_completed(
+    function: Callable[[Item], Result], items: Iterable[Item], executor: Executor, in_flight: int
+) -> Iterator[tuple[int, Future[Result]]]:
+    """As `map_as_completed`, with the future that is done: it may hold an exception, after which the others go on."""
     coming = enumerate(items)
     index_of: dict[Future[Result], int] = {}
     try:
@@ -33,7 +41,7 @@ def map_as_completed(
             if not index_of:
                 return
             for future in wait(index_of, return_when=FIRST_COMPLETED).done:
-                yield index_of.pop(future), future.result()
+                yield index_of.pop(future), future
     finally:
         for future in index_of:
             future.cancel()

@@ -183,6 +183,19 @@ class CheckOptions(_FittingOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class FleetOptions(Output):
+    """Of `fleet`."""
+
+    path: Path
+    out: Path
+    workers: int | None  # None: one for each core
+    scheduler: str | None
+    timeout: float  # seconds
+    max_test_rmse_mm: float | None
+    fresh: bool
+
+
+@dataclass(frozen=True, kw_only=True)
 class RobotFileOptions(Output):
     """What a robot's file does not say by itself."""
 

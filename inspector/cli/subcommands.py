@@ -17,6 +17,7 @@ from inspector.cli.arguments.fit import (
     validate_arguments,
     watch_arguments,
 )
+from inspector.cli.arguments.fleet import fleet_arguments
 from inspector.cli.arguments.plan import plan_arguments
 from inspector.cli.arguments.shared import (
     add_fit,
@@ -213,6 +214,14 @@ SUBCOMMANDS = (
         _check,
         "the whole chain: pass or fail, and why",
         path=DATASETS,
+    ),
+    Subcommand(
+        "fleet",
+        "fleet_command.run_fleet_command",
+        options.FleetOptions,
+        fleet_arguments,
+        "hundreds of datasets: a table and a page of which arms drifted and which causes they share",
+        path="folder with datasets, however deep",
     ),
     Subcommand(
         "convert",

@@ -30,6 +30,17 @@ class Bullets:
 
 
 @dataclass(frozen=True)
+class Link:
+    """A cell of a table that leads somewhere."""
+
+    words: str
+    address: str  # relative to the page, quoted as addresses are
+
+    def __str__(self) -> str:
+        return self.words
+
+
+@dataclass(frozen=True)
 class Table:
     """A table: the columns in `left` hold words, the others numbers; row `mark` is emphasised."""
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.array_types import Array
 from calib.calibration.result import Calibration
 from calib.diagnosis.words.conclusions import AtPose, Cause
+from calib.diagnosis.words.member_sizes import main_value, moved_mm
 from calib.diagnosis.words.phrases import meaning
-from calib.effects.effect import Effect, family_name, full_name
-from calib.fitting.observations import Observations, predict_points
+from calib.effects.effect import Effect, family_name
 
 NOUNS = {
     "joint_compliance": "the compliance of joint",
@@ -48,8 +47,8 @@ NOUNS = {
 def cause_of(effect: str, before: Calibration, after: Calibration) -> Cause:
     """An effect that was added between two fits of the same points."""
     members = [member for member in after.model.effects if family_name(member) == effect]
-    moved_mm = _moved_mm(members, after)
-    order = sorted(range(len(members)), key=lambda k: -moved_mm[k])
+    moved = moved_mm(members, after) if len(members) > 1 else [0.0] * len(members)
+    order = sorted(range(len(members)), key=lambda k: -moved[k])
     joints = [joint + 1 for k in order if (joint := getattr(members[k], "joint", None)) is not None]
     return Cause(
         effect,
@@ -80,35 +79,11 @@ def _largest_change(before: Calibration, after: Calibration) -> AtPose | None:
     return AtPose(after.dataset.poses.ids[after.after.pose[most]], float(change_mm[most]))
 
 
-def _moved_mm(members: list[Effect], calibration: Calibration) -> list[float]:
-    """How far each member by itself moves the measured points, rms about their mean."""
-    if len(members) < 2:
-        return [0.0] * len(members)
-    model, x = calibration.model, calibration.fit.x
-    names = [parameter.name for parameter in model.parameters]
-    observed = Observations.of(calibration.fitted_dataset)
-    with_all = predict_points(model, x, observed)
-
-    def rms_mm(member: Effect) -> float:
-        own = {full_name(member, parameter) for parameter in member.parameters}
-        without = np.where([name in own for name in names], 0.0, x)
-        shift: Array = with_all - predict_points(model, without, observed)
-        return float(np.sqrt(np.mean((shift - shift.mean(axis=0)) ** 2)))
-
-    return list(map(rms_mm, members))
-
-
 def _size(member: Effect, calibration: Calibration) -> str:
     """How large a member is, as a person reads it: an amplitude in degrees, or its surest value."""
-    fit = calibration.fit
-    fitted = {p.name: (float(x), float(s)) for p, x, s in zip(fit.parameters, fit.x, fit.sigma, strict=True)}
-    known = [p for p in member.parameters if full_name(member, p) in fitted]
-    if not known:
+    main = main_value(member, calibration)
+    if main is None:
         return ""
-    values = [fitted[full_name(member, parameter)] for parameter in known]
-    if len(known) > 1 and all(parameter.unit == "rad" for parameter in known):
-        amplitude = float(np.sqrt(sum(value**2 for value, _ in values)))
-        return f"{np.degrees(amplitude):.2g}\N{DEGREE SIGN}"
-    surest = int(np.argmax([abs(value) / max(sigma, 1e-300) for value, sigma in values]))
-    parameter, value = known[surest], values[surest][0]
-    return meaning(member, parameter, value, calibration) or f"{value:.2g} {parameter.unit}"
+    if main.parameter is None:
+        return f"{np.degrees(main.value):.2g}\N{DEGREE SIGN}"
+    return meaning(member, main.parameter, main.value, calibration) or f"{main.value:.2g} {main.unit}"

@@ -6,6 +6,8 @@ import argparse
 import math
 from pathlib import Path
 
+_LONGEST_S = 1e6  # what a lock of the system waits for is bounded
+
 
 def named_number(text: str) -> tuple[str, float]:
     """ "a1=0.5" as name and number."""
@@ -70,6 +72,19 @@ def rmse_mm(text: str) -> float:
         value = math.nan
     if not 0.0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"{text} is not an error to ask for; a number of mm above 0")
+    return value
+
+
+def seconds(text: str) -> float:
+    """A time that something may take, above 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value <= _LONGEST_S:
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a time to wait; seconds above 0, {_LONGEST_S:g} at most"
+        )
     return value
 
 

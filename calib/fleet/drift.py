@@ -1,0 +1,116 @@
+"""What changed of one arm from one dataset to the next, by `calib.monitoring.watch`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import groupby, pairwise
+from pathlib import Path
+
+from calib.blas_threads import one_blas_thread
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import load_dataset
+from calib.diagnosis.search_space import add_in_turn
+from calib.errors import CalibError
+from calib.fleet.judge import FleetOptions, FoundCorners, one_blas_thread_for_good, one_line
+from calib.fleet.row import Row
+from calib.fleet.time_limit import OutOfTime, time_limit
+from calib.monitoring.watch import watch
+
+NOT_OF_THE_ARM = ("scanner", "base", "noise")
+"""Changes that are none of the arm itself."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """One thing that changed, as `watch` has it."""
+
+    what: str
+    joint: int | None  # counted from 1
+    parameter: str
+    size: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Two datasets of one arm, the earlier one's calibration held against the later one's points."""
+
+    base: str  # path
+    later: str
+    verdict: str  # unchanged, changed, unclear; "" where they cannot be compared
+    changes: tuple[Change, ...]
+    rmse_mm: float | None  # of the later points by the earlier calibration
+    expected_mm: float | None  # of that by noise alone
+    words: str  # one line
+
+    @property
+    def of_the_arm(self) -> tuple[Change, ...]:
+        """The changes that the arm must answer for, where that is clear."""
+        clear = self.verdict == "changed"
+        return tuple(c for c in self.changes if clear and c.what not in NOT_OF_THE_ARM)
+
+
+@dataclass(frozen=True)
+class DriftTask:
+    """Two datasets by their paths, with the corners that were found in their scans."""
+
+    folder: str
+    base: str
+    later: str
+    effects: tuple[str, ...]  # that the earlier dataset's diagnosis claims
+    base_corners: FoundCorners | None
+    later_corners: FoundCorners | None
+    options: FleetOptions
+    own_process: bool = False
+
+
+def consecutive(rows: Iterable[Row]) -> list[tuple[Row, Row]]:
+    """Pairs of datasets of one arm, each with the next by date; those without serial number or date are in none."""
+    dated = sorted(
+        (row for row in rows if row.serial and row.date), key=lambda row: (row.arm, row.date, row.path)
+    )
+    of_arms = (list(of_arm) for _, of_arm in groupby(dated, key=lambda row: row.arm))
+    return [pair for of_arm in of_arms for pair in pairwise(of_arm) if pair[0].date < pair[1].date]
+
+
+def compare(task: DriftTask) -> Drift:
+    """Hold the later points against the earlier calibration. What cannot be compared says why."""
+    if task.own_process:
+        one_blas_thread_for_good()
+    try:
+        with time_limit(task.options.limit_s, end_process=task.own_process), one_blas_thread():
+            return _compared(task)
+    except OutOfTime:
+        return not_compared(task, f"took longer than {task.options.limit_s:g} s")
+    except CalibError as error:
+        return not_compared(task, str(error))
+    except Exception as error:
+        return not_compared(task, f"{type(error).__name__}: {error}")
+
+
+def not_compared(task: DriftTask, reason: str) -> Drift:
+    """Two datasets that say nothing of each other."""
+    return Drift(task.base, task.later, "", (), None, None, one_line(reason))
+
+
+def _compared(task: DriftTask) -> Drift:
+    base = _measured(task, task.base, task.base_corners)
+    later = _measured(task, task.later, task.later_corners)
+    calibration = add_in_turn(base, task.effects, task.options.fit.with_residual("position"))[-1].calibration
+    seen = watch(calibration, later)
+    return Drift(
+        task.base,
+        task.later,
+        seen.verdict,
+        tuple(Change(c.what, c.joint, c.parameter, c.size, c.sigma, c.unit) for c in seen.changes),
+        seen.rmse_mm,
+        seen.expected_mm,
+        one_line(seen.headline),
+    )
+
+
+def _measured(task: DriftTask, path: str, corners: FoundCorners | None) -> Dataset:
+    dataset = load_dataset(Path(task.folder) / path)
+    return dataset if corners is None or dataset.points is not None else corners.as_points_of(dataset)

@@ -1,0 +1,265 @@
+"""One dataset of a fleet, judged where its files are: corners, fit, diagnosis, and the row that tells of it."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+import calib
+from calib.blas_threads import one_blas_thread
+from calib.calibration.evaluation import Evaluation
+from calib.calibration.result import Calibration
+from calib.corners.batch import find_corners
+from calib.dataset.dataset import Dataset, points_from_corners
+from calib.dataset.files.fingerprint import fingerprint
+from calib.dataset.files.folder import load_dataset
+from calib.diagnosis.result import Diagnosis
+from calib.diagnosis.words.conclusion_text import verdict_text
+from calib.diagnosis.words.headline import headline_of
+from calib.diagnosis.words.member_sizes import main_value, moved_mm
+from calib.effects.effect import family_name
+from calib.errors import CalibError
+from calib.fleet.row import EffectSize, Failure, Rmse, Row
+from calib.fleet.time_limit import OutOfTime, time_limit
+from calib.measurement.measured_points import failed_searches, found_corners, require_corners
+from calib.options import FitOptions
+from calib.screening.curves.smooth_joint_error import LEARNED
+from calib.strict_json import to_json
+from calib.validation.acceptance import Check, check
+
+LONGEST_REASON = 400  # characters
+PACKAGES = ("numpy", "scipy", "pandas")
+
+
+@dataclass(frozen=True)
+class FleetOptions:
+    """How each dataset is to be judged."""
+
+    fit: FitOptions = field(default_factory=FitOptions)
+    max_test_rmse_mm: float | None = None  # what the test poses' error may be; None: less than before
+    limit_s: float = 1800.0  # that one dataset may take
+
+
+@dataclass(frozen=True)
+class Task:
+    """A dataset to be judged, by its path: whoever judges it reads the files."""
+
+    folder: str  # of the fleet
+    path: str  # of the dataset below it
+    options: FleetOptions
+    known: str = ""  # key of the row that is there already
+    own_process: bool = False  # whether the process is there for such tasks alone, and may be ended
+
+
+@dataclass(frozen=True)
+class FoundCorners:
+    """Corners that were found in scans, one a pose."""
+
+    poses: tuple[str, ...]  # (K,) ids
+    xyz_mm: tuple[tuple[float, ...], ...]  # (K, 3)
+    covariance_mm2: tuple[tuple[float, ...], ...]  # (K, 9)
+
+    def as_points_of(self, dataset: Dataset) -> Dataset:
+        """The dataset with these corners as its points."""
+        xyz = dict(zip(self.poses, self.xyz_mm, strict=True))
+        spread = zip(self.poses, self.covariance_mm2, strict=True)
+        covariance = {pose: np.reshape(values, (3, 3)) for pose, values in spread}
+        return dataset.with_points(points_from_corners(dataset, xyz, covariance))
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A row, and what is kept beside it."""
+
+    key: str  # of the files, the options and the versions that the row follows from
+    row: Row
+    corners: FoundCorners | None  # where the dataset has scans
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Unchanged:
+    """The row that is there already is that of these files."""
+
+    path: str
+
+
+def judge(task: Task) -> Judged | Unchanged | Failure:
+    """Judge a dataset. Whatever goes wrong in it becomes a Failure with one line."""
+    if task.own_process:
+        one_blas_thread_for_good()
+    try:
+        with time_limit(task.options.limit_s, end_process=task.own_process), one_blas_thread():
+            return _judged(task)
+    except OutOfTime:
+        return Failure(task.path, f"took longer than {task.options.limit_s:g} s")
+    except CalibError as error:
+        return Failure(task.path, one_line(str(error)))
+    except Exception as error:
+        return Failure(task.path, one_line(f"{type(error).__name__}: {error}"))
+
+
+def one_line(words: str) -> str:
+    """Words in one line of bounded length."""
+    line = " ".join(words.split())
+    return line if len(line) <= LONGEST_REASON else f"{line[: LONGEST_REASON - 3]}..."
+
+
+def _judged(task: Task) -> Judged | Unchanged:
+    started = perf_counter()
+    dataset = load_dataset(Path(task.folder) / task.path)
+    key = row_key(fingerprint(dataset), task.options)
+    if key == task.known:
+        return Unchanged(task.path)
+    searches = None
+    if dataset.points is None:
+        searches = find_corners(dataset, intermediate=False)
+        require_corners(dataset, searches)
+    options = task.options
+    checked = check(dataset, searches, options.fit, max_test_rmse_mm=options.max_test_rmse_mm)
+    corners = None
+    if searches is not None:
+        found = found_corners(searches)
+        corners = FoundCorners(
+            tuple(found),
+            tuple(tuple(c.xyz_mm.tolist()) for c in found.values()),
+            tuple(tuple(c.covariance_mm2.ravel().tolist()) for c in found.values()),
+        )
+    without = tuple(failed_searches(searches)) if searches is not None else ()
+    return Judged(key, row_of(task.path, checked, without), corners, perf_counter() - started)
+
+
+def row_of(path: str, checked: Check, without_corner: tuple[str, ...] = ()) -> Row:
+    """The row of a checked dataset."""
+    dataset, found = checked.dataset, checked.diagnosis
+    links, last = _fits(checked)
+    about = dict(_flat("", dataset.about.extra))
+    if dataset.about.operator:
+        about["operator"] = dataset.about.operator
+    stood_out = () if last is None else last.outliers
+    if found is not None:
+        stood_out = (*stood_out, *found.steps[-1].left_out)
+    words = "" if found is None else verdict_text(found.explanation.verdict)
+    if found is None:
+        words = next((f.description for f in checked.items if f.description.startswith("not tried")), "")
+    return Row(
+        path=path,
+        name=dataset.name,
+        serial=dataset.about.serial,
+        site=dataset.about.site,
+        date=dataset.about.date,
+        about=dict(sorted(about.items())),
+        robot=dataset.robot.name,
+        joints=dataset.robot.n_joints,
+        poses=len(dataset.poses),
+        points=0 if dataset.points is None else len(dataset.points),
+        left_out=tuple(dict.fromkeys([*without_corner, *stood_out])),
+        train=_rmse(links, last, test=False),
+        test=_rmse(links, last, test=True),
+        noise_ratio=None if last is None else headline_of([last]).noise_ratio,
+        passed=checked.passed,
+        reasons=tuple(map(one_line, checked.reasons)),
+        verdict="" if found is None else found.verdict,
+        missing=() if found is None else found.missing,
+        suspected=() if found is None else found.suspected,
+        ambiguous=() if found is None else found.ambiguous_set,
+        sizes=() if found is None else sizes_of(found),
+        words=one_line(words),
+    )
+
+
+def _fits(checked: Check) -> tuple[Calibration | None, Calibration | None]:
+    """The fit of the links alone, and the last one."""
+    if checked.diagnosis is not None:
+        return checked.diagnosis.steps[0].calibration, checked.diagnosis.calibration
+    return checked.calibration, checked.calibration
+
+
+def _rmse(links: Calibration | None, last: Calibration | None, *, test: bool) -> Rmse:
+    def of(evaluation: Evaluation | None) -> float | None:
+        figures = None if evaluation is None else evaluation.test if test else evaluation.train
+        return None if figures is None else figures.rmse_mm
+
+    return Rmse(
+        of(None if last is None else last.before),
+        of(None if links is None else links.after),
+        of(None if last is None else last.after),
+    )
+
+
+def sizes_of(found: Diagnosis) -> tuple[EffectSize, ...]:
+    """The members of the effects that a diagnosis added, by effect and joint; learned curves have no such size."""
+    calibration = found.calibration
+    members = [m for m in calibration.model.effects if family_name(m) in found.named]
+    out = []
+    for member, moves_mm in zip(members, moved_mm(members, calibration), strict=True):
+        main = main_value(member, calibration)
+        if main is None or family_name(member) == LEARNED:
+            continue
+        joint = getattr(member, "joint", None)
+        sigma = main.sigma if np.isfinite(main.sigma) else None
+        out.append(
+            EffectSize(
+                family_name(member), None if joint is None else joint + 1, main.name, main.value, sigma,
+                main.unit, moves_mm,
+            )
+        )  # fmt: skip
+    return tuple(sorted(out, key=lambda size: (size.effect, size.joint or 0, size.parameter)))
+
+
+def _flat(prefix: str, values: Mapping[str, object]) -> list[tuple[str, str]]:
+    """Keys and texts of nested tables: ("gears.J3", "lot 17")."""
+    out: list[tuple[str, str]] = []
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            out += _flat(f"{prefix}{key}.", value)
+        elif isinstance(value, str | int | float):
+            out.append((f"{prefix}{key}", one_line(str(value))))
+    return out
+
+
+# ---- keys -----------------------------------------------------------------------------------------------------------
+
+
+def row_key(files: Mapping[str, str], options: FleetOptions) -> str:
+    """A hash of all that a row follows from: the dataset's files, what was asked, this program and its libraries."""
+    asked = {"fit": asdict(options.fit), "max_test_rmse_mm": options.max_test_rmse_mm}
+    return _hash({"files": dict(sorted(files.items())), "asked": asked, "versions": versions()})
+
+
+def pair_key(base: str, later: str) -> str:
+    """A hash of all that a comparison of two datasets follows from, by the keys of their rows."""
+    return _hash({"base": base, "later": later})
+
+
+def _hash(document: Mapping[str, object]) -> str:
+    return hashlib.sha256(to_json(document).encode()).hexdigest()
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Of what a row is computed with; of this program a hash of its files, which change between two versions."""
+    digest = hashlib.sha256()
+    root = Path(calib.__file__).parent
+    for path in sorted(root.rglob("*.py")):
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    libraries = {name: version(name) for name in PACKAGES}
+    return {"program": digest.hexdigest(), "python": platform.python_version(), **libraries}
+
+
+@cache
+def one_blas_thread_for_good() -> None:
+    """Of a worker that may run several tasks at a time: one of them must not give the others their threads back."""
+    from threadpoolctl import threadpool_limits
+
+    with one_blas_thread():
+        pass  # now all is loaded that is to be limited
+    threadpool_limits(limits=1)

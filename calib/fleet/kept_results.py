@@ -1,0 +1,116 @@
+"""What a run has found so far, a file a dataset in a folder beside the table: a later run goes on from there."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+
+from calib.dataset.files.atomic_write import write_text_atomically
+from calib.errors import CalibError, DatasetError
+from calib.fleet.drift import Drift
+from calib.fleet.judge import FoundCorners, Judged
+from calib.fleet.row import Row
+from calib.strict_json import JsonFile, to_json
+
+KIND, VERSION = "robot-calibration-inspector fleet result", 1
+SIZE_LIMIT = 100_000_000  # bytes; a thousand corners are 0.4 MB
+
+Kept = TypeVar("Kept")
+
+
+class _JudgedFile(msgspec.Struct):
+    format: str
+    version: int
+    key: str
+    row: Row
+    corners: FoundCorners | None
+    seconds: float
+
+
+class _DriftFile(msgspec.Struct):
+    format: str
+    version: int
+    key: str
+    drift: Drift
+
+
+@dataclass(frozen=True)
+class KeptResults:
+    """The folder of results. What is damaged in it counts as not there."""
+
+    folder: Path
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """For one run at a time. Raises DatasetError where another is at work, or the folder cannot be made."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            lock = (self.folder / ".lock").open("a")
+        except OSError as error:
+            raise DatasetError(
+                f"{self.folder}: cannot be written ({error.strerror or error}); name another place for the table"
+            ) from None
+        with lock:
+            try:
+                import fcntl
+
+                fcntl.flock(
+                    lock, fcntl.LOCK_EX | fcntl.LOCK_NB
+                )  # it ends with the process, however that ends
+            except ImportError:  # a system without: then nobody keeps two runs apart
+                pass
+            except OSError:
+                raise DatasetError(
+                    f"{self.folder}: another run is writing there; wait for it, or name another table"
+                ) from None
+            yield
+
+    def forget(self) -> None:
+        """Drop all that is kept."""
+        for path in self.folder.glob("*.json"):
+            path.unlink(missing_ok=True)
+
+    def store(self, judged: Judged) -> None:
+        """Keep what was found of a dataset, in place of what was kept of it before."""
+        self._write(
+            self._place(judged.row.path),
+            {"key": judged.key, "row": judged.row, "corners": judged.corners, "seconds": judged.seconds},
+        )
+
+    def judged(self, path: str) -> Judged | None:
+        """What is kept of a dataset."""
+        file = self._read(self._place(path), _JudgedFile)
+        if file is None or file.row.path != path:
+            return None
+        return Judged(file.key, file.row, file.corners, file.seconds)
+
+    def store_drift(self, drift: Drift, key: str) -> None:
+        """Keep what two datasets of an arm say of each other."""
+        self._write(self._place(drift.base, drift.later), {"key": key, "drift": drift})
+
+    def drift(self, base: str, later: str, key: str) -> Drift | None:
+        """What is kept of two datasets, where it follows from what this key stands for."""
+        file = self._read(self._place(base, later), _DriftFile)
+        return file.drift if file is not None and file.key == key else None
+
+    def _place(self, *paths: str) -> Path:
+        return self.folder / f"{hashlib.sha256(chr(0).join(paths).encode()).hexdigest()[:32]}.json"
+
+    def _write(self, path: Path, content: dict[str, object]) -> None:
+        document = {"format": KIND, "version": VERSION, **msgspec.to_builtins(content)}
+        write_text_atomically(path, to_json(document) + "\n")
+
+    def _read(self, path: Path, kind: type[Kept]) -> Kept | None:
+        if not path.exists():
+            return None
+        file = JsonFile(path, "fleet result", "it is made again", CalibError, SIZE_LIMIT)
+        try:
+            return file.checked([], file.read(KIND, VERSION), kind)
+        except CalibError:
+            return None

@@ -1,0 +1,65 @@
+"""`fleet`: hundreds of datasets, a table, a page."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import AbstractContextManager
+from datetime import datetime
+
+from calib.dataset.files.atomic_write import write_text_atomically
+from calib.errors import CalibError
+from calib.fleet.cluster import cluster_workers, local_workers
+from calib.fleet.discovery import discover
+from calib.fleet.judge import FleetOptions as JudgeOptions
+from calib.fleet.run import Fleet, Workers, run_fleet
+from calib.fleet.table import is_table, require_table_kind, write_table
+from inspector.cli.dataset_commands import show
+from inspector.cli.options import FleetOptions
+from inspector.cli.progress import cores, progress
+from inspector.export.fleet_document import fleet_document
+from inspector.report.fleet_page import fleet_html
+from inspector.report.report import is_report
+
+RESULTS, PAGE = ".results", ".html"  # suffixes beside the table
+
+
+def run_fleet_command(options: FleetOptions) -> int:
+    """Judge every dataset; 1 where one has no result, or does not pass as `check` has it."""
+    out, page = options.out, options.out.with_suffix(PAGE)
+    results = out.with_suffix(RESULTS)
+    require_table_kind(out.suffix)
+    if out.exists() and not is_table(out):
+        raise CalibError(f"{out}: exists and is no table of a fleet; name another file")
+    if page.exists() and not is_report(page):
+        raise CalibError(
+            f"{page}: exists and is no page of ours; name another table, the page lies beside it"
+        )
+    found = discover(options.path)
+    asked = JudgeOptions(max_test_rmse_mm=options.max_test_rmse_mm, limit_s=options.timeout)
+    try:
+        with (
+            _workers(options, len(found.datasets)) as workers,
+            progress("datasets", "dataset") as on_progress,
+        ):
+            fleet = run_fleet(found, results, workers, asked, fresh=options.fresh, on_progress=on_progress)
+    except KeyboardInterrupt:
+        print(f"inspector: stopped; the same command goes on from what is in {results}", file=sys.stderr)
+        return 130
+    write_table(fleet.rows, out)
+    write_text_atomically(page, fleet_html(fleet, page, now=datetime.now()))
+    document = fleet_document(fleet) | {"table": str(out), "page": str(page), "results": str(results)}
+    show(options, document, f"{fleet.summary()}\n{out}, {page}: the table and the page")
+    return 0 if is_good(fleet) else 1
+
+
+def is_good(fleet: Fleet) -> bool:
+    """Whether every dataset has a result that passes."""
+    return not fleet.failures and all(row.passed for row in fleet.rows)
+
+
+def _workers(options: FleetOptions, datasets: int) -> AbstractContextManager[Workers]:
+    if options.scheduler is not None:
+        if options.workers is not None:
+            raise CalibError("--workers is of this machine; a cluster of --scheduler has its own")
+        return cluster_workers(options.scheduler, options.path)
+    return local_workers(min(options.workers or cores(), max(datasets, 1)))
