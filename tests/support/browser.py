@@ -17,6 +17,8 @@ FLAGS = (  # software rendering in a container without GPU, sandbox or much shar
     "--use-gl=angle",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
+    "--disable-gpu-rasterization",  # of the page itself: the emulated GPU has enough to do with the 3D view
+    "--disable-gpu-compositing",
     "--no-sandbox",
     "--disable-quic",
     "--disable-background-networking",
@@ -24,6 +26,7 @@ FLAGS = (  # software rendering in a container without GPU, sandbox or much shar
 )
 # What Plotly says where a plot is replaced while its margins are being laid out, on a slow machine; the new one stands.
 REPLACED_PLOT = "_redrawFromAutoMarginCount"
+COARSE = 0.25  # of the screen's pixels an axis, in the 3D view: without a GPU it takes most of a page's time
 MS = 30_000  # the longest that something on the page is waited for
 
 
@@ -57,7 +60,9 @@ def browser() -> Iterator[Any]:
 
 
 @contextmanager
-def open_page(running: Any, url: str, width: int = 1280, height: int = 720) -> Iterator[Any]:
+def open_page(
+    running: Any, url: str, width: int = 1280, height: int = 720, dpr: float = COARSE
+) -> Iterator[Any]:
     """A page on the app, once its panel is there; its own scripts must not fail while it is open."""
     page = running.new_page(viewport={"width": width, "height": height})
     page.set_default_timeout(4 * MS)  # a busy machine draws a frame in seconds
@@ -68,7 +73,7 @@ def open_page(running: Any, url: str, width: int = 1280, height: int = 720) -> I
             problems.append(f"{error}: {error.stack}")
 
     page.on("pageerror", fails)
-    page.goto(f"{url}/?fixedDpr=1&hideViserLogo")
+    page.goto(f"{url}/?fixedDpr={dpr}&hideViserLogo")
     page.get_by_role("tab", name="Measure").wait_for(timeout=60_000)
     yield page
     assert not problems, "\n".join(problems)

@@ -375,7 +375,7 @@ def test_a_session_of_a_dataset_that_changed_says_so_on_the_page(
 @pytest.mark.browser
 def test_a_browser_downloads_its_picture_and_the_report(chromium: Any, app: App, tmp_path: Path) -> None:
     app.dark(False)
-    with open_page(chromium, url_of(app.server), 1000, 700) as page:
+    with open_page(chromium, url_of(app.server), 1000, 700, dpr=1) as page:
         page.set_default_timeout(120_000)
         node_drawn(page, f"{ROOT}/corners/points")
         page.get_by_role("tab", name="Take away").click()

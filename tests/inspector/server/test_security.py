@@ -21,6 +21,7 @@ import pytest
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.errors import DatasetError
 from inspector.app.app import App
+from inspector.app.controllers import downloads
 from inspector.cli.parser import main
 from inspector.panels.downloads import ITEMS
 from tests.support.app import IDLE_S, idle_app
@@ -157,7 +158,10 @@ def written() -> Iterator[list[str]]:
 
 
 @pytest.mark.slow
-def test_the_page_writes_nothing_whatever_is_pressed(app: App, folder: Path) -> None:
+def test_the_page_writes_nothing_whatever_is_pressed(
+    app: App, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(downloads, "RENDER_S", 0.5)  # this page sends no picture
     with written() as paths:
         (folder / "seen").touch()  # the watch itself works
     assert paths == [str(folder / "seen")]
