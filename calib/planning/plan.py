@@ -51,6 +51,7 @@ class Plan:
     curve_mm: Array  # (n + 1,) the predicted error by the number of new poses, from none to beyond the plan
     enough: int | None  # new poses from which five more lower it by less than 5 %; None: not within the curve
     settles: float | None  # probability that what is open is settled
+    shots: int  # measurements of each pose, of which the mean counts
     model: tuple[str, ...]  # families beside the link errors
     told: tuple[str, ...]  # what the plan does for its purpose
     notes: tuple[str, ...]  # what was assumed, and what the prediction cannot know
@@ -92,6 +93,7 @@ def plan_poses(
         raise CalibError(f"no region {region!r}; there are {', '.join(PLAN_REGIONS)}")
     rng = np.random.default_rng(seed)
     offered = start.poses_at(candidate_poses(start.cell, max(candidates, 2 * count), rng=rng))
+    offered = purpose.prepared(start, offered)
     unknowns = start.unknowns(_members(start, offered, purpose.effects, user_effects))
     wanted_at = _region(start, offered, region, rng)
     situation = Situation(start, unknowns, offered, unknowns.rows(offered), Region.of(*wanted_at, unknowns))
@@ -104,7 +106,8 @@ def plan_poses(
     else:
         now = predicted(situation.region, situation.information(none), unknowns.degrees_of_freedom, rng)
     then = predicted(situation.region, situation.information(chosen), unknowns.degrees_of_freedom, rng)
-    why, order = reasons(situation, chosen), _order(situation, chosen)
+    why = purpose.why(situation, chosen) or reasons(situation, chosen)
+    order = _order(situation, chosen)
     return Plan(
         start=start,
         purpose=purpose,
@@ -117,6 +120,7 @@ def plan_poses(
         curve_mm=curve_mm,
         enough=enough_poses(curve_mm),
         settles=purpose.settles(situation, chosen),
+        shots=purpose.shots(situation, chosen),
         model=unknowns.model.family_names,
         told=purpose.told(situation, chosen),
         notes=start.notes,
@@ -176,7 +180,11 @@ def _curve(situation: Situation, chosen: IndexArray) -> Array:
 
 def _order(situation: Situation, chosen: IndexArray) -> IndexArray:
     """The order of measuring, as indices into the chosen."""
-    return np.arange(len(chosen))
+    order = np.arange(len(chosen))
+    payload_kg = situation.candidates.payload_kg
+    return (
+        order if payload_kg is None else order[np.argsort(payload_kg[chosen], kind="stable")]
+    )  # mounted once
 
 
 def _to_measure(situation: Situation, rows: IndexArray) -> Poses:

@@ -55,12 +55,24 @@ class Purpose(Protocol):
         """Families that the unknowns are to have beside those of the fit."""
         ...
 
+    def prepared(self, start: Start, offered: Poses) -> Poses:
+        """The candidates under the conditions that they are to be measured under."""
+        ...
+
     def choose(self, situation: Situation, count: int) -> IndexArray:
         """(count,) the candidates that tell most of what is asked, the most telling first."""
         ...
 
     def settles(self, situation: Situation, chosen: IndexArray) -> float | None:
         """The probability that what is open is settled by these candidates; None where nothing is."""
+        ...
+
+    def shots(self, situation: Situation, chosen: IndexArray) -> int:
+        """How often each is to be measured, the mean of which counts."""
+        ...
+
+    def why(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
+        """A few words on each chosen candidate; () where those of `calib.planning.reasons` say it."""
         ...
 
     def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
@@ -75,6 +87,15 @@ class ForCalibration:
     criterion: str = "I"
     name = CALIBRATION
     effects: tuple[str, ...] = ()
+
+    def prepared(self, start: Start, offered: Poses) -> Poses:
+        return offered
+
+    def shots(self, situation: Situation, chosen: IndexArray) -> int:
+        return 1
+
+    def why(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
+        return ()
 
     def choose(self, situation: Situation, count: int) -> IndexArray:
         unknowns = situation.unknowns
@@ -99,6 +120,15 @@ class ForEffects:
     @property
     def name(self) -> str:
         return ",".join(self.effects)
+
+    def prepared(self, start: Start, offered: Poses) -> Poses:
+        return offered
+
+    def shots(self, situation: Situation, chosen: IndexArray) -> int:
+        return 1
+
+    def why(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
+        return ()
 
     def choose(self, situation: Situation, count: int) -> IndexArray:
         wanted = situation.unknowns.of_parameters()[:, self._mine(situation.unknowns)]

@@ -218,6 +218,7 @@ class PlanOptions(_FittingOptions, RobotFileOptions):
     region: str
     scanner: tuple[float, ...] | None  # x, y, z, mm; then those of the point that it looks at
     noise_mm: float | None
+    payload_kg: float | None
     seed: int
     out: Path | None
 

@@ -31,6 +31,7 @@ def plan_document(plan: Plan) -> dict[str, Any]:
         "curve_mm": plan.curve_mm,
         "enough": plan.enough,
         "settles": plan.settles,
+        "shots": plan.shots,
         "model": plan.model,
         "told": plan.told,
         "notes": plan.notes,

@@ -51,7 +51,6 @@ def split(
     count: int,
     *,
     most_shots: int = MOST_SHOTS,
-    look_on: bool = False,
 ) -> Split | None:
     """The poses among candidates by which rivals are told apart; None for fewer than two rivals, or no candidates.
 
@@ -61,42 +60,72 @@ def split(
         candidates: poses that can be measured, with their conditions.
         count: how many poses.
         most_shots: of one pose; fewer are asked for where they are enough.
-        look_on: whether to find how many more poses would be enough, where `count` are not.
 
     Raises FitError where no degree of freedom is left.
     """
     rivals = [rival for rival in rivals if rival.members]
     if len(rivals) < 2 or not len(candidates):
         return None
-    once = predict(calibration, rivals, candidates)
-    together = inseparable(once)
-    apart = ~together & ~np.eye(len(rivals), dtype=bool)
-    if not apart.any():
-        apart = ~np.eye(len(rivals), dtype=bool)
-    shots, chosen = 1, _chosen(once, count, candidates.q, apart)
-    while shots < most_shots and settled_probability(once.with_shots(shots), chosen) < ENOUGH:
+    predictions = predict(calibration, rivals, candidates)
+    chosen = choose(predictions, candidates, count, most_shots=most_shots)
+    return judged(predictions, candidates, chosen, most_shots=most_shots)
+
+
+def choose(
+    predictions: Predictions, candidates: Poses, count: int, *, most_shots: int = MOST_SHOTS
+) -> IndexArray:
+    """The candidates (count,) by which rivals are told apart, the most telling first."""
+    apart = _told_apart(inseparable(predictions))
+    shots, chosen = 1, choose_poses(predictions, count, places=candidates.q, apart=apart)
+    while shots < most_shots and settled_probability(predictions.with_shots(shots), chosen) < ENOUGH:
         shots = min(2 * shots, most_shots)
-        chosen = _chosen(once.with_shots(shots), count, candidates.q, apart)
-    shown = once.with_shots(shots)
+        chosen = choose_poses(predictions.with_shots(shots), count, places=candidates.q, apart=apart)
+    return chosen
+
+
+def judged(
+    predictions: Predictions,
+    candidates: Poses,
+    chosen: IndexArray,
+    *,
+    most_shots: int = MOST_SHOTS,
+    look_on: bool = False,
+) -> Split:
+    """What chosen candidates do for telling rivals apart, each measured as often as is needed.
+
+    Args:
+        predictions: at the candidates.
+        candidates: to choose from.
+        chosen: (K,) of these.
+        most_shots: of one pose.
+        look_on: whether to find how many more poses would be enough, where these are not.
+    """
+    shots = 1
+    while shots < most_shots and settled_probability(predictions.with_shots(shots), chosen) < ENOUGH:
+        shots = min(2 * shots, most_shots)
+    shown = predictions.with_shots(shots)
+    together = inseparable(predictions)
+    apart = _told_apart(together)
+    names = [rival.name for rival in predictions.rivals]
     curve = tuple(settled_probability(shown, chosen[:k]) for k in range(len(chosen) + 1))
     gaps = expected_gaps(shown, chosen)
     return Split(
-        rivals=tuple(rival.name for rival in rivals),
+        rivals=tuple(names),
         poses=candidates.select(chosen),
         shots=shots,
         separation_mm=separations_mm(shown, chosen, apart),
-        gap=float(gaps[~np.eye(len(rivals), dtype=bool)].min()),
+        gap=float(gaps[~np.eye(len(names), dtype=bool)].min()),
         settles=curve[-1],
         curve=curve,
-        twins=tuple(
-            (rivals[i].name, rivals[j].name) for i, j in combinations(range(len(rivals)), 2) if together[i, j]
-        ),
+        twins=tuple((names[i], names[j]) for i, j in combinations(range(len(names)), 2) if together[i, j]),
         enough=_enough(shown, chosen, curve, candidates.q, apart, look_on and not together.any()),
     )
 
 
-def _chosen(predictions: Predictions, count: int, places: Array, apart: BoolArray) -> IndexArray:
-    return choose_poses(predictions, count, places=places, apart=apart)
+def _told_apart(together: BoolArray) -> BoolArray:
+    """(I, I) the pairs that poses may tell apart; all where they may none."""
+    others = ~np.eye(len(together), dtype=bool)
+    return others & ~together if (others & ~together).any() else others
 
 
 def _enough(

@@ -23,7 +23,7 @@ def plan_arguments(sub: ArgumentParser) -> None:
         dest="purpose",
         default="calibration",
         metavar="WHAT",
-        help="calibration (default), or suspected effects with commas between",
+        help="calibration (default), split (settle a set that a diagnosis left open), or effects with commas between",
     )
     sub.add_argument(
         "--criterion",
@@ -48,6 +48,12 @@ def plan_arguments(sub: ArgumentParser) -> None:
         type=values.rmse_mm,
         metavar="X",
         help="of a measured point, each axis, for a robot (default 0.05)",
+    )
+    sub.add_argument(
+        "--payload-kg",
+        type=values.mass_kg,
+        metavar="X",
+        help="a known payload that some poses may carry, for --for split",
     )
     sub.add_argument("--seed", type=int, default=0, help="of the poses to choose from (default 0)")
     sub.add_argument("--out", type=Path, metavar="FILE.csv", help="write the poses as poses.csv")

@@ -6,6 +6,7 @@ import argparse
 import math
 from pathlib import Path
 
+_HEAVIEST_KG = 1e4
 _LONGEST_S = 1e6  # what a lock of the system waits for is bounded
 
 
@@ -72,6 +73,17 @@ def rmse_mm(text: str) -> float:
         value = math.nan
     if not 0.0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"{text} is not an error to ask for; a number of mm above 0")
+    return value
+
+
+def mass_kg(text: str) -> float:
+    """A mass in kg, above 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < _HEAVIEST_KG:
+        raise argparse.ArgumentTypeError(f"{text} is not a mass; kg above 0, such as 3")
     return value
 
 

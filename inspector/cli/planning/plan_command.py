@@ -8,13 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from calib.array_types import Array
+from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
+from calib.diagnosis.diagnose import diagnose
 from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.options import BUILTIN_ROBOTS
 from calib.planning.fitted_start import start_of_dataset
 from calib.planning.plan import plan_poses
-from calib.planning.purpose import purpose_of
+from calib.planning.purpose import Purpose, purpose_of
+from calib.planning.purposes.split import SPLIT, ForSplit, open_set_of
 from calib.planning.scanner_place import scanner_at
 from calib.planning.start import FromFit, FromRobot
 from calib.planning.unknowns import DEFAULT_NOISE_MM
@@ -36,13 +39,26 @@ FIRST_SET, FURTHER = 20, 5
 
 def run_plan(options: PlanOptions) -> int:
     """Choose poses, and tell why and what they will be good for."""
-    purpose = purpose_of(options.purpose, options.criterion)
     start: FromFit | FromRobot
     user_effects: Sequence[Family] = ()
-    if options.path.is_dir():
+    if options.payload_kg is not None and options.purpose != SPLIT:
+        raise CalibError(
+            f"{options.path}: --payload-kg is for poses that settle a set; give --for {SPLIT} with it"
+        )
+    purpose: Purpose
+    if options.path.is_dir() and options.purpose == SPLIT:
+        purpose = _open_set(options)
+        start, count = purpose.start, options.add or FURTHER
+    elif options.path.is_dir():
+        purpose = purpose_of(options.purpose, options.criterion)
         start, user_effects = _dataset_start(options)
         count = options.add or FURTHER
     else:
+        if options.purpose == SPLIT:
+            raise CalibError(
+                f"{options.path}: --for {SPLIT} settles what a dataset's diagnosis left open; give its folder"
+            )
+        purpose = purpose_of(options.purpose, options.criterion)
         start = _robot_start(options)
         count = options.poses or FIRST_SET
     plan = plan_poses(
@@ -54,7 +70,8 @@ def run_plan(options: PlanOptions) -> int:
     return 0
 
 
-def _dataset_start(options: PlanOptions) -> tuple[FromFit, Sequence[Family]]:
+def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
+    """The measured dataset, and the user's own effects for it."""
     if options.poses is not None:
         raise CalibError(
             f"{options.path}: --poses is a first set for a robot; give --add for more of a dataset"
@@ -64,7 +81,25 @@ def _dataset_start(options: PlanOptions) -> tuple[FromFit, Sequence[Family]]:
     dataset = load(options.path, options.leave_out)
     check_outputs(dataset, [options.out], [options.effects_file])
     dataset = measured(dataset, orientation=options.residual == "pose")
-    user_effects = loaded_effects(options.effects_file, dataset)
+    return dataset, loaded_effects(options.effects_file, dataset)
+
+
+def _open_set(options: PlanOptions) -> ForSplit:
+    """The set that a diagnosis leaves open."""
+    if options.scanner is not None:
+        raise CalibError(
+            f"{options.path}: a set is settled from where the scanner stood; leave out --scanner with --for {SPLIT}"
+        )
+    dataset, user_effects = _dataset_of(options)
+    with stages() as on_step:
+        found = diagnose(
+            dataset, options.fit_options(), effects=options.effect, user_effects=user_effects, on_step=on_step
+        )
+    return open_set_of(found, options.payload_kg)
+
+
+def _dataset_start(options: PlanOptions) -> tuple[FromFit, Sequence[Family]]:
+    dataset, user_effects = _dataset_of(options)
     place = None
     if options.scanner is not None:
         place = _placed(options.scanner, workcell_of_robot(dataset.robot))

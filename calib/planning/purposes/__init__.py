@@ -1,0 +1,1 @@
+"""What poses may be planned for beside a calibration and an effect's size."""
