@@ -27,8 +27,11 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
+from calib.fitting.observations import conditions_at
+from calib.kinematics.joint_range import random_poses
 from calib.monitoring.watch import Watched, watch
-from calib.simulation.pose_design import random_poses
+from calib.planning.purposes.watching import CHECK_POSES, check_poses, usual_kinds
+from calib.planning.unknowns import unknowns_of_fit
 from calib.simulation.simulate import rounded
 from tests.support.checked_cell import TOLERANCES, Cell
 
@@ -138,11 +141,19 @@ Chooser = Callable[[Cell, Calibration, np.random.Generator], Array]
 
 def random_checks(cell: Cell, base: Calibration, rng: np.random.Generator) -> Array:
     """Eight poses all over."""
-    return rounded(cell.nominal, random_poses(cell.nominal, 8, rng=rng))
+    return rounded(cell.nominal, random_poses(cell.nominal, CHECK_POSES, rng=rng))
+
+
+def planned_checks(cell: Cell, base: Calibration, rng: np.random.Generator) -> Array:
+    """Eight of 300 poses all over, as `plan --for watch` chooses."""
+    candidates = rounded(cell.nominal, random_poses(cell.nominal, 300, rng=rng))
+    poses = conditions_at(base.dataset.poses, candidates)
+    unknowns = unknowns_of_fit(base)
+    return candidates[check_poses(usual_kinds(unknowns, poses, unknowns.rows(poses)), CHECK_POSES)]
 
 
 def run(
-    name: str, choose: Chooser, *, arms: int, unchanged: int, moved: int, each: int, tell: bool
+    name: str, choose: Chooser, *, arms: int, unchanged: int, moved: int, each: int, shots: int, tell: bool
 ) -> list[int]:
     """[false alarms, unchanged cells, moved scanners blamed on the arm, moved scanners]"""
     robot = ROBOTS[name]()
@@ -155,17 +166,27 @@ def run(
         cell = Cell.drawn(rng, robot)
         dataset = cell.measured(rng, 64, "base")
         base, bound = calibrate(dataset), Bound(cell, dataset)
+        planned = choose(cell, base, rng)
+
+        def checks(
+            cell: Cell = cell,
+            base: Calibration = base,
+            rng: np.random.Generator = rng,
+            planned: Array = planned,
+        ) -> Array:
+            q = planned if choose is planned_checks else choose(cell, base, rng)
+            return np.repeat(q, shots, axis=0)
 
         def checked(now: Cell, q: Array, base: Calibration = base, rng: np.random.Generator = rng) -> Watched:
             return watch(base, now.measured(rng, q=q))
 
         for _ in range(unchanged):
-            seen = checked(cell, choose(cell, base, rng))
+            seen = checked(cell, checks())
             alarms, total = alarms + (seen.verdict != "unchanged"), total + 1
             if tell and seen.verdict != "unchanged":
                 print(f"  alarm, arm {seed}: {told(seen)}")
         for _ in range(moved):
-            seen = checked(scanner_moved(cell, rng), choose(cell, base, rng))
+            seen = checked(scanner_moved(cell, rng), checks())
             wrong = any(
                 c.what not in ("scanner", "base", "noise") for c in seen.changes if "scanner" not in c.as_well
             )
@@ -175,7 +196,7 @@ def run(
                 print(f"  blamed, arm {seed}: {seen.headline}")
         for change in changes:
             for _ in range(each):
-                q, after = choose(cell, base, rng), change.of(cell, rng)
+                q, after = checks(), change.of(cell, rng)
                 seen, sigmas = checked(after, q), bound.sigmas(q, after)
                 n = 3 if change.what == "tool" else 1
                 bounds[change.name].append((power(sigmas[0], ALARM, n), power(sigmas[1], BLAME, n), *sigmas))
@@ -209,13 +230,18 @@ def main() -> None:
     parser.add_argument("--moved", type=int, default=17, help="moved scanners of each")
     parser.add_argument("--each", type=int, default=5, help="of each change, for each base fit")
     parser.add_argument("--robot", choices=ROBOTS, action="append")
+    parser.add_argument(
+        "--planned", action="store_true", help="check poses as `plan --for watch` chooses them"
+    )
+    parser.add_argument("--shots", type=int, default=1, help="measurements of each check pose")
     parser.add_argument("--tell", action="store_true", help="print each wrong alarm")
     args = parser.parse_args()
     counts = np.zeros(4, dtype=int)
+    choose = planned_checks if args.planned else random_checks
     for name in args.robot or ROBOTS:
         counts += run(
-            name, random_checks, arms=args.arms, unchanged=args.unchanged, moved=args.moved, each=args.each,
-            tell=args.tell,
+            name, choose, arms=args.arms, unchanged=args.unchanged, moved=args.moved, each=args.each,
+            shots=args.shots, tell=args.tell,
         )  # fmt: skip
     print(
         f"all: {counts[0]} alarms of {counts[1]} unchanged cells, {counts[2]} of {counts[3]} moved scanners blamed on "

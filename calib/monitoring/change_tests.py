@@ -16,7 +16,7 @@ NOISIER = 0.0005  # probability of telling more noise where there is none
 NAMED = 0.0003  # of a change of the arm beside a scanner that may have moved, over all kinds
 AS_WELL = 6.0  # chi squared by which another change may explain less and still be said
 _EACH = 2.5  # chi squared that each number of a change has to explain
-_SEEN_Z = 4.2 + 1.645  # sigmas of a size that passes NAMED 19 times of 20
+SEEN_Z = 4.2 + 1.645  # sigmas of a size that passes NAMED 19 times of 20
 
 
 @dataclass(frozen=True)
@@ -177,6 +177,6 @@ class ChangeTests:
         s = np.linalg.svd(columns, compute_uv=False)
         if s[-1] < 1e-3 * max(float(s[0]), 1e-300) or s[0] < 1e-9:
             return Detectable(kind.what, kind.joint, kind.parameter, None, kind.unit, None)
-        size = _SEEN_Z / float(s[-1])
+        size = SEEN_Z / float(s[-1])
         moves = float(size * whole / np.sqrt(kind.count))
         return Detectable(kind.what, kind.joint, kind.parameter, float(size), kind.unit, moves)

@@ -79,3 +79,8 @@ def kind_words(kind: Kind) -> str:
     """ "joint_zero 3", "tool", "length a2"."""
     named = kind.parameter if kind.what in (LENGTH, ANGLE) else "" if kind.joint is None else str(kind.joint)
     return f"{kind.what} {named}".strip()
+
+
+def size_words(value: float, unit: str) -> str:
+    """Angles in degrees, all else in its own unit."""
+    return f"{np.degrees(value):.3g} deg" if unit == "rad" else f"{value:.3g} {unit}"

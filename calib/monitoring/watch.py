@@ -18,7 +18,7 @@ from calib.dataset.dataset import Dataset
 from calib.errors import FitError
 from calib.monitoring.cell import Cell
 from calib.monitoring.change_tests import ALARM, NAMED, NOISIER, Detectable, Found, as_well, the_likeliest
-from calib.monitoring.kinds import ANGLE, BASE, LENGTH, NOISE, SCANNER, Kind
+from calib.monitoring.kinds import ANGLE, BASE, LENGTH, NOISE, SCANNER, Kind, size_words
 
 MOST = 3  # changes of the arm that are told
 
@@ -56,7 +56,9 @@ class Watched:
         lines = [self.headline]
         never = [_detectable_name(d) for d in self.unseen if d.size is None]
         late = [
-            f"{_detectable_name(d)} below {_size(d.size, d.unit)}" for d in self.unseen if d.size is not None
+            f"{_detectable_name(d)} below {size_words(d.size, d.unit)}"
+            for d in self.unseen
+            if d.size is not None
         ]
         if never:
             lines.append(f"  never seen by these poses, or taken for the scanner: {', '.join(never)}")
@@ -79,11 +81,7 @@ def _words(change: Found) -> str:
     what = where.get(change.what) or f"{names[change.what]} of joint {change.joint}{named} changed"
     others = [name for name in change.as_well if name != BASE]
     as_well = f", or as well {', '.join(others)}: these poses do not tell" if others else ""
-    return f"{what} by {_size(change.size, change.unit)} +- {_size(change.sigma, change.unit)}{as_well}"
-
-
-def _size(value: float, unit: str) -> str:
-    return f"{np.degrees(value):.3g} deg" if unit == "rad" else f"{value:.3g} {unit}"
+    return f"{what} by {size_words(change.size, change.unit)} +- {size_words(change.sigma, change.unit)}{as_well}"
 
 
 def _detectable_name(d: Detectable) -> str:

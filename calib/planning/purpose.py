@@ -19,6 +19,7 @@ from calib.planning.start import Start
 from calib.planning.unknowns import Unknowns
 
 CALIBRATION = "calibration"
+WATCH = "watch"  # check poses: `calib.planning.purposes.watching`
 
 
 @dataclass(frozen=True)

@@ -67,22 +67,22 @@ class Unknowns:
 
     def columns_mm(self, poses: Poses) -> Array:
         """(N, 3 T, K) the derivative of the T targets' measured points, mm in the scanner's frame, by the unknowns."""
-        observed = self._as_observed(poses)
+        observed = self.as_observed(poses)
         at = _joint_columns(self, observed)
         return at.reshape(len(poses), -1, at.shape[-1])
 
     def rows(self, poses: Poses) -> Array:
         """(N, 3 T, K) `columns_mm` in units of the points' noise."""
-        observed = self._as_observed(poses)
+        observed = self.as_observed(poses)
         whitened = whitener(observed.covariance_mm2) @ _joint_columns(self, observed)
         return np.asarray(whitened.reshape(len(poses), -1, whitened.shape[-1]))
 
     def noise_mm2(self, poses: Poses) -> float:
         """The mean square of a measured point's noise at these poses, in three dimensions."""
-        covariance = self._as_observed(poses).covariance_mm2
+        covariance = self.as_observed(poses).covariance_mm2
         return float(np.trace(covariance, axis1=1, axis2=2).mean())
 
-    def _as_observed(self, poses: Poses) -> Observations:
+    def as_observed(self, poses: Poses) -> Observations:
         """Points where the model has them, a row for each target of each pose."""
         poses = poses.measured_later()
         placed = np.stack([self.scanner_T_base[str(name)] for name in poses.setup])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from calib.dataset.files.poses_csv import poses_frame
 from calib.planning.plan import Plan
 from calib.planning.prediction import PAYS, STEP
-from calib.planning.purpose import ForCalibration
+from calib.planning.purpose import WATCH, ForCalibration
 
 _SHOWN = (0, 5, 10, 15, 20, 30, 40, 50)  # counts of poses of the curve that are told
 
@@ -16,7 +16,8 @@ def plan_text(plan: Plan) -> str:
     joints = [name for name in table.columns if name not in ("role", "setup")]
     table = table[joints].assign(rank=plan.worth, tells=plan.why)
     rows = table.to_string(index=False, float_format=lambda v: f"{v:.1f}", justify="left").splitlines()
-    lines = [heading(plan), *(row.rstrip() for row in rows), *plan.told, *error_lines(plan)]
+    lines = [heading(plan), *(row.rstrip() for row in rows), *plan.told]
+    lines += [] if plan.purpose.name == WATCH else error_lines(plan)
     return "\n".join([*lines, *(f"note: {note}" for note in plan.notes)])
 
 
@@ -24,7 +25,7 @@ def heading(plan: Plan) -> str:
     """What the poses are for."""
     count, name = len(plan.poses), plan.start.dataset.name
     purpose = plan.purpose
-    aim = f"for {purpose.name}"
+    aim = "to watch the cell" if purpose.name == WATCH else f"for {purpose.name}"
     if isinstance(purpose, ForCalibration):
         aim = (
             "to know the parameters (D-optimal)"

@@ -16,14 +16,18 @@ def plan_arguments(sub: ArgumentParser) -> None:
         "--poses", type=values.pose_count, metavar="K", help="a first set of K poses (default 20 for a robot)"
     )
     sub.add_argument(
-        "--add", type=values.pose_count, metavar="K", help="K more poses for a dataset (default 5)"
+        "--add",
+        type=values.pose_count,
+        metavar="K",
+        help="K more poses for a dataset (default 5; 8 to watch)",
     )
     sub.add_argument(
         "--for",
         dest="purpose",
         default="calibration",
         metavar="WHAT",
-        help="calibration (default), split (settle a set that a diagnosis left open), or effects with commas between",
+        help="calibration (default), split (settle a set that a diagnosis left open), watch (8 check poses), or "
+        "effects with commas between",
     )
     sub.add_argument(
         "--criterion",

@@ -16,8 +16,9 @@ from calib.errors import CalibError
 from calib.options import BUILTIN_ROBOTS
 from calib.planning.fitted_start import start_of_dataset
 from calib.planning.plan import plan_poses
-from calib.planning.purpose import Purpose, purpose_of
+from calib.planning.purpose import WATCH, Purpose, purpose_of
 from calib.planning.purposes.split import SPLIT, ForSplit, open_set_of
+from calib.planning.purposes.watching import CHECK_POSES, ForWatch
 from calib.planning.scanner_place import scanner_at
 from calib.planning.start import FromFit, FromRobot
 from calib.planning.unknowns import DEFAULT_NOISE_MM
@@ -46,19 +47,20 @@ def run_plan(options: PlanOptions) -> int:
             f"{options.path}: --payload-kg is for poses that settle a set; give --for {SPLIT} with it"
         )
     purpose: Purpose
+    watched = options.purpose == WATCH
     if options.path.is_dir() and options.purpose == SPLIT:
         purpose = _open_set(options)
         start, count = purpose.start, options.add or FURTHER
     elif options.path.is_dir():
-        purpose = purpose_of(options.purpose, options.criterion)
+        purpose = ForWatch() if watched else purpose_of(options.purpose, options.criterion)
         start, user_effects = _dataset_start(options)
-        count = options.add or FURTHER
+        count = options.add or (CHECK_POSES if watched else FURTHER)
     else:
         if options.purpose == SPLIT:
             raise CalibError(
                 f"{options.path}: --for {SPLIT} settles what a dataset's diagnosis left open; give its folder"
             )
-        purpose = purpose_of(options.purpose, options.criterion)
+        purpose = ForWatch() if watched else purpose_of(options.purpose, options.criterion)
         start = _robot_start(options)
         count = options.poses or FIRST_SET
     plan = plan_poses(

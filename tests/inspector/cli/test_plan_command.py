@@ -97,3 +97,17 @@ def test_a_place_is_three_or_six_numbers(place: str, capsys: pytest.CaptureFixtu
     with pytest.raises(SystemExit):
         main(["plan", "rb5", "--scanner", place])
     assert "is no place; give X,Y,Z in mm" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_check_poses_for_a_calibration_and_for_nothing_else(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plan", "rb5", "--for", "watch"]) == 2
+    assert "against a calibration" in capsys.readouterr().err
+    assert main(["plan", str(folder), "--for", "watch", "--effect", "joint_compliance"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("8 poses for ")
+    assert "to watch the cell" in said
+    assert "found and named 19 times of 20: joint_zero 2 from" in said
+    assert "predicted error" not in said

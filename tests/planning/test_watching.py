@@ -1,0 +1,66 @@
+"""Check poses: what they show, against sizes that MuJoCo's own points give, and against poses at random."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.array_types import IndexArray
+from calib.calibration.calibrate import calibrate
+from calib.fitting.observations import conditions_at
+from calib.kinematics.joint_range import random_poses
+from calib.monitoring.change_tests import SEEN_Z
+from calib.monitoring.watch import watch
+from calib.planning.purposes.watching import CHECK_POSES, CheckedKind, check_poses, usual_kinds
+from calib.planning.unknowns import unknowns_of_fit
+from tests.support.checked_cell import Cell
+
+Planned = tuple[Cell, np.ndarray, tuple[CheckedKind, ...], IndexArray]
+
+
+@pytest.fixture(scope="module")
+def planned() -> Planned:
+    rng = np.random.default_rng(2)
+    cell = Cell.drawn(rng)
+    base = calibrate(cell.measured(rng, 64, "base"))
+    q = random_poses(cell.nominal, 150, rng=rng)
+    poses, unknowns = conditions_at(base.dataset.poses, q), unknowns_of_fit(base)
+    kinds = usual_kinds(unknowns, poses, unknowns.rows(poses))
+    return cell, q, kinds, check_poses(kinds, CHECK_POSES)
+
+
+def test_the_usual_kinds_and_which_of_them_a_moved_scanner_looks_like(planned: Planned) -> None:
+    kinds = planned[2]
+    asked = {(k.kind.what, k.kind.joint): k.free for k in kinds}
+    assert asked == {
+        ("joint_zero", 1): False,  # a turn of the scanner about the first axis is the same
+        **{("joint_zero", j): True for j in (2, 3, 4, 5)},
+        ("tool", None): True,
+    }  # the RB5's target is on its last axis
+
+
+def test_planned_poses_show_each_kind_at_smaller_sizes_than_random_ones(planned: Planned) -> None:
+    _, q, kinds, chosen = planned
+    rng = np.random.default_rng(0)
+    for kind in kinds:
+        some = [kind.size(rng.choice(len(q), CHECK_POSES, replace=False)) for _ in range(20)]
+        assert kind.size(chosen) < np.median(some)
+    gains = [
+        np.median([k.size(rng.choice(len(q), 8, replace=False)) for _ in range(20)]) / k.size(chosen)
+        for k in kinds
+    ]
+    assert np.mean(gains) > 1.15
+
+
+@pytest.mark.slow
+def test_the_size_that_is_told_is_found_and_named_as_often_as_promised(planned: Planned) -> None:
+    cell, q, kinds, chosen = planned
+    rng = np.random.default_rng(5)
+    base = calibrate(cell.measured(rng, 64, "base"))
+    slip = next(k for k in kinds if k.kind.joint == 3)
+    slipped = cell.with_changes({"theta3": slip.size(chosen)})
+    seen = [watch(base, slipped.measured(rng, q=q[chosen])) for _ in range(30)]
+    named = [[(c.what, c.joint) for c in w.changes] == [("joint_zero", 3)] for w in seen]
+    assert sum(named) >= 26
+    sigma = np.std([w.changes[0].size for w, ok in zip(seen, named, strict=True) if ok])
+    assert sigma == pytest.approx(slip.size(chosen) / SEEN_Z, rel=0.4)
