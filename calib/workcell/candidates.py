@@ -43,7 +43,7 @@ def candidate_poses(cell: Workcell, count: int, *, rng: np.random.Generator) -> 
                 f"robot {cell.robot.name}: found {total} of {count} poses that can be measured; of {tried} tries "
                 f"{counted(reasons)}; move the scanner, widen its field or the joints' limits, or correct [cell]"
             )
-        q = _drawn(cell, rng)
+        q = likely_poses(cell, rng)
         judged = measurable(cell, q)
         found.append(q[judged.ok])
         reasons.append(judged.reason)
@@ -52,8 +52,8 @@ def candidate_poses(cell: Workcell, count: int, *, rng: np.random.Generator) -> 
     return np.concatenate(found)[:count]
 
 
-def _drawn(cell: Workcell, rng: np.random.Generator) -> Array:
-    """(B, n) joints that are likely to hold the jig in the field."""
+def likely_poses(cell: Workcell, rng: np.random.Generator) -> Array:
+    """(1024, n) joints that are likely to hold the jig in the field."""
     low, high = cell.low, cell.high
     if cell.field is None or cell.base_T_scanner is None:
         return rng.uniform(low, high, (_BATCH, len(low)))

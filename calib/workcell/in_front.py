@@ -10,13 +10,17 @@ from calib.kinematics.chain import forward
 from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
 
-_ONE_WAY = 0.6  # length of the mean of the jig's axes from which they count as pointing one way
-_DRAWN = 2000  # poses
+_DRAWN = 8000  # poses
+_NEAR_MM, _FACING = (
+    350.0,
+    0.8,
+)  # of a pose that counts as seen: from the field's middle; cosine to the line of sight
+_FEW = 8  # such poses
 
 
 def in_front(robot: Robot) -> tuple[Array, Array]:
     """The middle of an arm's reach in front of it (3,), mm, and the turn of a scanner that looks back (3, 3)."""
-    q = random_poses(robot, _DRAWN, rng=np.random.default_rng(0))
+    q = random_poses(robot, 2000, rng=np.random.default_rng(0))
     reach_mm = float(
         np.linalg.norm(forward(robot.table, q, robot.is_revolute, robot.base_T_first).target_mm, axis=1).max()
     )
@@ -29,19 +33,22 @@ def in_front(robot: Robot) -> tuple[Array, Array]:
 def likely_scanner_place(robot: Robot, tool_T_jig: Array, distance_mm: float) -> Array:
     """base_T_scanner (4, 4) from which such an arm's jig can be seen: in front of the arm, looking back at it.
 
-    An arm that cannot turn its jig around (a SCARA, a gantry) is looked at from where the jig points, in the middle of
-    its reach.
+    An arm that hardly brings its jig there, facing the scanner (a SCARA, a gantry), is looked at in the middle of its
+    reach, along the base's axis from which its jig is faced most often.
     """
     q = random_poses(robot, _DRAWN, rng=np.random.default_rng(0))
     chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
     axes = (chain.base_T_frame[:, -1] @ tool_T_jig)[:, :3, 2]  # into the material: as the scanner looks
-    mean = axes.mean(axis=0)
-    if np.linalg.norm(mean) < _ONE_WAY:
-        middle_mm, turn = in_front(robot)
-    else:
+
+    def faced(middle_mm: Array, look: Array) -> int:
+        near = np.linalg.norm(chain.target_mm - middle_mm, axis=1) < _NEAR_MM
+        return int(np.sum(near & (axes @ look > _FACING)))
+
+    middle_mm, turn = in_front(robot)
+    if faced(middle_mm, turn[:, 2]) < _FEW:
         middle_mm = np.median(chain.target_mm, axis=0)
-        z = mean / np.linalg.norm(mean)
-        x = np.cross([0.0, 0.0, 1.0] if abs(z[2]) < 0.9 else [0.0, 1.0, 0.0], z)
-        x /= np.linalg.norm(x)
+        looks = np.concatenate([np.eye(3), -np.eye(3)])
+        z = looks[int(np.argmax([faced(middle_mm, look) for look in looks]))]
+        x = np.cross([0.0, 0.0, 1.0] if z[2] == 0.0 else [0.0, 1.0, 0.0], z)
         turn = np.column_stack([x, np.cross(z, x), z])
     return make_transform(turn, middle_mm - distance_mm * turn[:, 2])

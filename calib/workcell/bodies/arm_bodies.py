@@ -1,7 +1,8 @@
 """The solids of an arm: a capsule along each straight piece of its chain, as thick as its lengths make likely.
 
 A row of the table leads from one frame to the next in two straight pieces, d along the joint's axis and a across it.
-A link whose mesh is known is a capsule around that mesh instead, and the mesh itself where lines of sight are asked.
+What holds the jig is a straight rod from the flange to the jig's back. A link whose mesh is known is a capsule around
+that mesh instead, and the mesh itself where lines of sight are asked.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.frames import invert
 from calib.jig import Jig, jig_geometry
 from calib.kinematics.chain import Chain, forward
 from calib.kinematics.joint_range import random_poses
@@ -112,25 +114,28 @@ def arm_bodies(
     n = robot.n_joints
     lengths_mm = np.abs(robot.table[:-1, [0, 2]]).sum()  # a beam is no thicker for its stroke
     thick = np.linspace(FIRST_THICKNESS, LAST_THICKNESS, n) * lengths_mm
-    radii = np.append(np.maximum(thick, LEAST_MM), TOOL_MM)
+    radii = np.maximum(thick, LEAST_MM)
     back_mm, jig_radius_mm = (0.0, 0.0) if jig is None else jig_size(jig)
     bodies: list[_Body] = []
-    for i in range(n + 1):
+    for i in range(n):
         if i in meshes:
             start, end, radius = meshes[i].bounding_capsule()
             bodies.append(_Body(i, radius, FIXED, start_mm=tuple(start), end_mm=tuple(end)))
             continue
         lengths = (robot.table[i, 2], robot.table[i, 0])
-        slides = i < n and not robot.joints[i].is_revolute
+        slides = not robot.joints[i].is_revolute
         pieces = [k for k in (ALONG_D, ALONG_A) if abs(lengths[k]) > _SHORTEST * reach or (k == 0 and slides)]
         for piece in pieces:
-            # The flange is flat, and what holds the jig ends behind it.
-            ends = radii[i] * (i >= n - 1) + max(back_mm, 0.0) * (i == n) if piece == pieces[-1] else 0.0
-            if i < n or abs(lengths[piece]) > ends:
-                bodies.append(_Body(i, radii[i], piece, ends, static=i == 0 and piece == ALONG_D))
+            flat = i == n - 1 and piece == pieces[-1]  # the flange
+            bodies.append(_Body(i, radii[i], piece, radii[i] * flat, static=i == 0 and piece == ALONG_D))
+    tool_T_flange = invert(forward(robot.table[n:], np.zeros((1, 0)), []).base_T_frame[0, -1])
+    flange, held = tool_T_flange[:3, 3], tool_T_jig[:3, 3] + max(back_mm, 0.0) * tool_T_jig[:3, 2]
+    if np.linalg.norm(held - flange) > TOOL_MM:  # straight to the jig, behind which it ends
+        bodies.append(_Body(n, TOOL_MM, FIXED, TOOL_MM, tuple(flange), tuple(held)))
     if jig is not None:
-        middle = tuple(tool_T_jig[:3, :3] @ [0.0, 0.0, back_mm] + tool_T_jig[:3, 3])
-        bodies.append(_Body(n, jig_radius_mm, FIXED, start_mm=middle, end_mm=middle, hides=False))
+        middle = tuple(tool_T_jig[:3, :3] @ [0.0, 0.0, 0.5 * back_mm] + tool_T_jig[:3, 3])
+        radius = float(np.hypot(0.5 * back_mm, jig_radius_mm))
+        bodies.append(_Body(n, radius, FIXED, start_mm=middle, end_mm=middle, hides=False))
     out = ArmBodies(
         link=np.array([b.link for b in bodies], dtype=np.intp),
         radius_mm=np.array([b.radius_mm for b in bodies], dtype=float),
