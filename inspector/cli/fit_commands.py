@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from datetime import datetime
 
-from calib.compensation.point_lists import corrected_file, is_point_list, require_point_list
+from calib.compensation.corrected_file import corrected_file
 from calib.compensation.target_correction import corrected_joints, needed_columns
 from calib.compensation.targets_csv import load_targets, require_conditions
 from calib.dataset.files.atomic_write import write_text_atomically
@@ -19,6 +19,7 @@ from calib.effects.catalogue import effects_named
 from calib.errors import CalibError, DatasetError
 from calib.measurement.measured_points import require_corners, with_corners
 from calib.models.model_file import save_model
+from calib.robot_formats.programs.point_lists import is_point_list, require_point_list
 from calib.screening.curves.effect_file import effect_file_text
 from calib.validation.acceptance import check
 from calib.validation.cross_validation import cross_validate

@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.calibration.result import figures_line
-from calib.compensation.point_lists import corrected_file, is_point_list, require_point_list
+from calib.compensation.corrected_file import corrected_file
 from calib.compensation.targets_csv import load_targets, require_conditions
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.errors import CalibError
 from calib.models.model_file import load_model
 from calib.options import DEFAULT_FOLDS
+from calib.robot_formats.programs.point_lists import is_point_list, require_point_list
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options import CorrectOptions, ValidateOptions
 from inspector.cli.output_paths import check_outputs

@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 
 from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
-from calib.compensation.point_lists import LONGEST, identifiers, point_list, require_point_list
+from calib.compensation.corrected_file import corrected_points
 from calib.compensation.target_correction import Correction, corrected_joints
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
+from calib.robot_formats.programs.point_lists import LONGEST, identifiers
 from inspector.cli.parser import main
 from tests.support.hidden_dataset import arm, write_hidden
 
@@ -61,7 +62,7 @@ def read(text: str, suffix: str) -> dict[str, Array]:
 
 @pytest.mark.parametrize("suffix", LONGEST)
 def test_what_a_controller_reads_is_what_was_corrected(correction: Correction, suffix: str) -> None:
-    text = point_list(Path(f"my targets{suffix}"), correction, IDS)
+    text = corrected_points(Path(f"my targets{suffix}"), correction, IDS)
     assert text.isascii()
     got = read(text, suffix)
     names = identifiers(IDS, LONGEST[suffix])

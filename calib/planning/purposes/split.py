@@ -13,7 +13,7 @@ from calib.planning.purpose import Situation
 from calib.planning.start import FromFit, Start
 from calib.screening.rivals.further_poses import under_conditions
 from calib.screening.rivals.predictions import Predictions, predict
-from calib.screening.rivals.split import ENOUGH, Split, choose, judged
+from calib.screening.rivals.split import ENOUGH, MOST_SHOTS, Split, choose, judged
 from calib.workcell.pose_conditions import PAYLOAD_KG, conditions_for
 
 SPLIT = "split"
@@ -25,6 +25,7 @@ class ForSplit:
 
     doubt: Doubt
     payload_kg: float | None = None  # that the arm may carry at some poses, where the data have none
+    most_shots: int = MOST_SHOTS  # measurements of a pose
     name = SPLIT
     effects: tuple[str, ...] = ()
     _kept: list[tuple[Poses, Predictions]] = field(default_factory=list, init=False, repr=False)
@@ -49,7 +50,8 @@ class ForSplit:
         return offered if start.measured is None else under_conditions(offered, start.measured, payloads)
 
     def choose(self, situation: Situation, count: int) -> IndexArray:
-        return choose(self._predictions(situation.candidates), situation.candidates, count)
+        candidates = situation.candidates
+        return choose(self._predictions(candidates), candidates, count, most_shots=self.most_shots)
 
     def settles(self, situation: Situation, chosen: IndexArray) -> float | None:
         return self._judged(situation, chosen).settles
@@ -100,7 +102,10 @@ class ForSplit:
         return self._kept[0][1]
 
     def _judged(self, situation: Situation, chosen: IndexArray, *, look_on: bool = False) -> Split:
-        return judged(self._predictions(situation.candidates), situation.candidates, chosen, look_on=look_on)
+        candidates = situation.candidates
+        return judged(
+            self._predictions(candidates), candidates, chosen, most_shots=self.most_shots, look_on=look_on
+        )
 
 
 def open_set_of(found: Findings, payload_kg: float | None = None) -> ForSplit:

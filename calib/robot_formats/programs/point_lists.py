@@ -1,4 +1,4 @@
-"""Corrected joint targets as point lists for controllers: URScript, KUKA KRL, ABB RAPID.
+"""Joint targets as point lists for controllers: URScript, KUKA KRL, ABB RAPID.
 
 Joint values are those that the controller is commanded with, as in poses.csv: URScript in rad, the others in degrees.
 Sources: Universal Robots, *The URScript Programming Language* (lists of joint positions, rad); KUKA, *KSS System
@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from calib.array_types import Array
-from calib.compensation.target_correction import Correction
-from calib.compensation.targets_csv import Targets, corrected_table
 from calib.errors import CalibError
 
 JOINTS = 6  # that a joint position of these languages holds
@@ -47,39 +46,31 @@ def require_point_list(path: Path, is_revolute: Sequence[bool]) -> None:
         )
 
 
-def corrected_file(path: Path, targets: Targets, correction: Correction) -> str:
-    """What a file of this name is to hold: a controller's point list, or the table with corrected joints."""
-    if is_point_list(path):
-        return point_list(path, correction, targets.poses.ids)
-    return corrected_table(targets, correction)
+@dataclass(frozen=True)
+class JointTarget:
+    """A place to go to, under the name that a user knows it by."""
+
+    name: str
+    q: Array  # (n,) rad or mm, as it is commanded
+    left_out: str = ""  # why it is not to be gone to; "" where it is
 
 
-def point_list(path: Path, correction: Correction, ids: Sequence[str]) -> str:
-    """The targets that are reached, in the language that the file's name tells; the others as comments with the reason.
+def point_list(path: Path, targets: Sequence[JointTarget], heading: Sequence[str]) -> str:
+    """The targets in the language that the file's name tells; those that are left out as comments with the reason.
 
-    Raises as `require_point_list`.
+    heading: lines that say what they are, put first as comments. For an arm that `require_point_list` takes.
     """
     suffix = path.suffix.lower()
-    require_point_list(path, correction.robot.is_revolute.tolist())
     comment = _COMMENT[suffix]
-    names = identifiers(ids, LONGEST[suffix])
-    commanded = correction.robot.commands_of(correction.q)
-    lines = [
-        f"{comment} {words}"
-        for words in (
-            f"Joint targets of {_plain(correction.robot.name)}, corrected for the calibrated arm ({correction.what}).",
-            f"{int(correction.reached.sum())} of {len(names)} targets are reached; joint values in "
-            f"{'rad' if suffix == '.script' else 'degrees'}.",
-        )
-    ]
-    for name, pose_id, q, reached, reason in zip(
-        names, ids, commanded, correction.reached, correction.reasons, strict=True
-    ):
-        said = f"  {comment} {_plain(pose_id)}" if name != pose_id else ""
-        if reached:
-            lines.append(_line(suffix, name, q) + said)
+    names = identifiers([target.name for target in targets], LONGEST[suffix])
+    unit = "rad" if suffix == ".script" else "degrees"
+    lines = [f"{comment} {_plain(words)}" for words in (*heading, f"Joint values in {unit}.")]
+    for name, target in zip(names, targets, strict=True):
+        said = f"  {comment} {_plain(target.name)}" if name != target.name else ""
+        if target.left_out:
+            lines.append(f"{comment} {name} is left out: {_plain(target.left_out)}")
         else:
-            lines.append(f"{comment} {name} is left out: {_plain(reason)}")
+            lines.append(_line(suffix, name, target.q) + said)
     return "\n".join(_wrapped(suffix, path.stem, lines)) + "\n"
 
 

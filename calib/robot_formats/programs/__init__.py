@@ -1,0 +1,1 @@
+"""Joint targets as controllers and ROS read them."""

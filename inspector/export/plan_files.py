@@ -1,0 +1,55 @@
+"""A plan as a file for whoever drives the arm, by the file's name: poses.csv, a controller's point list, ROS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from calib.errors import CalibError
+from calib.planning.plan import Plan
+from calib.robot_formats.programs.point_lists import (
+    JointTarget,
+    is_point_list,
+    point_list,
+    require_point_list,
+)
+from calib.robot_formats.programs.trajectory import trajectory_yaml
+from calib.workcell.pose_conditions import come_from
+from inspector.export.plan_document import plan_csv
+
+CSV, ROS = ".csv", (".yaml", ".yml")
+
+
+def planned_file(path: Path, plan: Plan) -> str:
+    """What a file of this name is to hold.
+
+    Raises CalibError for a name of no such form, and for an arm that its form cannot hold.
+    """
+    if path.suffix.lower() == CSV:
+        return plan_csv(plan)
+    robot = plan.start.dataset.robot
+    heading = (
+        f"{len(plan.poses)} poses of {robot.name} to measure, for {plan.purpose.name}, in this order.",
+        "Only the poses themselves were checked against cell and scanner: watch the ways between them.",
+    )
+    if path.suffix.lower() in ROS:
+        return trajectory_yaml(robot, _targets(plan), heading)
+    if is_point_list(path):
+        require_point_list(path, robot.is_revolute.tolist())
+        return point_list(path, _targets(plan), heading)
+    raise CalibError(
+        f"{path}: a plan is written as .csv (poses.csv), .script (URScript), .dat (KRL), .mod (RAPID) or .yaml (ROS)"
+    )
+
+
+def _targets(plan: Plan) -> list[JointTarget]:
+    """The poses as commanded; before one that is to be approached from given sides, the place to come from."""
+    robot, poses, cell = plan.start.dataset.robot, plan.poses, plan.start.cell
+    start = None
+    if poses.approach is not None:
+        start = robot.commands_of(come_from(poses.q, poses.approach, robot.is_revolute, cell.low, cell.high))
+    out: list[JointTarget] = []
+    for k, (name, q) in enumerate(zip(poses.ids, robot.commands_of(poses.q), strict=True)):
+        if start is not None:
+            out.append(JointTarget(f"{name}_from", start[k]))
+        out.append(JointTarget(name, q))
+    return out
