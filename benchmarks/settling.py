@@ -166,7 +166,9 @@ def tell(rows: pd.DataFrame, arms: int, count: int) -> None:
         if len(some):
             right = (some["after"] == "right").mean()
             mean = some["predicted"].mean()
-            print(f"    {low:.2f} to {min(high, 1.0):.2f}: {len(some):3d} sets, mean {mean:.2f} -> {right:.2f}")
+            print(
+                f"    {low:.2f} to {min(high, 1.0):.2f}: {len(some):3d} sets, mean {mean:.2f} -> {right:.2f}"
+            )
     print(f"    all: mean {rows['predicted'].mean():.2f} -> {(rows['after'] == 'right').mean():.2f}")
     print(
         f"  sets that hold the truth: {int(rows['holds truth'].sum())}; a plan took {rows['seconds'].median():.2f} s "

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import hadamard
 
-from calib.array_types import Array, IndexArray
+from calib.array_types import Array, BoolArray, IndexArray
 
 APPROACH, PAYLOAD, TEMPERATURE = "approach", "payload_kg", "temperature_c"
 PAYLOAD_KG = 1.0  # unless the user has another
@@ -111,7 +111,7 @@ def _signs(count: int, joints: int, rng: np.random.Generator) -> Array:
     return patterns[np.concatenate([*rounds, np.zeros(0, dtype=np.intp)])[:count]]
 
 
-def come_from(q: Array, approach: Array, is_revolute: Array, low: Array, high: Array) -> Array:
+def come_from(q: Array, approach: Array, is_revolute: BoolArray, low: Array, high: Array) -> Array:
     """(M, n) joints to go to before q (M, n), so that each joint then arrives from its side: 3 deg or 10 mm before it.
 
     Joints that would leave their range (n,) go as far as it allows.

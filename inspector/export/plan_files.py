@@ -19,11 +19,22 @@ from inspector.export.plan_document import plan_csv
 CSV, ROS = ".csv", (".yaml", ".yml")
 
 
+def check_plan_file(path: Path) -> None:
+    """Raise CalibError for a name of no form that a plan is written in."""
+    suffix = path.suffix.lower()
+    if suffix != CSV and suffix not in ROS and not is_point_list(path):
+        raise CalibError(
+            f"{path}: a plan is written as .csv (poses.csv), .script (URScript), .dat (KRL), .mod (RAPID) or .yaml "
+            "(ROS)"
+        )
+
+
 def planned_file(path: Path, plan: Plan) -> str:
     """What a file of this name is to hold.
 
     Raises CalibError for a name of no such form, and for an arm that its form cannot hold.
     """
+    check_plan_file(path)
     if path.suffix.lower() == CSV:
         return plan_csv(plan)
     robot = plan.start.dataset.robot
@@ -33,12 +44,8 @@ def planned_file(path: Path, plan: Plan) -> str:
     )
     if path.suffix.lower() in ROS:
         return trajectory_yaml(robot, _targets(plan), heading)
-    if is_point_list(path):
-        require_point_list(path, robot.is_revolute.tolist())
-        return point_list(path, _targets(plan), heading)
-    raise CalibError(
-        f"{path}: a plan is written as .csv (poses.csv), .script (URScript), .dat (KRL), .mod (RAPID) or .yaml (ROS)"
-    )
+    require_point_list(path, robot.is_revolute.tolist())
+    return point_list(path, _targets(plan), heading)
 
 
 def _targets(plan: Plan) -> list[JointTarget]:

@@ -60,7 +60,12 @@ def plan_arguments(sub: ArgumentParser) -> None:
         help="a known payload that some poses may carry, for --for split",
     )
     sub.add_argument("--seed", type=int, default=0, help="of the poses to choose from (default 0)")
-    sub.add_argument("--out", type=Path, metavar="FILE.csv", help="write the poses as poses.csv")
+    sub.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="write the poses: .csv (poses.csv), .script (URScript), .dat (KRL), .mod (RAPID), .yaml (ROS trajectory)",
+    )
     links_arguments(sub)
     add_fit(sub)
     add_json(sub)

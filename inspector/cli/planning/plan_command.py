@@ -33,13 +33,16 @@ from inspector.cli.options import PlanOptions
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import stages
 from inspector.cli.robots.reading import reading_of
-from inspector.export.plan_document import plan_csv, plan_document
+from inspector.export.plan_document import plan_document
+from inspector.export.plan_files import check_plan_file, planned_file
 
 FIRST_SET, FURTHER = 20, 5
 
 
 def run_plan(options: PlanOptions) -> int:
     """Choose poses, and tell why and what they will be good for."""
+    if options.out is not None:
+        check_plan_file(options.out)
     start: FromFit | FromRobot
     user_effects: Sequence[Family] = ()
     if options.payload_kg is not None and options.purpose != SPLIT:
@@ -67,7 +70,7 @@ def run_plan(options: PlanOptions) -> int:
         start, count, purpose=purpose, region=options.region, user_effects=user_effects, seed=options.seed
     )
     if options.out is not None:
-        write_text_atomically(options.out, plan_csv(plan))
+        write_text_atomically(options.out, planned_file(options.out, plan))
     show(options, plan_document(plan), plan_text(plan))
     return 0
 
