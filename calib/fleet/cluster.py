@@ -14,6 +14,7 @@ from calib.fleet.judge import versions
 from calib.fleet.run import Workers
 
 LOOPBACK = "127.0.0.1"
+CONNECT_S = 10.0  # that a scheduler may take to answer
 _SETTINGS = {
     # A worker that dies takes its task along once; `run` tries it again after all others.
     "distributed.scheduler.allowed-failures": 0,
@@ -63,7 +64,7 @@ def cluster_workers(address: str, folder: Path) -> Iterator[Workers]:
     """
     distributed = _distributed()
     try:
-        client = distributed.Client(address, timeout="10s", set_as_default=False)
+        client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         said = " ".join(str(error).split())
         raise CalibError(f"--scheduler {address}: no Dask scheduler answers there ({said})") from None

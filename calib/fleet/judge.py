@@ -202,7 +202,7 @@ def sizes_of(found: Diagnosis) -> tuple[EffectSize, ...]:
     out = []
     for member, moves_mm in zip(members, moved_mm(members, calibration), strict=True):
         main = main_value(member, calibration)
-        if main is None or family_name(member) == LEARNED:
+        if main is None or family_name(member) == LEARNED or not np.isfinite([main.value, moves_mm]).all():
             continue
         joint = getattr(member, "joint", None)
         sigma = main.sigma if np.isfinite(main.sigma) else None

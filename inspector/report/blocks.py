@@ -10,6 +10,8 @@ import plotly.graph_objects as go
 
 from inspector.markup.parts.elements import LONG_NAME
 
+_SHORT_NAME = 14  # characters
+
 
 @dataclass(frozen=True)
 class Paragraph:
@@ -52,9 +54,11 @@ class Table:
     mark: int | None = None
 
     def cell_class(self, column: int, value: object) -> str:
-        """The CSS class of a cell: a number, words, or words of which one is too long for a line."""
+        """The CSS class of a cell: a number, a short name, words, or words of which one is too long for a line."""
         if column not in self.left:
             return "num"
+        if "-" in str(value) and " " not in str(value) and len(str(value)) <= _SHORT_NAME:
+            return "wide short"  # a date, a serial number: not to be broken at its hyphens
         return "wide long" if max(map(len, str(value).split()), default=0) > LONG_NAME else "wide"
 
 

@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.errors import DatasetError
+from calib.errors import CalibError, DatasetError
+from calib.fleet import cluster
 from calib.fleet import judge as judging
-from calib.fleet.cluster import local_workers
+from calib.fleet.cluster import cluster_workers, local_workers
 from calib.fleet.discovery import discover
 from calib.fleet.judge import FleetOptions
 from calib.fleet.result import Fleet
@@ -194,6 +195,25 @@ def test_workers_listen_to_this_machine_alone_and_multiply_on_one_thread(dask: W
     addresses = [client.scheduler.address, *seen]
     assert all(address.startswith("tcp://127.0.0.1:") for address in addresses)
     assert set(client.nthreads().values()) == {1}
+
+
+@pytest.mark.slow
+def test_a_cluster_that_runs_already_is_taken_by_its_address(
+    real_folder: Path, folder: Path, dask: Workers, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    address = dask.executor._client.scheduler.address  # type: ignore[union-attr]
+    with cluster_workers(address, folder) as workers:
+        assert (workers.count, workers.own_processes) == (2, False)
+        assert [row.path for row in run(folder, workers).rows] == ["a", "b", "deep/er/c"]
+    monkeypatch.setattr(cluster, "versions", lambda: {"program": "another"})
+    with pytest.raises(CalibError, match="another version"), cluster_workers(address, folder):
+        pass
+    monkeypatch.undo()
+    with pytest.raises(CalibError, match="does not see"), cluster_workers(address, folder / "nowhere"):
+        pass
+    monkeypatch.setattr(cluster, "CONNECT_S", 0.2)
+    with pytest.raises(CalibError, match="no Dask scheduler answers"), cluster_workers("127.0.0.1:9", folder):
+        pass
 
 
 def test_the_kept_file_says_what_it_is(folder: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -91,6 +92,18 @@ def test_refusals_are_one_line(
         assert captured.out == ""
     assert mine.read_text() == "a,b\n1,2\n"
     assert not list(tmp_path.glob("*.results"))
+
+
+def test_without_dask_one_line_says_what_to_install(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_cell(tmp_path / "a", 1)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert main(["fleet", str(tmp_path), "--out", str(tmp_path / "fleet.csv")]) == 2
+    assert "robot-calibration-inspector[fleet]" in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert main(["fleet", str(tmp_path), "--out", str(tmp_path / "fleet.parquet")]) == 2
+    assert "name a .csv" in capsys.readouterr().err
 
 
 def test_a_run_that_is_stopped_says_how_to_go_on(
