@@ -23,6 +23,7 @@ from calib.simulation.scene import CUBE_CORNER
 from calib.workcell.in_front import in_front
 from calib.workcell.jig_frames import jig_outward, target_T_jig
 from calib.workcell.jig_goals import JigGoals
+from calib.workcell.measurable import incidence_cosines
 from calib.workcell.scan_field import JANG_FIELD, tilted
 
 _MAX_TILT_DEG = 22.0  # of the jig's axis from the line of sight, where poses are drawn
@@ -160,10 +161,9 @@ def _usable(robot: Robot, base_T_scanner: Array, apex_mm: Array, axis: Array, q:
     q = np.where(robot.is_revolute, wrapped(q, low), q)
     reached &= np.all((q >= low) & (q <= high), axis=1)
     chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
-    scanner_T_jig = invert(base_T_scanner) @ chain.base_T_frame[:, -1] @ target_T_jig(robot)
     _, normals = jig_geometry(jig)
-    sight = scanner_T_jig[:, :3, 3] / np.linalg.norm(scanner_T_jig[:, :3, 3], axis=1, keepdims=True)
-    cos_incidence = -np.einsum("nij,kj,ni->nk", scanner_T_jig[:, :3, :3], normals, sight)
+    base_T_jig = chain.base_T_frame[:, -1] @ target_T_jig(robot)
+    cos_incidence = incidence_cosines(base_T_jig, normals, base_T_scanner[:3, 3])
     seen = np.all(cos_incidence > np.cos(np.radians(JANG_FIELD.max_incidence_deg)), axis=1)
     return q[reached & seen & _is_clear(robot, chain, base_T_scanner)]
 
