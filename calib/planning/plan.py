@@ -13,6 +13,7 @@ from calib.dataset.dataset import Dataset, Poses
 from calib.effects.catalogue import family_of
 from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError
+from calib.identifiability.structural import fewest_poses
 from calib.kinematics.joint_range import random_poses
 from calib.options import PLAN_REGIONS
 from calib.planning.exchange import best_poses
@@ -27,8 +28,9 @@ from calib.planning.purpose import ForCalibration, Purpose, Situation
 from calib.planning.reasons import new_ids, reasons
 from calib.planning.start import Start
 from calib.workcell.candidates import candidate_poses
+from calib.workcell.order import order_poses
 
-CANDIDATES = 500
+CANDIDATES = 800
 RIGHT_EVERYWHERE = ForCalibration()
 _REGION = 300  # poses of a region that is drawn
 _FEWEST_TEST = 5  # test poses that make a region
@@ -92,10 +94,11 @@ def plan_poses(
     if region not in PLAN_REGIONS:
         raise CalibError(f"no region {region!r}; there are {', '.join(PLAN_REGIONS)}")
     rng = np.random.default_rng(seed)
-    offered = start.poses_at(candidate_poses(start.cell, max(candidates, 2 * count), rng=rng))
-    offered = purpose.prepared(start, offered)
+    candidates = max(candidates, 2 * count)
+    q = candidate_poses(start.cell, candidates + _REGION, rng=rng)  # the last of which are the region's
+    offered = purpose.prepared(start, start.poses_at(q[:candidates]))
     unknowns = start.unknowns(_members(start, offered, purpose.effects, user_effects))
-    wanted_at = _region(start, offered, region, rng)
+    wanted_at = _region(start, start.poses_at(q[candidates:]), region, rng)
     situation = Situation(start, unknowns, offered, unknowns.rows(offered), Region.of(*wanted_at, unknowns))
     chosen = purpose.choose(situation, count)
     curve_mm = _curve(situation, chosen)
@@ -123,7 +126,17 @@ def plan_poses(
         shots=purpose.shots(situation, chosen),
         model=unknowns.model.family_names,
         told=purpose.told(situation, chosen),
-        notes=start.notes,
+        notes=(*_too_few(start, count), *start.notes),
+    )
+
+
+def _too_few(start: Start, count: int) -> tuple[str, ...]:
+    """A sentence where a first set is smaller than a fit takes."""
+    least = fewest_poses(start.dataset.robot)
+    if start.measured is not None or count >= least:
+        return ()
+    return (
+        f"{count} poses are too few for a fit of the link errors, which takes {least} and better three times as many",
     )
 
 
@@ -134,12 +147,18 @@ def _members(
 
     Raises CalibError for a family that the planned poses cannot test either, or that is at a few of many places.
     """
-    in_fit = {p.name for p in start.unknowns().model.parameters}
+    if not names:
+        return ()
+    fit = start.unknowns()
+    in_fit = set(fit.parameter_names)
+    # In their own order, not as of a later time, and with points where they should be: families ask for both.
+    rows = replace(offered, order=np.zeros(0), came_from=np.zeros((0, 0)))
+    planned = replace(start.dataset, poses=rows, points=fit.points(offered))
     members: list[Effect] = []
     for name in names:
         family = None if start.measured is None else family_of(start.dataset, name, user_effects)
         if family is None or family.why_not:
-            family = family_of(replace(start.dataset, poses=offered, points=None), name, user_effects)
+            family = family_of(planned, name, user_effects)
         if family.why_not:
             raise CalibError(f"effect {name} cannot be planned for: {family.why_not}; {family.would_help}")
         if family.sparse:
@@ -151,8 +170,8 @@ def _members(
     return tuple(members)
 
 
-def _region(start: Start, offered: Poses, region: str, rng: np.random.Generator) -> tuple[str, Poses]:
-    """In words, and its poses."""
+def _region(start: Start, others: Poses, region: str, rng: np.random.Generator) -> tuple[str, Poses]:
+    """In words, and its poses; `others` are some that can be measured."""
     measured = start.measured
     if measured is not None and region in ("auto", "test"):
         placed = np.isin(measured.setup, list(start.unknowns().scanner_T_base))
@@ -164,8 +183,7 @@ def _region(start: Start, offered: Poses, region: str, rng: np.random.Generator)
     if region == "all":
         robot = start.dataset.robot
         return "the joints' whole range", start.poses_at(random_poses(robot, _REGION, rng=rng))
-    some = np.arange(min(_REGION, len(offered)))
-    return "the poses that can be measured", offered.select(some)
+    return "the poses that can be measured", others
 
 
 def _curve(situation: Situation, chosen: IndexArray) -> Array:
@@ -179,12 +197,19 @@ def _curve(situation: Situation, chosen: IndexArray) -> Array:
 
 
 def _order(situation: Situation, chosen: IndexArray) -> IndexArray:
-    """The order of measuring, as indices into the chosen."""
-    order = np.arange(len(chosen))
-    payload_kg = situation.candidates.payload_kg
-    return (
-        order if payload_kg is None else order[np.argsort(payload_kg[chosen], kind="stable")]
-    )  # mounted once
+    """The order of measuring, as indices into the chosen: short ways; each temperature and payload in one go."""
+    start, poses = situation.start, situation.candidates.select(chosen)
+    at = start.measured.q[np.argmax(start.measured.order)] if start.measured is not None else None
+    kept = [values for values in (poses.temperature_c, poses.payload_kg) if values is not None]
+    groups = np.unique(np.column_stack([np.zeros(len(chosen)), *kept]), axis=0, return_inverse=True)[
+        1
+    ].ravel()
+    out: list[int] = []
+    for group in range(groups.max() + 1):
+        rows = np.flatnonzero(groups == group)
+        out += rows[order_poses(start.cell, poses.q[rows], at)].tolist()
+        at = poses.q[out[-1]]
+    return np.array(out, dtype=np.int64)
 
 
 def _to_measure(situation: Situation, rows: IndexArray) -> Poses:

@@ -10,11 +10,9 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Poses
-from calib.errors import CalibError
-from calib.options import PLAN_CRITERIA
 from calib.planning.exchange import best_poses
 from calib.planning.prediction import Region
-from calib.planning.question import VARIANCE, VOLUME, Question, condensed, inverse
+from calib.planning.question import VARIANCE, VOLUME, Question, condensed
 from calib.planning.start import Start
 from calib.planning.unknowns import Unknowns
 
@@ -110,64 +108,3 @@ class ForCalibration:
 
     def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
         return ()
-
-
-@dataclass(frozen=True)
-class ForEffects:
-    """The coefficients of suspected effects known: the sum of their variances, each in units of its usual size."""
-
-    effects: tuple[str, ...]
-
-    @property
-    def name(self) -> str:
-        return ",".join(self.effects)
-
-    def prepared(self, start: Start, offered: Poses) -> Poses:
-        return offered
-
-    def shots(self, situation: Situation, chosen: IndexArray) -> int:
-        return 1
-
-    def why(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
-        return ()
-
-    def choose(self, situation: Situation, count: int) -> IndexArray:
-        wanted = situation.unknowns.of_parameters()[:, self._mine(situation.unknowns)]
-        if not np.any(situation.rows @ wanted):
-            raise CalibError(
-                f"{self.name} shows at no pose that can be measured, so none can be planned for it"
-            )
-        return best_poses([Question(situation.rows, situation.unknowns.known, wanted)], count).rows
-
-    def settles(self, situation: Situation, chosen: IndexArray) -> float | None:
-        return None
-
-    def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
-        unknowns = situation.unknowns
-        none = np.zeros(0, dtype=np.int64)
-        before, after = (
-            np.sqrt(np.diag(inverse(situation.information(rows))))[: len(unknowns.scales)] * unknowns.scales
-            for rows in (none, chosen)
-        )
-        parameters = unknowns.model.parameters
-        return tuple(
-            f"sigma of {parameters[k].name}: {before[k]:.2g} -> {after[k]:.2g} {parameters[k].unit}"
-            for k in self._mine(unknowns)
-        )
-
-    def _mine(self, unknowns: Unknowns) -> list[int]:
-        """Which unknowns are coefficients of these effects."""
-        families = tuple(f"{name}." for name in self.effects)
-        return [k for k, name in enumerate(unknowns.parameter_names) if name.startswith(families)]
-
-
-def purpose_of(words: str, criterion: str = "I") -> Purpose:
-    """The purpose that --for names: "calibration", or effects with commas between."""
-    if criterion not in PLAN_CRITERIA:
-        raise CalibError(f"no criterion {criterion!r}; there are {' and '.join(PLAN_CRITERIA)}")
-    names = tuple(dict.fromkeys(name.strip() for name in words.split(",") if name.strip()))
-    if names == (CALIBRATION,):
-        return ForCalibration(criterion)
-    if not names or CALIBRATION in names:
-        raise CalibError(f"--for {words}: give {CALIBRATION}, or effects with commas between")
-    return ForEffects(names)

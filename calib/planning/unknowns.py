@@ -77,6 +77,10 @@ class Unknowns:
         whitened = whitener(observed.covariance_mm2) @ _joint_columns(self, observed)
         return np.asarray(whitened.reshape(len(poses), -1, whitened.shape[-1]))
 
+    def points(self, poses: Poses) -> Points:
+        """Where the scanner should see the targets at these poses."""
+        return self.as_observed(poses).points
+
     def noise_mm2(self, poses: Poses) -> float:
         """The mean square of a measured point's noise at these poses, in three dimensions."""
         covariance = self.as_observed(poses).covariance_mm2

@@ -11,7 +11,9 @@ from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import CalibError
 from calib.planning.plan import Plan, plan_poses
 from calib.planning.prediction import enough_poses
-from calib.planning.purpose import ForCalibration, ForEffects, purpose_of
+from calib.planning.purpose import ForCalibration
+from calib.planning.purposes.by_name import purpose_of
+from calib.planning.purposes.effect_sizes import ForEffects
 from calib.planning.start import FromFit, FromRobot
 from calib.simulation.measured_dataset import measure
 from calib.simulation.pose_design import draw_scanner_pose, scan_poses
@@ -106,11 +108,24 @@ def test_a_suspected_effect_is_known_better_by_poses_planned_for_it(start: FromF
         start, 5, candidates=100, purpose=ForEffects(("joint_compliance",)), region="measurable"
     )
     assert for_it.region == "the poses that can be measured"
+    assert for_it.poses.payload_kg is None
     told = [line for line in for_it.told if ".J2." in line]
     before, after = (float(word) for word in told[0].split(": ")[1].split(" rad")[0].split(" -> "))
     assert after < before
     with pytest.raises(CalibError, match="joint_dent is at few of"):
         plan_poses(start, 5, candidates=100, purpose=ForEffects(("joint_dent",)))
+
+
+def test_an_effect_is_planned_under_the_conditions_that_it_shows_under(start: FromFit) -> None:
+    both = plan_poses(start, 6, candidates=80, purpose=purpose_of("backlash"))
+    assert both.poses.approach is not None
+    assert set(np.unique(both.poses.approach)) == {-1.0, 1.0}
+    assert "poses.csv needs it of the measured poses too" in both.told[0]
+    loads = plan_poses(start, 6, candidates=80, purpose=purpose_of("joint_compliance", payload_kg=2.0))
+    assert loads.poses.payload_kg is not None
+    assert loads.poses.payload_kg.tolist() == sorted(loads.poses.payload_kg)  # mounted once
+    assert set(loads.poses.payload_kg) <= {0.0, 2.0}
+    assert 2.0 in loads.poses.payload_kg
 
 
 def test_a_fit_that_leaves_more_than_noise_is_told(start: FromFit) -> None:

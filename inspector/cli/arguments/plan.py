@@ -57,7 +57,7 @@ def plan_arguments(sub: ArgumentParser) -> None:
         "--payload-kg",
         type=values.mass_kg,
         metavar="X",
-        help="a known payload that some poses may carry, for --for split",
+        help="a known payload that some poses may carry, for --for split and effects",
     )
     sub.add_argument("--seed", type=int, default=0, help="of the poses to choose from (default 0)")
     sub.add_argument(

@@ -16,9 +16,10 @@ from calib.errors import CalibError
 from calib.options import BUILTIN_ROBOTS
 from calib.planning.fitted_start import start_of_dataset
 from calib.planning.plan import plan_poses
-from calib.planning.purpose import WATCH, Purpose, purpose_of
+from calib.planning.purpose import WATCH, Purpose
+from calib.planning.purposes.by_name import purpose_of
 from calib.planning.purposes.split import SPLIT, ForSplit, open_set_of
-from calib.planning.purposes.watching import CHECK_POSES, ForWatch
+from calib.planning.purposes.watching import CHECK_POSES
 from calib.planning.scanner_place import scanner_at
 from calib.planning.start import FromFit, FromRobot
 from calib.planning.unknowns import DEFAULT_NOISE_MM
@@ -45,17 +46,13 @@ def run_plan(options: PlanOptions) -> int:
         check_plan_file(options.out)
     start: FromFit | FromRobot
     user_effects: Sequence[Family] = ()
-    if options.payload_kg is not None and options.purpose != SPLIT:
-        raise CalibError(
-            f"{options.path}: --payload-kg is for poses that settle a set; give --for {SPLIT} with it"
-        )
     purpose: Purpose
     watched = options.purpose == WATCH
     if options.path.is_dir() and options.purpose == SPLIT:
         purpose = _open_set(options)
         start, count = purpose.start, options.add or FURTHER
     elif options.path.is_dir():
-        purpose = ForWatch() if watched else purpose_of(options.purpose, options.criterion)
+        purpose = purpose_of(options.purpose, options.criterion, payload_kg=options.payload_kg)
         start, user_effects = _dataset_start(options)
         count = options.add or (CHECK_POSES if watched else FURTHER)
     else:
@@ -63,7 +60,7 @@ def run_plan(options: PlanOptions) -> int:
             raise CalibError(
                 f"{options.path}: --for {SPLIT} settles what a dataset's diagnosis left open; give its folder"
             )
-        purpose = ForWatch() if watched else purpose_of(options.purpose, options.criterion)
+        purpose = purpose_of(options.purpose, options.criterion, payload_kg=options.payload_kg)
         start = _robot_start(options)
         count = options.poses or FIRST_SET
     plan = plan_poses(

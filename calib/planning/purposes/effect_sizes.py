@@ -1,0 +1,129 @@
+"""Poses at which suspected effects show most (`--for EFFECT,...`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.array_types import Array, IndexArray
+from calib.dataset.dataset import Poses
+from calib.effects.catalogue import descriptions
+from calib.errors import CalibError
+from calib.planning.exchange import best_poses
+from calib.planning.purpose import Situation
+from calib.planning.question import Question, inverse
+from calib.planning.start import Start
+from calib.planning.unknowns import Unknowns
+from calib.screening.rivals.further_poses import under_conditions
+from calib.workcell.pose_conditions import PAYLOAD_KG, WantedConditions, conditions_for
+
+_TELLS = 0.9  # of a sigma before, above which a coefficient gains next to nothing
+_TOLD = 8  # coefficients
+
+
+@dataclass(frozen=True)
+class ForEffects:
+    """The coefficients of suspected effects known: the sum of their variances, each in units of its usual size."""
+
+    effects: tuple[str, ...]
+    payload_kg: float | None = None  # that the arm may carry at some poses
+
+    @property
+    def name(self) -> str:
+        return ",".join(self.effects)
+
+    @property
+    def _wanted(self) -> WantedConditions:
+        """The conditions that these effects show under; user's own ask for none."""
+        needs = [kind.needs for kind in descriptions() if kind.name in self.effects]
+        wanted = conditions_for(needs, payload_kg=self.payload_kg or PAYLOAD_KG)
+        without = wanted.helpful and self.payload_kg is None
+        return replace(wanted, payloads_kg=()) if without else wanted
+
+    def prepared(self, start: Start, offered: Poses) -> Poses:
+        """The poses under conditions that vary as the measured ones do, and as these effects need it."""
+        poses = offered if start.measured is None else under_conditions(offered, start.measured)
+        wanted, rng = self._wanted, np.random.default_rng(0)
+        if wanted.both_sides and poses.approach is None:
+            poses = replace(poses, approach=rng.choice([-1.0, 1.0], poses.q.shape))
+        if wanted.payloads_kg and not _varies(poses.payload_kg):
+            poses = replace(poses, payload_kg=rng.choice(wanted.payloads_kg, len(poses)))
+        if wanted.temperatures_c and not _varies(poses.temperature_c):
+            poses = replace(poses, temperature_c=rng.choice(wanted.temperatures_c, len(poses)))
+        return poses
+
+    def shots(self, situation: Situation, chosen: IndexArray) -> int:
+        return 1
+
+    def why(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
+        return ()
+
+    def choose(self, situation: Situation, count: int) -> IndexArray:
+        wanted = situation.unknowns.of_parameters()[:, self._mine(situation.unknowns)]
+        if not np.any(situation.rows @ wanted):
+            raise CalibError(
+                f"{self.name} shows at no pose that can be measured, so none can be planned for it"
+            )
+        return best_poses([Question(situation.rows, situation.unknowns.known, wanted)], count).rows
+
+    def settles(self, situation: Situation, chosen: IndexArray) -> float | None:
+        return None
+
+    def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
+        unknowns = situation.unknowns
+        none = np.zeros(0, dtype=np.int64)
+        before, after = (
+            np.sqrt(np.diag(inverse(situation.information(rows))))[: len(unknowns.scales)] * unknowns.scales
+            for rows in (none, chosen)
+        )
+        parameters, mine = unknowns.model.parameters, self._mine(unknowns)
+        told = [k for k in mine if after[k] < _TELLS * before[k]]
+        told = sorted(told, key=lambda k: after[k] / before[k])[:_TOLD]
+        lines = [
+            f"sigma of {parameters[k].name}: {before[k]:.2g} -> {after[k]:.2g} {parameters[k].unit}"
+            for k in sorted(told)
+        ]
+        if len(mine) > len(told):
+            lines.append(f"{len(mine) - len(told)} further coefficients of {len(mine)} gain less or nothing")
+        return (*self._how(situation), *lines)
+
+    def _how(self, situation: Situation) -> tuple[str, ...]:
+        """How to measure these poses, and what has to be written down of the others."""
+        wanted, measured = self._wanted, situation.start.measured
+        ways = (
+            (
+                wanted.both_sides,
+                "approach",
+                "come to each pose with every joint from the side in approach1 ...",
+            ),
+            (
+                wanted.payloads_kg,
+                "payload_kg",
+                "mount each payload once, for all its poses",
+            ),
+            (
+                wanted.temperatures_c,
+                "temperature_c",
+                "measure the cold poses first; write down the temperatures",
+            ),
+        )
+        return tuple(
+            way
+            + (
+                "; poses.csv needs it of the measured poses too"
+                if measured is not None and getattr(measured, column) is None
+                else ""
+            )
+            for asked, column, way in ways
+            if asked
+        )
+
+    def _mine(self, unknowns: Unknowns) -> list[int]:
+        """Which unknowns are coefficients of these effects."""
+        families = tuple(f"{name}." for name in self.effects)
+        return [k for k, name in enumerate(unknowns.parameter_names) if name.startswith(families)]
+
+
+def _varies(values: Array | None) -> bool:
+    return values is not None and bool(np.ptp(values) > 0.0)
