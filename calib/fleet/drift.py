@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from itertools import groupby, pairwise
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from calib.blas_threads import one_blas_thread
@@ -44,6 +43,7 @@ class Drift:
     rmse_mm: float | None  # of the later points by the earlier calibration
     expected_mm: float | None  # of that by noise alone
     words: str  # one line
+    settled: bool = True  # whether another try with the same files would say the same
 
     @property
     def of_the_arm(self) -> tuple[Change, ...]:
@@ -67,12 +67,22 @@ class DriftTask:
 
 
 def consecutive(rows: Iterable[Row]) -> list[tuple[Row, Row]]:
-    """Pairs of datasets of one arm, each with the next by date; those without serial number or date are in none."""
+    """Pairs of datasets of one arm: each with the last one of an earlier date that carried a fit.
+
+    Those without a serial number or a date are in none. A few check poses carry no fit and are held against the last
+    calibration before them.
+    """
     dated = sorted(
         (row for row in rows if row.serial and row.date), key=lambda row: (row.arm, row.date, row.path)
     )
-    of_arms = (list(of_arm) for _, of_arm in groupby(dated, key=lambda row: row.arm))
-    return [pair for of_arm in of_arms for pair in pairwise(of_arm) if pair[0].date < pair[1].date]
+    out = []
+    for later in range(1, len(dated)):
+        row = dated[later]
+        earlier = (other for other in reversed(dated[:later]) if other.arm == row.arm)
+        base = next((other for other in earlier if other.verdict and other.date < row.date), None)
+        if base is not None:
+            out.append((base, row))
+    return out
 
 
 def compare(task: DriftTask) -> Drift:
@@ -85,14 +95,14 @@ def compare(task: DriftTask) -> Drift:
     except OutOfTime:
         return not_compared(task, f"took longer than {task.options.limit_s:g} s")
     except CalibError as error:
-        return not_compared(task, str(error))
+        return replace(not_compared(task, str(error)), settled=True)
     except Exception as error:
         return not_compared(task, f"{type(error).__name__}: {error}")
 
 
 def not_compared(task: DriftTask, reason: str) -> Drift:
     """Two datasets that say nothing of each other."""
-    return Drift(task.base, task.later, "", (), None, None, one_line(reason))
+    return Drift(task.base, task.later, "", (), None, None, one_line(reason), settled=False)
 
 
 def _compared(task: DriftTask) -> Drift:

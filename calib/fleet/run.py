@@ -195,7 +195,7 @@ def _drifts(
                 on_progress(sum(drift is not None for drift in found), len(found), pairs[k][1].path)
             if not _is_lost(future):
                 found[k] = drift = future.result()
-                if drift.verdict:
+                if drift.settled:
                     kept.store_drift(drift, pair_keys[k])
             elif last_attempt:
                 found[k] = not_compared(task(pairs[k]), _lost(future, options))

@@ -41,8 +41,9 @@ METHOD = (
     "the best where the cause is dealt out at random. All tests of the fleet are corrected together (Holm), and "
     "groups below p = 0.01 are told. A group that stands out is a place to look, not a proof: arms of one site often "
     "have one gear batch and neighbouring numbers too.",
-    "Two datasets of one serial number, by date, are compared as inspector watch does: the earlier calibration "
-    "predicts the later points. What a moved scanner, a moved base or more noise explains is not blamed on the arm.",
+    "Each dataset is held against the last calibration of the same serial number and of an earlier date, as inspector "
+    "watch does: the earlier calibration predicts the later points. What a moved scanner, a moved base or "
+    "more noise explains is not blamed on the arm.",
 )
 
 
