@@ -1,4 +1,4 @@
-"""What stands around an arm, in its base frame: the floor and boxes that the arm keeps clear of."""
+"""What an arm keeps clear of, in its base frame: the floor, boxes, and its own singularities."""
 
 from __future__ import annotations
 
@@ -20,8 +20,12 @@ class Box:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """The floor's height and boxes, base frame; `floor_z_mm` None: not known."""
+    """The floor's height and boxes, base frame, and how far the arm keeps from singularities.
+
+    `floor_z_mm` None: not known. `least_manipulability` is that of `calib.workcell.measurable.manipulability`, 0 to 1.
+    """
 
     floor_z_mm: float | None = None
     boxes: tuple[Box, ...] = ()
+    least_manipulability: float = 0.0
     extra: Mapping[str, Any] = field(default_factory=dict)

@@ -21,7 +21,16 @@ from calib.workcell.bodies.link_mesh import load_link_mesh
 from calib.workcell.evident_field import MAX_INCIDENCE_DEG, evident_field, fitted_scanner_place
 from calib.workcell.in_front import likely_scanner_place
 from calib.workcell.jig_frames import target_T_jig, with_jig
-from calib.workcell.measurable import FLOOR, HIDDEN, SCANNER, SELF, incidence_cosines, measurable
+from calib.workcell.measurable import (
+    BOX,
+    BOX_HIDES,
+    FLOOR,
+    HIDDEN,
+    SCANNER,
+    SELF,
+    incidence_cosines,
+    measurable,
+)
 from calib.workcell.scan_field import JANG_FIELD, BoxField, ScanField
 from calib.workcell.workcell import Workcell
 
@@ -40,7 +49,6 @@ def workcell_of_robot(
     jig: Jig | None = CUBE_CORNER,
     field: ScanField | BoxField | None = None,
     surroundings: Surroundings = NOTHING_KNOWN,
-    least_manipulability: float = 0.0,
 ) -> Workcell:
     """The cell of a robot of which nothing has been measured; `notes` tell what is assumed.
 
@@ -85,7 +93,7 @@ def workcell_of_robot(
         bodies=bodies,
         floor_z_mm=surroundings.floor_z_mm,
         boxes=surroundings.boxes,
-        least_manipulability=least_manipulability,
+        least_manipulability=surroundings.least_manipulability,
         notes=(*notes, _bodies_note(bodies)),
     )
     return _with_likely_floor(cell, np.zeros((0, robot.n_joints)))
@@ -96,7 +104,6 @@ def workcell_of_dataset(
     *,
     base_T_scanner: ArrayLike | None = None,
     setup: str | None = None,
-    least_manipulability: float = 0.0,
 ) -> Workcell:
     """The cell in which a dataset was measured; `notes` tell what its points say of it and what is assumed.
 
@@ -120,9 +127,7 @@ def workcell_of_dataset(
         field = (
             None if dataset.scanner.field_mm is None else evident_field(dataset.scanner, np.zeros((0, 3)))[0]
         )
-        return workcell_of_robot(
-            dataset.robot, jig=jig, field=field, surroundings=told, least_manipulability=least_manipulability
-        )
+        return workcell_of_robot(dataset.robot, jig=jig, field=field, surroundings=told)
     notes: list[str] = []
     if base_T_scanner is None:
         base_T_scanner = fitted_scanner_place(measured.base_mm, measured.scanner_mm)
@@ -149,12 +154,12 @@ def workcell_of_dataset(
         base_T_scanner=base_T_scanner,
         field=field,
         bodies=arm_bodies(dataset.robot, jig, tool_T_jig, meshes),
-        least_manipulability=least_manipulability,
+        least_manipulability=told.least_manipulability,
         notes=tuple(notes),
     )
     cell = _as_thick_as_measured(cell, measured.q)
     cell = replace(cell, floor_z_mm=told.floor_z_mm, boxes=told.boxes)
-    return _with_likely_floor(cell, measured.q)
+    return _with_likely_floor(_with_doubt_of_what_is_told(cell, measured.q), measured.q)
 
 
 @dataclass(frozen=True)
@@ -251,6 +256,16 @@ def _as_thick_as_measured(cell: Workcell, q: Array) -> Workcell:
 def _refused(cell: Workcell, q: Array, reasons: tuple[str, ...]) -> float:
     """Share of the poses that are refused for these reasons."""
     return float(np.mean(np.isin(measurable(cell, q).reason, reasons)))
+
+
+def _with_doubt_of_what_is_told(cell: Workcell, q: Array) -> Workcell:
+    """With a note where measured poses stand in the floor or in a box that dataset.toml tells."""
+    reasons = measurable(replace(cell, least_manipulability=0.0), q).reason
+    inside = int(np.isin(reasons, (FLOOR, BOX, BOX_HIDES)).sum())
+    if not inside:
+        return cell
+    note = f"floor or boxes of [cell]: in the way at {inside} of {len(q)} measured poses, so they or the bodies are off"
+    return replace(cell, notes=(*cell.notes, note))
 
 
 def _with_likely_floor(cell: Workcell, measured_q: Array) -> Workcell:

@@ -15,6 +15,7 @@ from tests.support.arms import dataset_of, jang_arm
 CELL = """
 [cell]
 floor_z_mm = -12.5
+least_manipulability = 0.05
 wall = "painted"
 
 [[cell.boxes]]
@@ -42,7 +43,7 @@ def test_what_the_file_tells_is_read_and_written_again(tmp_path: Path) -> None:
     read = load_dataset(folder_with(tmp_path / "a", FIELD + CELL))
     table = Box("table", (300.0, -400.0, -500.0), (900.0, 400.0, -10.0))
     nameless = Box("box 2", (0.0, 0.0, 1500.0), (1.0, 1.0, 1501.0))
-    assert read.surroundings == Surroundings(-12.5, (table, nameless), {"wall": "painted"})
+    assert read.surroundings == Surroundings(-12.5, (table, nameless), 0.05, {"wall": "painted"})
     assert read.scanner.field_mm == (450.0, 360.0, 280.0)
     assert (read.scanner.distance_mm, read.scanner.max_incidence_deg) == (700.0, 65.0)
     write_dataset(read, tmp_path / "b")
@@ -67,6 +68,7 @@ def test_what_the_file_tells_is_read_and_written_again(tmp_path: Path) -> None:
         ),
         ("[[cell.boxes]]\nname = 'a'\nmin_mm = [0, 0, 0]\nmax_mm = [1, 1, 1]\n" * 2, r"'a' more than once"),
         ("[cell]\nboxes = 3", r"boxes: found no array of tables"),
+        ("[cell]\nleast_manipulability = 1.5", r"least_manipulability: found 1.5; 0 \(off\) to below 1"),
         ("cell = 3", r"found 3; a table headed \[cell\]"),
         (
             "[scanner]\nfield_mm = [450, 360, 280]",

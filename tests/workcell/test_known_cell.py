@@ -95,6 +95,17 @@ def test_a_dataset_tells_its_scanner_s_place_and_field() -> None:
     assert (narrow.width_mm, narrow.max_incidence_deg) == (200.0, 60.0)
 
 
+def test_what_dataset_toml_tells_of_the_cell_is_asked() -> None:
+    box = Box("fixture", (-50.0, -50.0, -50.0), (50.0, 50.0, 50.0))
+    told = replace(simulated(), surroundings=Surroundings(-30.0, (box,), 0.1))
+    cell = workcell_of_dataset(told)
+    assert (cell.floor_z_mm, cell.boxes, cell.least_manipulability) == (-30.0, (box,), 0.1)
+    assert not any(note.startswith("floor") for note in cell.notes)
+    around = replace(box, min_mm=(-900.0, -900.0, 300.0), max_mm=(900.0, 900.0, 900.0))
+    doubtful = workcell_of_dataset(replace(told, surroundings=Surroundings(None, (around,))))
+    assert any("in the way at 40 of 40 measured poses" in note for note in doubtful.notes)
+
+
 def test_a_jig_that_was_seen_from_the_side_points_to_the_side() -> None:
     dataset = simulated()
     tool = dataset.robot.tool

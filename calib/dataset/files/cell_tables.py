@@ -84,7 +84,10 @@ def load_surroundings(table: TomlTable) -> Surroundings:
     for row, name in zip(rows, names, strict=True):
         if names.count(name) > 1:
             raise row.error("name", f"found {name!r} more than once", "give each box a name of its own")
-    return Surroundings(floor_z_mm, tuple(boxes), table.unread())
+    manipulability = table.number("least_manipulability", 0.0) or 0.0
+    if not 0.0 <= manipulability < 1.0:
+        raise table.error("least_manipulability", f"found {manipulability:g}", "0 (off) to below 1 is needed")
+    return Surroundings(floor_z_mm, tuple(boxes), manipulability, table.unread())
 
 
 def _box(row: TomlTable, default_name: str) -> Box:
@@ -115,6 +118,8 @@ def surroundings_document(surroundings: Surroundings) -> dict[str, Any]:
     document: dict[str, Any] = {}
     if surroundings.floor_z_mm is not None:
         document["floor_z_mm"] = surroundings.floor_z_mm
+    if surroundings.least_manipulability:
+        document["least_manipulability"] = surroundings.least_manipulability
     document |= surroundings.extra
     if surroundings.boxes:
         document["boxes"] = [
