@@ -6,9 +6,9 @@ Eight arms are simulated with scans of 12,000 points; each dataset has the scans
 own, a serial number and a date: two datasets an arm. One of the eight has a bad gear and is what the arms of one range
 of serial numbers have. Each run is a process of its own that judges all datasets afresh on local Dask workers, in the
 order of `--workers`, so that runs with one and with two take turns. `wall` is from the start of the workers to the last
-comparison; `client` is the memory of the process that gives out the work, after a quarter of the datasets and at the
-end; `--kill` ends a worker with SIGKILL after a quarter. The load of the machine stands beside each row: a ratio of
-times means something only where nothing else runs. The table is hashed.
+comparison; `client s` is the processor time of the process that gives out the work, `client MB` its memory after a
+quarter of the datasets and at the end; `--kill` ends a worker with SIGKILL after a quarter. The load of the machine
+stands beside each row: a ratio of times means something only where nothing else runs. The table is hashed.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def memory_mb(key: str) -> float:
 def run(folder: Path, workers: int, *, kill: bool) -> None:
     """One run, as JSON."""
     memory: list[float] = []
-    started = time.perf_counter()
+    started, spent = time.perf_counter(), time.process_time()
     with tempfile.TemporaryDirectory() as results, local_workers(workers) as pool:
         up = time.perf_counter() - started
 
@@ -95,6 +95,7 @@ def run(folder: Path, workers: int, *, kill: bool) -> None:
         json.dumps(
             {
                 "wall": time.perf_counter() - started,
+                "cpu": time.process_time() - spent,
                 "up": up,
                 "work": fleet.seconds,
                 "rows": len(fleet.rows),
@@ -139,7 +140,7 @@ def measure(folder: Path, arguments: argparse.Namespace) -> None:
         make_fleet(folder, arguments.datasets, arguments.poses)
     print(f"{arguments.datasets} datasets of {arguments.poses} scans, {len(os.sched_getaffinity(0))} cores")
     print(
-        f"{'workers':10}{'wall s':>8}{'up s':>6}{'work s':>8}{'client MB: 1/4':>15}{'end':>6}{'peak':>6}"
+        f"{'workers':10}{'wall s':>8}{'up s':>6}{'work s':>8}{'client s':>9}{'client MB: 1/4':>15}{'end':>6}{'peak':>6}"
         f"{'rows':>6}{'pairs':>7}{'load before, after':>20}  table"
     )
     walls: dict[int, list[float]] = {}
@@ -153,7 +154,7 @@ def measure(folder: Path, arguments: argparse.Namespace) -> None:
             walls.setdefault(workers, []).append(r["wall"])
         print(
             f"{str(workers) + (' killed' if kill else ''):10}{r['wall']:8.1f}{r['up']:6.1f}{r['work']:8.1f}"
-            f"{r['quarter_mb']:15.0f}{r['end_mb']:6.0f}{r['peak_mb']:6.0f}{r['rows']:6}{r['drifts']:7}"
+            f"{r['cpu']:9.1f}{r['quarter_mb']:15.0f}{r['end_mb']:6.0f}{r['peak_mb']:6.0f}{r['rows']:6}{r['drifts']:7}"
             f"{load:12.1f}{os.getloadavg()[0]:8.1f}  {r['hash']}",
             *r["failed"],
             flush=True,
