@@ -14,7 +14,15 @@ from calib.dataset.dataset import Dataset
 from calib.errors import FitError
 from calib.fitting.observations import Observations, linearise_points, with_nominal_scanner_frames
 from calib.fitting.scanner_frame import fit_scanner_frame, frame_motion, whitener
-from calib.monitoring.change_tests import ALARM, NAMED, ChangeTests, Found, as_well, the_likeliest
+from calib.monitoring.change_tests import (
+    ALARM,
+    ALONE,
+    NAMED_BESIDE,
+    ChangeTests,
+    Found,
+    as_well,
+    the_likeliest,
+)
 from calib.monitoring.kinds import BASE, SCANNER, Kind, kinds_of_the_arm
 
 _FEWEST = 3  # check poses
@@ -113,7 +121,7 @@ class Cell:
         if not self.scanner_known:
             return None
         test = next(iter(self.fixed.tests((self.scanner,), given=arm)), None)
-        if test is None or test.p_value > (NAMED if arm else ALARM):
+        if test is None or test.p_value > (NAMED_BESIDE if arm else ALARM):
             return None
         if self.fixed.noise_explains(arm, self.scanner):
             return None
@@ -124,6 +132,11 @@ class Cell:
         sigma = size / max(np.sqrt(test.gain), 1e-9)
         instead = () if arm else as_well([*self.fixed.tests(self.kinds), test], test)
         return replace(found, size=size, sigma=float(sigma), p_value=test.p_value, as_well=(BASE, *instead))
+
+    def explains_alone(self, kind: Kind) -> bool:
+        """Whether a change of the arm leaves nothing to a scanner that stands where it stood."""
+        beside = next(iter(self.fixed.tests((self.scanner,), given=[kind])), None)
+        return self.scanner_known and (beside is None or beside.p_value > ALONE)
 
     def with_the_scanner_where_it_was(self) -> list[Found]:
         """The change that explains best what a moved scanner may explain as well: nobody knows then which it was."""

@@ -13,10 +13,14 @@ from calib.monitoring.kinds import Kind, kind_words
 
 ALARM = 0.005  # probability of an alarm where nothing changed, over all kinds
 NOISIER = 0.0005  # probability of telling more noise where there is none
-NAMED = 0.0003  # of a change of the arm beside a scanner that may have moved, over all kinds
+NAMED = 0.003  # of a change of the arm whatever the scanner did, over all kinds, where it explains everything alone
+NAMED_BESIDE = 0.0003  # the same where the scanner shows beside it
+ALONE = (
+    0.05  # p-value of the scanner beside a change of the arm, from which on that explains everything alone
+)
 AS_WELL = 6.0  # chi squared by which another change may explain less and still be said
 _EACH = 2.5  # chi squared that each number of a change has to explain
-SEEN_Z = 4.2 + 1.645  # sigmas of a size that passes NAMED 19 times of 20
+SEEN_Z = 3.8 + 1.645  # sigmas of a size that passes NAMED 19 times of 20
 
 
 @dataclass(frozen=True)
@@ -154,7 +158,7 @@ class ChangeTests:
         count = float(kind.count)
         free = max(self.freedom([*given, kind]), 1.0)
         own = f_sf(test.gain / count / self.noise_ratio([*given, kind]) ** 2, count, free)
-        return own > NAMED
+        return own > NAMED_BESIDE
 
     def found(self, kind: Kind, kinds: list[Kind]) -> Found:
         """Size and sigma of one of several changes, fitted together."""

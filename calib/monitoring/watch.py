@@ -17,7 +17,16 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.errors import FitError
 from calib.monitoring.cell import Cell
-from calib.monitoring.change_tests import ALARM, NAMED, NOISIER, Detectable, Found, as_well, the_likeliest
+from calib.monitoring.change_tests import (
+    ALARM,
+    NAMED,
+    NAMED_BESIDE,
+    NOISIER,
+    Detectable,
+    Found,
+    as_well,
+    the_likeliest,
+)
 from calib.monitoring.kinds import ANGLE, BASE, LENGTH, NOISE, SCANNER, Kind, size_words
 
 MOST = 3  # changes of the arm that are told
@@ -145,7 +154,9 @@ def _of_arm_and_scanner(cell: Cell) -> list[Found]:
         if best is None:
             break
         p = cell.free.chance(tests)
-        enough = NAMED if arm or cell.scanner_known else ALARM
+        enough = NAMED if not arm and cell.explains_alone(best.kind) else NAMED_BESIDE
+        if not cell.scanner_known and not arm:
+            enough = ALARM
         if p > enough or cell.free.noise_explains(arm, best.kind):
             break
         arm.append(best.kind)
