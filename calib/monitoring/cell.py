@@ -23,6 +23,7 @@ from calib.monitoring.change_tests import (
     as_well,
     the_likeliest,
 )
+from calib.monitoring.check_errors import CheckErrors
 from calib.monitoring.kinds import BASE, SCANNER, Kind, kinds_of_the_arm
 
 _FEWEST = 3  # check poses
@@ -38,7 +39,7 @@ class Cell:
     free: ChangeTests
     scanner_known: bool
     scanner: Kind
-    rmse_mm: float
+    errors: CheckErrors
     rmse_free_mm: float
     expected_mm: float
     poses: int
@@ -90,7 +91,7 @@ class Cell:
         covariance = both @ prior.covariance @ both.T + noise**2 * np.eye(len(residual))
         root = np.linalg.inv(np.linalg.cholesky(covariance))
         fixed = ChangeTests(root @ residual, root @ to_rows(before), freedom)
-        rmse_mm = float(np.sqrt(np.mean(np.sum((measured - frames.apply(before, at_mm)) ** 2, axis=1))))
+        of_errors = covariance
 
         residual, columns, motion = placed(anew)
         n = columns.shape[1]
@@ -100,12 +101,19 @@ class Cell:
         root = np.linalg.inv(np.linalg.cholesky(covariance)) @ rest.T
         free = ChangeTests(root @ residual, root @ to_rows(anew), freedom)
         left = np.sum((measured - frames.apply(anew, at_mm)) ** 2, axis=1)
+        if not known:
+            of_errors = rest @ covariance @ rest.T
+        points = observed.points
+        errors = CheckErrors(
+            new.poses, points.pose, tuple(map(str, points.target)), measured, measured - frames.apply(before, at_mm),
+            _coloured(of_errors, whiten), before[:3, :3],
+        )  # fmt: skip
 
         by_frame = before[:3, :3].T @ frame_motion(frames.apply(before, at_mm), prior.centre_mm)
         scanner = Kind(SCANNER, None, "", "mm", by_frame)
         sigma2 = np.trace(observed.covariance_mm2, axis1=1, axis2=2)
         return cls(
-            kinds, (*kinds, scanner), fixed, free, known, scanner, rmse_mm, float(np.sqrt(left.mean())),
+            kinds, (*kinds, scanner), fixed, free, known, scanner, errors, float(np.sqrt(left.mean())),
             float(noise * np.sqrt(sigma2.mean())), count,
         )  # fmt: skip
 
@@ -133,6 +141,14 @@ class Cell:
         instead = () if arm else as_well([*self.fixed.tests(self.kinds), test], test)
         return replace(found, size=size, sigma=float(sigma), p_value=test.p_value, as_well=(BASE, *instead))
 
+    def beside(self, kind: Kind, arm: list[Kind], *, scanner_moved: bool) -> Found:
+        """Size and sigma of a change beside those that were found; the sigma is infinite where nothing shows it."""
+        view = self.free if scanner_moved or not self.scanner_known else self.fixed
+        others = [other for other in arm if other.key != kind.key]
+        if not view.tests((kind,), given=others):
+            return Found(kind.what, kind.joint, kind.parameter, 0.0, np.inf, kind.unit, 1.0, ())
+        return view.found(kind, [*others, kind])
+
     def explains_alone(self, kind: Kind) -> bool:
         """Whether a change of the arm leaves nothing to a scanner that stands where it stood."""
         beside = next(iter(self.fixed.tests((self.scanner,), given=[kind])), None)
@@ -150,3 +166,11 @@ class Cell:
         found = self.fixed.found(best.kind, [best.kind])
         others = dict.fromkeys((*as_well(tests, best), SCANNER))
         return [replace(found, p_value=self.fixed.chance(tests), as_well=tuple(others))]
+
+
+def _coloured(covariance: Array, whiten: Array) -> Array:
+    """(3 M, 3 M) in mm^2, of whitened residuals' covariance (3 M, 3 M)."""
+    count = len(whiten)
+    blocks = covariance.reshape(count, 3, count, 3)
+    colour = np.linalg.inv(whiten)
+    return np.einsum("mij,mjnk,nlk->minl", colour, blocks, colour).reshape(3 * count, 3 * count)

@@ -19,6 +19,7 @@ ALONE = (
     0.05  # p-value of the scanner beside a change of the arm, from which on that explains everything alone
 )
 AS_WELL = 6.0  # chi squared by which another change may explain less and still be said
+_ROUNDING = 1e-6  # share of a movement: what shows no more of it is not seen
 _EACH = 2.5  # chi squared that each number of a change has to explain
 SEEN_Z = 3.8 + 1.645  # sigmas of a size that passes NAMED 19 times of 20
 
@@ -111,10 +112,15 @@ class ChangeTests:
     def tests(self, kinds: tuple[Kind, ...], given: list[Kind] | None = None) -> list[KindTest]:
         """Of each kind beside those given; kinds that these poses cannot show beside those are left out."""
         rest, basis = self._rest(given or [])
+        usual = np.linalg.norm(self.whiten) / np.sqrt(self.whiten.shape[1])  # by how much a movement counts
         out = []
         for kind in kinds:
             columns = self.rows(kind)
-            columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)  # mm beside rad
+            length = np.linalg.norm(columns, axis=0)
+            whole = usual * np.linalg.norm(kind.columns, axis=(0, 1))
+            columns = np.where(
+                length > _ROUNDING * whole, columns / np.maximum(length, 1e-300), 0.0
+            )  # mm beside rad
             free = columns - basis @ (basis.T @ columns)
             u, s, _ = np.linalg.svd(free, full_matrices=False)
             seen = s > 1e-3

@@ -77,8 +77,13 @@ def _kinds(robot: Robot, columns: dict[str, Array], torques: Array, turn: Array)
 
 def kind_words(kind: Kind) -> str:
     """ "joint_zero 3", "tool", "length a2"."""
-    named = kind.parameter if kind.what in (LENGTH, ANGLE) else "" if kind.joint is None else str(kind.joint)
-    return f"{kind.what} {named}".strip()
+    return kind_words_of(kind.what, kind.joint, kind.parameter)
+
+
+def kind_words_of(what: str, joint: int | None, parameter: str = "") -> str:
+    """As `kind_words`."""
+    named = parameter if what in (LENGTH, ANGLE) else "" if joint is None else str(joint)
+    return f"{what} {named}".strip()
 
 
 def size_words(value: float, unit: str) -> str:

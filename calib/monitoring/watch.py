@@ -27,7 +27,8 @@ from calib.monitoring.change_tests import (
     as_well,
     the_likeliest,
 )
-from calib.monitoring.kinds import ANGLE, BASE, LENGTH, NOISE, SCANNER, Kind, size_words
+from calib.monitoring.check_errors import CheckErrors
+from calib.monitoring.kinds import BASE, JOINT_ZERO, NOISE, SCANNER, TOOL, Kind, kind_words_of, size_words
 
 MOST = 3  # changes of the arm that are told
 
@@ -40,11 +41,20 @@ class Watched:
     verdict: str  # unchanged, changed, unclear
     changes: tuple[Found, ...]
     detectable: tuple[Detectable, ...]
-    rmse_mm: float  # 3D, the scanner where it was
+    errors: CheckErrors
+    usual: tuple[
+        Found, ...
+    ]  # each joint's zero and the tool, as if that alone had changed, whether it did or not
     rmse_free_mm: float  # 3D, the scanner's place fitted anew
     expected_mm: float  # 3D, of what the earlier fit and its noise leave
     p_unchanged: float
     poses: int
+    when: str = ""  # the date that the dataset tells
+
+    @property
+    def rmse_mm(self) -> float:
+        """3D, the scanner where it was."""
+        return self.errors.rmse_mm
 
     @property
     def unseen(self) -> tuple[Detectable, ...]:
@@ -57,23 +67,32 @@ class Watched:
         off = f"{self.poses} check poses are off by {self.rmse_mm:.3g} mm RMS, {self.expected_mm:.3g} by noise alone"
         if self.verdict == "unchanged":
             return f"{self.name}: unchanged. {off} and what the earlier fit leaves open."
-        told = "; ".join(_words(change) for change in self.changes)
-        return f"{self.name}: {self.verdict}. {told}. {off}."
+        return f"{self.name}: {self.verdict}. {'; '.join(self.told)}. {off}."
 
-    def summary(self) -> str:
-        """The headline, and what these poses could not have seen."""
-        lines = [self.headline]
+    @property
+    def told(self) -> tuple[str, ...]:
+        """What changed, a phrase each."""
+        return tuple(_words(change) for change in self.changes)
+
+    @property
+    def unseen_words(self) -> tuple[str, ...]:
+        """What these poses could not have seen, a sentence each."""
         never = [_detectable_name(d) for d in self.unseen if d.size is None]
         late = [
             f"{_detectable_name(d)} below {size_words(d.size, d.unit)}"
             for d in self.unseen
             if d.size is not None
         ]
+        out = []
         if never:
-            lines.append(f"  never seen by these poses, or taken for the scanner: {', '.join(never)}")
+            out.append(f"never seen by these poses, or taken for the scanner: {', '.join(never)}")
         if late:
-            lines.append(f"  not seen by these poses: {', '.join(late)}")
-        return "\n".join(lines)
+            out.append(f"not seen by these poses: {', '.join(late)}")
+        return tuple(out)
+
+    def summary(self) -> str:
+        """The headline, and what these poses could not have seen."""
+        return "\n  ".join([self.headline, *self.unseen_words])
 
 
 def _words(change: Found) -> str:
@@ -94,7 +113,7 @@ def _words(change: Found) -> str:
 
 
 def _detectable_name(d: Detectable) -> str:
-    return f"{d.what} {d.parameter if d.what in (LENGTH, ANGLE) else d.joint or ''}".strip()
+    return kind_words_of(d.what, d.joint, d.parameter)
 
 
 def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> Watched:
@@ -115,12 +134,22 @@ def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> Wa
         verdict=verdict,
         changes=changes,
         detectable=tuple(cell.free.detectable(kind) for kind in cell.kinds),
-        rmse_mm=cell.rmse_mm,
+        errors=cell.errors,
+        usual=_usual(cell, changes),
         rmse_free_mm=cell.rmse_free_mm,
         expected_mm=cell.expected_mm,
         p_unchanged=min(p_unchanged, cell.free.p_noise),
         poses=cell.poses,
+        when=new.about.date,
     )
+
+
+def _usual(cell: Cell, changes: tuple[Found, ...]) -> tuple[Found, ...]:
+    named = {(c.what, c.joint, c.parameter) for c in changes if SCANNER not in c.as_well}
+    arm = [kind for kind in cell.kinds if kind.key in named]
+    moved = any(c.what == SCANNER for c in changes)
+    usual = [kind for kind in cell.kinds if kind.what in (JOINT_ZERO, TOOL)]
+    return tuple(cell.beside(kind, arm, scanner_moved=moved) for kind in usual)
 
 
 def _mixed(changes: tuple[Found, ...]) -> bool:

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from calib.monitoring.watch import watch
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+
+from calib.dataset.files.atomic_write import write_text_atomically
+from calib.errors import CalibError
+from calib.monitoring.control_chart import repeat_lines, repeated_poses, series
+from calib.monitoring.iso9283 import PoseFigures
+from calib.monitoring.watch import Watched, watch
 from calib.validation.comparison import compare
 from inspector.cli.calibrate_command import fitted
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options import CompareOptions, WatchOptions
+from inspector.cli.output_paths import check_outputs
 from inspector.export.comparison_documents import comparison_document, watch_document
+
+WATCH_FILES = (".html", ".svg", ".csv")
 
 
 def run_compare(options: CompareOptions) -> int:
@@ -23,7 +34,36 @@ def run_compare(options: CompareOptions) -> int:
 
 def run_watch(options: WatchOptions) -> int:
     """What changed since a calibration; 1 where anything did, so that a scheduled run can raise an alarm."""
-    base = fitted(options, measured(load(options.path)))[-1].calibration
-    seen = [watch(base, measured(load(path)), scanner_moved=options.scanner_moved) for path in options.new]
-    show(options, watch_document(seen), "\n".join(w.summary() for w in seen))
+    for out in options.out:
+        if out.suffix.lower() not in WATCH_FILES:
+            raise CalibError(
+                f"{out}: found the suffix {out.suffix!r}; a watch is written as {' '.join(WATCH_FILES)}"
+            )
+    dataset = load(options.path)
+    check_outputs(dataset, options.out)
+    base = fitted(options, measured(dataset))[-1].calibration
+    seen = []
+    for path in options.new:
+        new = load(path)
+        check_outputs(new, options.out)
+        seen.append(watch(base, measured(new), scanner_moved=options.scanner_moved))
+    repeats = repeated_poses(base, seen)
+    for out in options.out:
+        _write(out, base.dataset.name, seen, repeats)
+    told = [*(w.summary() for w in seen), *repeat_lines(repeats)]
+    show(options, watch_document(seen, repeats), "\n".join(told))
     return 0 if all(w.verdict == "unchanged" for w in seen) else 1
+
+
+def _write(out: Path, base: str, seen: Sequence[Watched], repeats: Sequence[PoseFigures]) -> None:
+    if out.suffix.lower() == ".csv":
+        write_text_atomically(out, series(seen).to_csv(index=False, lineterminator="\n"))
+        return
+    from inspector.report.watch_page import watch_html, watch_svg  # with plotly, which takes a while to load
+
+    page = (
+        watch_svg(seen)
+        if out.suffix.lower() == ".svg"
+        else watch_html(base, seen, repeats, now=datetime.now())
+    )
+    write_text_atomically(out, page)

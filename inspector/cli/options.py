@@ -148,6 +148,7 @@ class WatchOptions(Output):
     effects_file: Path | None
     add: Sequence[str]
     scanner_moved: bool
+    out: Sequence[Path]
 
     def fit_options(self) -> FitOptions:
         """The earlier calibration's."""

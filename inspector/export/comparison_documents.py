@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+from calib.monitoring.change_tests import Found
+from calib.monitoring.iso9283 import PoseFigures
 from calib.monitoring.watch import Watched
 from calib.validation.comparison import Comparison
 from inspector.export.calibration_documents import by_role
@@ -43,10 +46,23 @@ def comparison_document(compared: Comparison) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def watch_document(seen: Sequence[Watched]) -> dict[str, Any]:
-    """Of `inspector watch --json`: the last of the new datasets, and all of them in order under "new"."""
+def watch_document(seen: Sequence[Watched], repeats: Sequence[PoseFigures] = ()) -> dict[str, Any]:
+    """Of `inspector watch --json`: the last of the new datasets, all of them in order under "new", and repeats."""
     documents = [_watched(w) for w in seen]
-    return {**documents[-1], "new": documents}
+    return {**documents[-1], "new": documents, "iso9283": [_repeated(p) for p in repeats]}
+
+
+def _repeated(pose: PoseFigures) -> dict[str, Any]:
+    return {
+        "pose": pose.pose,
+        "sessions": [
+            {"name": s.session, "pose": s.pose, "visits": s.visits, "rp_mm": s.rp_mm, "ap_mm": s.ap_mm}
+            for s in pose.sessions
+        ],
+        "dap_mm": pose.dap_mm,
+        "drp_mm": pose.drp_mm,
+        "barycentre_moved_mm": pose.moved_mm,
+    }
 
 
 def _watched(w: Watched) -> dict[str, Any]:
@@ -56,6 +72,9 @@ def _watched(w: Watched) -> dict[str, Any]:
         "changes": [asdict(change) for change in w.changes],
         "unseen": [asdict(d) for d in w.unseen],
         "detectable": [asdict(d) for d in w.detectable],
+        "date": w.when,
+        "usual": [_size(found) for found in w.usual],
+        "limit_mm": w.errors.limit_mm,
         "rmse_mm": w.rmse_mm,
         "rmse_scanner_free_mm": w.rmse_free_mm,
         "expected_mm": w.expected_mm,
@@ -63,3 +82,12 @@ def _watched(w: Watched) -> dict[str, Any]:
         "poses": w.poses,
         "explanation": w.headline,
     }
+
+
+def _size(found: Found) -> dict[str, Any]:
+    """Of a change as if it were the only one; null where these poses do not show it."""
+    seen = math.isfinite(found.sigma)
+    return {
+        "what": found.what, "joint": found.joint, "size": found.size if seen else None,
+        "sigma": found.sigma if seen else None, "unit": found.unit,
+    }  # fmt: skip

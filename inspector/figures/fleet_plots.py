@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-import numpy as np
 import plotly.graph_objects as go
 
-from inspector.figures.style import figure
+from inspector.figures.style import figure, log_axis
 from inspector.markup.parts.palette import MODEL_COLOURS
 
 STAGES = {
@@ -34,14 +33,10 @@ def fleet_errors(
     ]  # fmt: skip
     shown = [v for value in errors_mm for v in value if v]
     low, high = (min(shown), max(shown)) if shown else (0.1, 1.0)
-    ticks = [float(f"{step}e{power}") for power in range(-7, 5) for step in (1, 2, 5)]
     return figure(
         traces,
         xaxis={"title": "datasets, by their last error", "zeroline": False, "range": [0.5, len(names) + 0.5]},
-        yaxis={
-            "type": "log", "title": "3D RMSE, mm", "tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks],
-            "range": [float(np.log10(low / 1.3)), float(np.log10(high * 1.3))],
-        },
+        yaxis={"title": "3D RMSE, mm", **log_axis(low, high)},
         margin=(56, 14, 30, 10),
         dark=False,
     )  # fmt: skip

@@ -6,6 +6,7 @@ and a dark version, because a plotly figure does not follow the colours of the p
 
 from __future__ import annotations
 
+import math
 import pickle
 import zlib
 from collections.abc import Mapping, Sequence
@@ -69,6 +70,15 @@ def distinct_labels(names: Sequence[str], most: int = 12) -> list[str]:
 def _common_prefix_length(names: Sequence[str]) -> int:
     letters = enumerate(zip(*names, strict=False))
     return next((k for k, column in letters if len(set(column)) > 1), min(map(len, names)))
+
+
+def log_axis(low: float, high: float) -> dict[str, object]:
+    """Keys of a logarithmic axis over these values, numbered as 0.1, 0.2, 0.5, 1 ..."""
+    ticks = [float(f"{step}e{power}") for power in range(-7, 5) for step in (1, 2, 5)]
+    return {
+        "type": "log", "tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks],
+        "range": [math.log10(low / 1.3), math.log10(high * 1.3)],
+    }  # fmt: skip
 
 
 def _key(traces: Sequence[dict[str, Any]], *axes: dict[str, Any]) -> str:

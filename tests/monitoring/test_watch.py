@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from calib.calibration.calibrate import calibrate
 from calib.calibration.result import Calibration
+from calib.dataset.dataset import About
 from calib.dataset.files.folder import write_dataset
 from calib.errors import FitError
 from calib.monitoring.watch import Watched, watch
@@ -123,22 +126,41 @@ def test_the_command_tells_it_and_its_exit_code_alarms(
 ) -> None:
     rng = np.random.default_rng(7)
     cell = Cell.drawn(rng)
-    march, october = (
-        cell.measured(rng, 64, "march"),
-        cell.with_changes({"theta2": np.radians(0.05)}).measured(rng),
-    )
-    for dataset, name in ((march, "march"), (cell.measured(rng), "april"), (october, "october")):
-        write_dataset(dataset, tmp_path / name)
+    march = cell.measured(rng, 64, "march")
+    q = np.repeat(march.poses.q[:4], 2, axis=0)  # visited again, and twice
+    later = cell.with_changes({"theta2": np.radians(0.05)}).measured(rng, q=q)
+    for dataset, name, date in (
+        (march, "march", "2026-03-02"), (cell.measured(rng, q=q), "april", "2026-04-01"),
+        (later, "october", "2026-10-01"),
+    ):  # fmt: skip
+        write_dataset(replace(dataset, name=name, about=About(date=date)), tmp_path / name)
     folders = [str(tmp_path / name) for name in ("march", "april", "october")]
     assert main(["watch", *folders[:2]]) == 0
     assert "unchanged" in capsys.readouterr().out
-    assert main(["watch", *folders, "--json"]) == 1
+    out = {suffix: tmp_path / f"watch{suffix}" for suffix in (".csv", ".svg", ".html")}
+    backwards = [folders[0], *folders[:0:-1]]
+    written = [part for path in out.values() for part in ("--out", str(path))]
+    assert main(["watch", *backwards, *written, "--json"]) == 1
     document = json.loads(capsys.readouterr().out)
-    assert [w["verdict"] for w in document["new"]] == ["unchanged", "changed"]
-    assert document["verdict"] == "changed"
-    assert (document["changes"][0]["what"], document["changes"][0]["joint"]) == ("joint_zero", 2)
-    assert {"what", "joint", "size", "sigma", "unit"} <= set(document["changes"][0])
+    assert [w["verdict"] for w in document["new"]] == ["changed", "unchanged"]
+    changed = document["new"][0]
+    assert (changed["changes"][0]["what"], changed["changes"][0]["joint"]) == ("joint_zero", 2)
+    assert {"what", "joint", "size", "sigma", "unit"} <= set(changed["changes"][0])
+    assert changed["rmse_mm"] > changed["limit_mm"] > document["rmse_mm"]
+    assert len(document["iso9283"]) == 4
+    assert [s["visits"] for s in document["iso9283"][0]["sessions"]] == [1, 2, 2]
+    assert document["iso9283"][0]["dap_mm"] > 0.1
+    table = pd.read_csv(out[".csv"])
+    assert table["name"].tolist() == ["april", "october"]  # by date
+    assert table["joint_zero_2_deg"][1] == pytest.approx(0.05, abs=0.01)
+    assert ElementTree.parse(out[".svg"]).getroot().tag.endswith("svg")
+    page = out[".html"].read_text()
+    assert "no certificate" in page
+    assert "2026" in page
     assert main(["watch", folders[0], str(tmp_path / "none")]) == 2
+    assert main(["watch", *folders, "--out", str(tmp_path / "watch.png")]) == 2
+    assert "found the suffix '.png'" in capsys.readouterr().err
+    assert main(["watch", *folders, "--out", str(tmp_path / "april" / "points.csv")]) == 2
 
 
 def test_a_scanner_far_from_where_it_was_is_no_noise(cells: list[Drawn]) -> None:

@@ -76,6 +76,14 @@ def watch_arguments(sub: ArgumentParser) -> None:
         action="store_true",
         help="the scanner was put up anew, which is no change to be told",
     )
+    sub.add_argument(
+        "--out",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="write the control chart: .svg, with tables .html, the series .csv; several times",
+    )
     add_effects(sub)
     add_adding(sub)
     add_json(sub)

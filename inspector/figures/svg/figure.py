@@ -13,7 +13,16 @@ import plotly.graph_objects as go
 
 from inspector.figures.style import ink
 from inspector.figures.svg.axis import Axis, axis_of
-from inspector.figures.svg.marks import Panel, Trace, cell_colour, drawn, line_colour, marker_of, symbol
+from inspector.figures.svg.marks import (
+    DASHES,
+    Panel,
+    Trace,
+    cell_colour,
+    drawn,
+    line_colour,
+    marker_of,
+    symbol,
+)
 from inspector.figures.svg.text import USUAL_PX, escaped, label, number, plain, width_px
 
 _LEGEND_PX, _TITLE_PX, _GAP_PX = 20.0, 18.0, 6.0
@@ -256,7 +265,7 @@ def _legend(row: Sequence[Trace], y: float) -> str:
             mode = str(trace.get("mode", ""))
             if "lines" in mode:
                 line = trace.get("line") or {}
-                dash = ' stroke-dasharray="6 4"' if line.get("dash") == "dash" else ""
+                dash = DASHES.get(str(line.get("dash", "")), "")
                 out.append(
                     f'<path d="M{number(x)} {number(y)}h18" stroke="{line_colour(trace)}" '
                     f'stroke-width="{line.get("width", 2):g}"{dash}/>'

@@ -14,7 +14,7 @@ from inspector.figures.svg.text import hover, number
 
 Trace = Mapping[str, Any]
 _ONLY_ON_SCREEN = "<br>double-click: show all"  # of a hover text
-_DASHES = {"dash": ' stroke-dasharray="7 5"', "dot": ' stroke-dasharray="2 4"'}
+DASHES = {"dash": ' stroke-dasharray="7 5"', "dot": ' stroke-dasharray="2 4"'}
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def _line(trace: Trace, panel: Panel) -> str:
     )
     path = (
         f'<path d="{_path(_places(trace, panel))}" fill="none" stroke="{line_colour(trace)}" '
-        f'stroke-width="{line.get("width", 2):g}" stroke-linejoin="round"{_DASHES.get(str(line.get("dash", "")), "")}'
+        f'stroke-width="{line.get("width", 2):g}" stroke-linejoin="round"{DASHES.get(str(line.get("dash", "")), "")}'
     )
     return f"{path}>{title}</path>" if title else f"{path}/>"
 

@@ -12,10 +12,7 @@ TOLD_FROM = 2.0  # sigmas
 
 def headline_html(compared: Comparison) -> str:
     """What differs, in a sentence or two."""
-    words = (
-        compared.headline.replace("+-", "±").replace(" um", " µm").replace(" -", " −").replace(" deg", "°")
-    )
-    return elements.alert(words, colour=BAD if compared.differs else GOOD)
+    return elements.alert(numbers.typeset(compared.headline), colour=BAD if compared.differs else GOOD)
 
 
 def tables_html(compared: Comparison) -> str:

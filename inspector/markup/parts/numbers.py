@@ -33,6 +33,11 @@ def reduction(before: float, after: float) -> str:
     return f"{100 * (1 - after / before):.2f} %"
 
 
+def typeset(words: str) -> str:
+    """A sentence of the terminal as a page has it: ±, µm, °, and a minus sign."""
+    return words.replace("+-", "±").replace(" um", " µm").replace(" -", " −").replace(" deg", "°")
+
+
 def role(name: str) -> str:
     """The role of a pose as one says it."""
     return ROLE_WORDS.get(name, name)

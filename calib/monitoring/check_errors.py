@@ -1,0 +1,59 @@
+"""How far check poses are off, beside how far they may be where nothing changed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.array_types import Array, IndexArray
+from calib.dataset.dataset import Poses
+from calib.distributions import chi2_ppf
+from calib.monitoring.iso9283 import Visits
+
+LIMIT_SHARE = 0.9973  # of unchanged cells that stay below the limit: three sigmas of a control chart
+
+
+@dataclass(frozen=True)
+class CheckErrors:
+    """Measured minus predicted at M points, the scanner where it was, or where they say if it was put up anew."""
+
+    poses: Poses  # (N,)
+    pose: IndexArray  # (M,) index into poses
+    target: tuple[str, ...]  # (M,)
+    measured_mm: Array  # (M, 3) scanner frame
+    off_mm: Array  # (M, 3) scanner frame
+    covariance_mm2: Array  # (3 M, 3 M) of off_mm where nothing changed
+    scanner_R_base: Array  # (3, 3)
+
+    @property
+    def rmse_mm(self) -> float:
+        """Of the 3D error."""
+        return float(np.sqrt(np.mean(np.sum(self.off_mm**2, axis=1))))
+
+    @property
+    def likely_mm(self) -> float:
+        """What `rmse_mm` is, in the mean square, where nothing changed: noise and what the earlier fit leaves open."""
+        return float(np.sqrt(np.trace(self.covariance_mm2) / len(self.off_mm)))
+
+    @property
+    def limit_mm(self) -> float:
+        """What `rmse_mm` stays below in 99.73 % of unchanged cells.
+
+        Its square is a weighted sum of chi squareds, taken as one of the same mean and variance (Satterthwaite 1946).
+        """
+        mean = float(np.trace(self.covariance_mm2))
+        squares = float(np.sum(self.covariance_mm2**2))
+        freedom = mean**2 / squares
+        return float(np.sqrt(squares / mean * chi2_ppf(LIMIT_SHARE, freedom) / len(self.off_mm)))
+
+    @property
+    def pose_ids(self) -> tuple[str, ...]:
+        """(M,)"""
+        return tuple(self.poses.ids[int(i)] for i in self.pose)
+
+    def visits(self, session: str) -> Visits:
+        """As ISO 9283's figures take them, in the base frame."""
+        return Visits(
+            session, self.pose_ids, self.poses.q[self.pose], self.target, self.off_mm @ self.scanner_R_base
+        )
