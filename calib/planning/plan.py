@@ -28,7 +28,7 @@ from calib.planning.purpose import ForCalibration, Purpose, Situation
 from calib.planning.reasons import new_ids, reasons
 from calib.planning.start import Start
 from calib.workcell.candidates import candidate_poses
-from calib.workcell.order import order_poses
+from calib.workcell.order import clear_ways, order_poses
 
 CANDIDATES = 800
 RIGHT_EVERYWHERE = ForCalibration()
@@ -111,10 +111,11 @@ def plan_poses(
     then = predicted(situation.region, situation.information(chosen), unknowns.degrees_of_freedom, rng)
     why = purpose.why(situation, chosen) or reasons(situation, chosen)
     order = _order(situation, chosen)
+    planned = _to_measure(situation, chosen[order])
     return Plan(
         start=start,
         purpose=purpose,
-        poses=_to_measure(situation, chosen[order]),
+        poses=planned,
         why=tuple(why[k] for k in order),
         worth=tuple(int(k) + 1 for k in order),
         region=situation.region.words,
@@ -126,7 +127,7 @@ def plan_poses(
         shots=purpose.shots(situation, chosen),
         model=unknowns.model.family_names,
         told=purpose.told(situation, chosen),
-        notes=(*_too_few(start, count), *start.notes),
+        notes=(*_too_few(start, count), *_blocked_ways(start, planned), *start.notes),
     )
 
 
@@ -137,6 +138,17 @@ def _too_few(start: Start, count: int) -> tuple[str, ...]:
         return ()
     return (
         f"{count} poses are too few for a fit of the link errors, which takes {least} and better three times as many",
+    )
+
+
+def _blocked_ways(start: Start, planned: Poses) -> tuple[str, ...]:
+    """A sentence where a straight way in joint space leads through something, whatever the order."""
+    blocked = np.flatnonzero(~clear_ways(start.cell, planned.q))
+    if not len(blocked):
+        return ()
+    ways = ", ".join(f"{planned.ids[k]} to {planned.ids[k + 1]}" for k in blocked)
+    return (
+        f"moving all joints at once leads through floor, box, scanner or the arm itself: {ways}; go around",
     )
 
 

@@ -1,6 +1,7 @@
 """Plans for fits and for arms: the prediction against simulated truth, and what a plan says."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Poses
 from calib.dataset.files.robot_toml import builtin_robot
+from calib.dataset.surroundings import Box
 from calib.errors import CalibError
 from calib.planning.plan import Plan, plan_poses
 from calib.planning.prediction import enough_poses
@@ -139,6 +141,19 @@ def test_a_further_place_of_the_scanner_is_a_setup_of_its_own(start: FromFit) ->
     plan = plan_poses(moved, 2, candidates=60)
     assert set(plan.poses.setup) == {"new"}
     assert plan.then.geometry_mm < plan.now.geometry_mm
+
+
+@pytest.mark.slow
+def test_a_way_through_a_wall_is_told() -> None:
+    wall = Box("wall", (300.0, -5.0, 100.0), (900.0, 5.0, 1200.0))
+    cell = workcell_of_robot(RB5, base_T_scanner=SCANNER)
+    parted = plan_poses(FromRobot(replace(cell, boxes=(wall,))), 20, candidates=100)
+    sides = set(np.sign(cell.chain(parted.poses.q).target_mm[:, 1]))
+    assert sides == {-1.0, 1.0}
+    told = [note for note in parted.notes if "leads through" in note]
+    assert len(told) == 1
+    ids = parted.poses.ids
+    assert any(f"{one} to {other}" in told[0] for one, other in pairwise(ids))
 
 
 def test_when_more_poses_no_longer_pay() -> None:
