@@ -18,7 +18,7 @@ from calib.effects.link_errors import LinkErrors, TargetOffsets
 from calib.errors import FitError
 from calib.fitting.distance_residuals import DistanceResiduals
 from calib.fitting.model import Model
-from calib.fitting.observations import Observations, with_nominal_scanner_frames
+from calib.fitting.observations import Observations, in_room, room_placement, with_nominal_scanner_frames
 from calib.fitting.pose_residuals import PoseResiduals, require_orientations
 from calib.fitting.position_residuals import PositionResiduals
 from calib.fitting.residual_kinds import make_residuals
@@ -61,15 +61,18 @@ def calibrate(
         dataset = replace(dataset, noise=options.noise)
     given, dataset = dataset, counted_by_stands(dataset, residual)
     observed = Observations.of(dataset)
-    geometry = geometry_of(dataset.robot, observed, options)
-    model = Model(dataset.robot, (*geometry, *effects), prior_sigmas=prior_sigmas or {}).hold(options.held)
+    robot = in_room(dataset.robot, observed)
+    if robot.carries_scanner:
+        _require_placed(dataset, observed)
+    geometry = geometry_of(robot, observed, options)
+    model = Model(robot, (*geometry, *effects), prior_sigmas=prior_sigmas or {}).hold(options.held)
     if len(observed.points) < 3:
         raise FitError(
             f"dataset {dataset.name}: {len(observed.points)} training points; a fit needs many more"
         )
     if residual == "pose":
         require_orientations(dataset, observed)
-    residuals = make_residuals(residual, model, with_nominal_scanner_frames(observed, dataset.robot))
+    residuals = make_residuals(residual, model, with_nominal_scanner_frames(observed, robot))
     rows = len(residuals.residual(np.zeros(len(model.parameters))))
     _require_equations(dataset, observed, residual, rows - residuals.degrees_spent, rank=0)
     if options.robust and residual == "distance":
@@ -169,6 +172,22 @@ def _require_equations(
         f"equations, {what} {knowable} knowable parameters; measure at least {needed} different poses, better "
         "three times as many"
     )
+
+
+def _require_placed(dataset: Dataset, observed: Observations) -> None:
+    """Raise FitError where the training points do not place a scanner on the flange, or lack a target of test poses."""
+    assert dataset.points is not None
+    unknown = sorted(set(dataset.points.target.tolist()) - set(observed.targets))
+    if unknown:
+        raise FitError(
+            f"dataset {dataset.name}: target {unknown[0]!r} is measured at no training pose, so its place in the room "
+            "is not known; give it training poses, or leave it out"
+        )
+    if room_placement(dataset.robot, observed).open_turns:
+        raise FitError(
+            f"dataset {dataset.name}: the training points do not tell how the scanner is turned on the flange: they "
+            "lie in one place or on one line, seen from the scanner; measure poses that differ in more directions"
+        )
 
 
 def geometry_of(robot: Robot, observed: Observations, options: FitOptions) -> tuple[Effect, ...]:

@@ -16,7 +16,7 @@ from calib.dataset.stands import ShotCount, without_poses
 from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model
-from calib.fitting.observations import Observations
+from calib.fitting.observations import Observations, room_placement
 from calib.fitting.tool_point.placement import ToolShift, tool_shift
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
@@ -102,6 +102,13 @@ class Calibration:
         """The tool point, where it is far from where robot.toml has it."""
         return None if self.model.tool_found is None else tool_shift(self.dataset.robot, self.robot.table)
 
+    @cached_property
+    def room_words(self) -> str:
+        """What the poses leave open of the places of a scanner on the flange and its targets; "" where nothing."""
+        if not self.model.robot.carries_scanner:
+            return ""
+        return room_placement(self.dataset.robot, Observations.of(self.fitted_dataset)).words
+
     @property
     def sigma_mm(self) -> float:
         """Residual sigma of one coordinate of one point, by degrees of freedom; nan where none are left."""
@@ -112,6 +119,8 @@ class Calibration:
         out = [*self.fitted_dataset.warnings, *self.fitted_dataset.notes, *self.after.notes]
         if self.tool_shift is not None:
             out.append(self.tool_shift.words)
+        if self.room_words:
+            out.append(self.room_words)
         if not self.fit.converged:
             out.append(f"the fit did not converge: {self.fit.reason}")
         if self.outliers:

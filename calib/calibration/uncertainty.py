@@ -19,7 +19,7 @@ from calib.calibration.result import Calibration
 from calib.errors import FitError
 from calib.fitting.observations import Observations, conditions_at, linearise_points
 from calib.fitting.scanner_frame import frame_motion, whitener
-from calib.identifiability.structural import redundancy
+from calib.identifiability.structural import redundancy, taken_up_by_scanner
 
 CORRELATED = 0.8
 
@@ -89,7 +89,7 @@ def identifiable_combinations(calibration: Calibration) -> tuple[Combination, ..
     scanner's frame can replace (d1, theta1 - beta1).
     """
     found = redundancy(calibration.dataset)
-    blind = set(redundancy(calibration.dataset, residual="distance").no_influence)
+    blind = set(taken_up_by_scanner(calibration.dataset))
     names = {p.name for p in calibration.fit.parameters}
     row = {name: i for i, name in enumerate(found.parameters)}
     out = []
@@ -164,6 +164,8 @@ class JointKnowledge:
 def prediction_covariance(calibration: Calibration, q: ArrayLike, setup: str | None = None) -> Array:
     """The covariance of the predicted tool point at any joint vectors, in a setup's scanner frame.
 
+    Where the arm carries the scanner it is that of the (first) target in the room.
+
     The parameters and the frame that was fitted with them are both uncertain, and correlated (`JointKnowledge`):
     cov = [J G] cov(x, frame) [J G]^T with J and G the columns of parameters and frame at the predicted point.
 
@@ -180,8 +182,9 @@ def prediction_covariance(calibration: Calibration, q: ArrayLike, setup: str | N
     name = str(observed.setup[0]) if setup is None else setup
     known = JointKnowledge.of(calibration, name)
     scanner_T_base = calibration.after.scanner_T_base[name]
+    target = observed.first_target if calibration.model.robot.carries_scanner else "jig"
     points_mm, by_q = calibration.model.linearise(
-        calibration.fit.x, conditions_at(calibration.dataset.poses, q)
+        calibration.fit.x, conditions_at(calibration.dataset.poses, q), target
     )
     motion = frame_motion(frames.apply(scanner_T_base, points_mm), known.centre_mm)
     rows = np.concatenate([scanner_T_base[:3, :3] @ by_q, motion], axis=-1)

@@ -36,7 +36,7 @@ class RobotState:
     poses: Poses
     table: Array  # (1 or N, n + 1, 5) rows a, alpha, d, theta, beta
     base_rotvec_rad: Array  # (1 or N, 3) turn of the whole arm about the base's origin
-    displacement_mm: Array  # (1 or N, 3) of the target, base frame, after everything else
+    displacement_mm: Array  # (1 or N, 3) of what the flange carries, base frame, after everything else
     target_offsets_mm: Mapping[str, Array] = field(
         default_factory=dict
     )  # further targets, in their link's frame, (3,)
@@ -114,7 +114,9 @@ class RobotState:
         if self.seen is None:
             return self
         base_R_scanner = np.swapaxes(self.seen.scanner_T_base[:, :3, :3], 1, 2)
-        return self.displace(np.einsum("nij,nj->ni", base_R_scanner, np.asarray(displacement_mm, float)))
+        moved_mm = np.einsum("nij,nj->ni", base_R_scanner, np.asarray(displacement_mm, float))
+        # What is reported moves as if the target did; a scanner on the flange would itself move the other way.
+        return self.displace(-moved_mm if self.robot.carries_scanner else moved_mm)
 
     def turn_in_scanner(self, rotvec_rad: ArrayLike) -> RobotState:
         """Turn what the scanner reports about the target itself, in the scanner's frame: (N, 3), small.
@@ -162,7 +164,14 @@ class RobotState:
 
     @property
     def attitude(self) -> Array:
-        """(N, 3, 3) base_R_tool: the chain's, the base's turn and the target's own."""
+        """(N, 3, 3) base_R_tool: the chain's, the base's turn and the target's own.
+
+        Of an arm that carries the scanner flange_R_base: how the room stands, seen from the flange.
+        """
+        if self.robot.carries_scanner:
+            into_chain = np.swapaxes(frames.rotation_from_rotvec(self.base_rotvec_rad), 1, 2)
+            turned = frames.rotation_from_rotvec(self.target_rotvec_rad)
+            return np.asarray(np.swapaxes(self.chain.base_T_flange[:, :3, :3], 1, 2) @ into_chain @ turned)
         out = self.chain.base_T_frame[:, -1, :3, :3]
         for rotvec in (self.base_rotvec_rad, self.target_rotvec_rad):
             if np.any(rotvec):

@@ -27,6 +27,7 @@ from calib.effects.effect import (
     state_derivative,
 )
 from calib.effects.link_errors import LinkErrors
+from calib.effects.seen_from_flange import room_target, room_target_by_state, room_turn_by_state
 from calib.effects.state import RobotState, Seen
 from calib.errors import FitError
 from calib.kinematics import chain as kinematics
@@ -138,12 +139,12 @@ class Model:
         return self._states(x, poses, seen)[-1]
 
     def predict(self, x: ArrayLike, poses: Poses, target: str = "jig", seen: Seen | None = None) -> Array:
-        """A target's position at every pose (N, 3), mm in the base frame.
+        """A target's position at every pose (N, 3), mm in the base frame; seen from the flange where that carries the
+        scanner, mm in the flange's frame.
 
         With `seen` as the scanner reports it, errors of the scanner included; without, as it is.
         """
-        state = self.state(x, poses, seen)
-        return state.place(_target_mm(state, target))
+        return place_of_target(self.state(x, poses, seen), target)
 
     def linearise(
         self, x: ArrayLike, poses: Poses, target: str = "jig", seen: Seen | None = None
@@ -193,6 +194,8 @@ def geometric_model(robot: Robot) -> Model:
 
 def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array]:
     """A target's position (N, 3) and its derivative by `state.vector` (N, 3, S): the chain's analytic Jacobian."""
+    if state.robot.carries_scanner:
+        return room_target_by_state(state, target)
     chain_mm = _target_mm(state, target)
     if target == "jig":
         by_table = kinematics.point_jacobian(state.chain, chain_mm)  # (N, 3, n + 1, 5)
@@ -222,7 +225,9 @@ def _by_offset(state: RobotState, target: str) -> Array:
 
 
 def turn_by_state(state: RobotState) -> Array:
-    """The tool's small turn about the base's axes by `state.vector` (N, 3, S), rad."""
+    """The tool's small turn about the base's axes by `state.vector` (N, 3, S), rad; or the room's, of a flange."""
+    if state.robot.carries_scanner:
+        return room_turn_by_state(state)
     by_table = kinematics.turn_jacobian(state.chain)
     by_table = by_table.reshape(*by_table.shape[:2], -1)
     eye = np.broadcast_to(np.eye(3), (len(by_table), 3, 3))
@@ -236,6 +241,13 @@ def turn_by_state(state: RobotState) -> Array:
         by_target = eye @ (np.eye(3) + 0.5 * frames.skew(state.target_rotvec_rad))
     offsets = [np.zeros_like(eye) for _ in state.target_offsets_mm]
     return np.concatenate([by_table, by_base, np.zeros_like(eye), by_target, *offsets], axis=-1)
+
+
+def place_of_target(state: RobotState, target: str = "jig") -> Array:
+    """A target's position (N, 3), mm in the base frame, or in the flange's where that carries the scanner."""
+    return (
+        room_target(state, target) if state.robot.carries_scanner else state.place(_target_mm(state, target))
+    )
 
 
 def _target_mm(state: RobotState, target: str) -> Array:

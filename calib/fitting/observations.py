@@ -9,15 +9,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
 from calib.dataset.dataset import Dataset, Points, Poses
 from calib.effects.state import RobotState, Seen
 from calib.errors import FitError
-from calib.fitting.model import Model, geometric_model
+from calib.fitting.model import Model, geometric_model, place_of_target
 from calib.fitting.noise.point_covariance import noise_factors, shaped_covariance
 from calib.fitting.pose_means import mean_by_pose, points_by_pose
 from calib.fitting.scanner_frame import fit_scanner_frame
+from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import Robot
+from calib.kinematics.room_placement import RoomPlacement, place_in_room, with_room_targets
 from calib.noise_shape import NoiseShape
 
 
@@ -28,8 +31,11 @@ class Observations:
     poses: Poses
     points: Points
     covariance_mm2: Array  # (M, 3, 3)
-    scanner_T_base: Mapping[str, Array] | None = None  # (4, 4) by setup; None: not known yet
+    scanner_T_base: Mapping[str, Array] | None = (
+        None  # (4, 4) by setup, scanner_T_flange where the arm carries the scanner; None: not known yet
+    )
     turn_covariance_rad2: Array | None = None  # (M, 3, 3) of the orientations, where there are any
+    carried_by: Robot | None = None  # the nominal arm that carries the scanner; None: it stands in the room
 
     @classmethod
     def of(cls, dataset: Dataset, keep: ArrayLike | None = None) -> Observations:
@@ -60,7 +66,8 @@ class Observations:
             turns = np.broadcast_to(sigma_rad**2 * np.eye(3), (len(points), 3, 3))
         if dataset.noise is not None and dataset.noise.reshapes_points:
             points, covariance = _reshaped(dataset.noise, points, covariance)
-        observed = cls(dataset.poses, points, covariance, turn_covariance_rad2=turns)
+        arm = dataset.robot if dataset.robot.carries_scanner else None
+        observed = cls(dataset.poses, points, covariance, turn_covariance_rad2=turns, carried_by=arm)
         return observed if points.counts_as is None else weighted(observed, points.counts_as)
 
     def select(self, keep: BoolArray) -> Observations:
@@ -71,6 +78,7 @@ class Observations:
             self.points.select(keep),
             self.covariance_mm2[keep],
             turn_covariance_rad2=None if turns is None else turns[keep],
+            carried_by=self.carried_by,
         )
 
     @property
@@ -89,6 +97,11 @@ class Observations:
         """Which targets were measured, and which points are of each (M,)."""
         return {str(name): self.points.target == name for name in np.unique(self.points.target)}
 
+    @property
+    def first_target(self) -> str:
+        """The jig where it was measured, else another target."""
+        return "jig" if "jig" in self.targets else next(iter(self.targets))
+
     def seen(self, target: str = "jig") -> Seen | None:
         """A target's mean measured position and the scanner's frame at each used pose; None where no frame is known.
 
@@ -96,12 +109,20 @@ class Observations:
         """
         return self._seen.get(target) if self.scanner_T_base is not None else None
 
+    def scanner_T_base_at(self, poses: Poses) -> Array:
+        """(N, 4, 4) where the base is, seen from the scanner as it was placed, at any poses of the setups."""
+        assert self.scanner_T_base is not None
+        placed = np.stack([self.scanner_T_base[str(name)] for name in poses.setup])
+        if self.carried_by is None:
+            return placed
+        arm = self.carried_by
+        chain = kinematics.forward(arm.table, poses.q, arm.is_revolute, arm.base_T_first)
+        return placed @ frames.invert(chain.base_T_flange)
+
     @cached_property
     def _seen(self) -> dict[str, Seen]:
-        assert self.scanner_T_base is not None
         poses, row = self.used_poses
-        setups, setup = np.unique(poses.setup, return_inverse=True)
-        placed = np.stack([self.scanner_T_base[str(name)] for name in setups])[setup]
+        placed = self.scanner_T_base_at(poses)
         out = {}
         for target, of_target in self.targets.items():
             mean_mm = mean_by_pose(self.points.xyz_mm[of_target], row[of_target], len(poses))
@@ -158,8 +179,24 @@ def with_nominal_scanner_frames(
 
     Effects of the scanner depend on where it stands; every fit and every evaluation takes these frames for them.
     """
-    nominal = geometric_model(robot)
+    nominal = geometric_model(in_room(robot, observed))
     return with_scanner_frames(observed, nominal, np.zeros(len(nominal.parameters)), chosen)
+
+
+def in_room(robot: Robot, observed: Observations) -> Robot:
+    """The robot with the observed targets placed in the room, where its arm carries the scanner; else as it is."""
+    known = {target.name for target in robot.targets if target.in_room}
+    if not robot.carries_scanner or known >= set(observed.targets):
+        return robot
+    return with_room_targets(robot, room_placement(robot, observed).place_mm)
+
+
+def room_placement(robot: Robot, observed: Observations) -> RoomPlacement:
+    """Where the scanner sits on the flange and the targets stand in the room, by the robot's table alone."""
+    poses, row = observed.used_poses
+    chain = kinematics.forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first)
+    points = observed.points
+    return place_in_room(chain.base_T_flange[row], points.xyz_mm, observed.setup, points.target)
 
 
 def nominal_state(dataset: Dataset) -> RobotState:
@@ -167,8 +204,10 @@ def nominal_state(dataset: Dataset) -> RobotState:
 
     Raises FitError where nothing was measured.
     """
-    observed = with_nominal_scanner_frames(Observations.of(dataset), dataset.robot)
-    return RobotState.nominal(dataset.robot, observed.used_poses[0], observed.seen())
+    observed = Observations.of(dataset)
+    robot = in_room(dataset.robot, observed)
+    observed = with_nominal_scanner_frames(observed, robot)
+    return RobotState.nominal(robot, observed.used_poses[0], observed.seen(observed.first_target))
 
 
 def predict_points(model: Model, x: Array, observed: Observations) -> Array:
@@ -212,7 +251,7 @@ def predict_poses(model: Model, x: Array, observed: Observations) -> tuple[Array
     poses, row = observed.used_poses
     state = model.state(x, poses, observed.seen("jig"))
     if np.all(observed.points.target == "jig"):
-        return state.place(state.chain.target_mm)[row], state.attitude[row]
+        return place_of_target(state)[row], state.attitude[row]
     return predict_points(model, x, observed), state.attitude[row]
 
 

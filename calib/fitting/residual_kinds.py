@@ -16,13 +16,15 @@ from calib.fitting.model import Model
 from calib.fitting.observations import Observations
 from calib.fitting.pose_residuals import PoseResiduals
 from calib.fitting.position_residuals import PairResiduals, PositionResiduals
+from calib.kinematics.robot import Robot
 from calib.options import RESIDUAL_KINDS
 
 
 def make_residuals(
     kind: str, model: Model, observed: Observations
 ) -> PositionResiduals | DistanceResiduals | PoseResiduals:
-    """Residuals by their name, of `RESIDUAL_KINDS`. Raises FitError on another name."""
+    """Residuals by their name, of `RESIDUAL_KINDS`. Raises FitError on another name, and where the arm has none."""
+    require_kind_for(model.robot, kind)
     if kind == "pairs":
         return PairResiduals(model, observed)
     if kind == "position":
@@ -32,3 +34,12 @@ def make_residuals(
     if kind == "pose":
         return PoseResiduals(model, observed)
     raise FitError(f"no residual named {kind!r}; there are {' and '.join(RESIDUAL_KINDS)}")
+
+
+def require_kind_for(robot: Robot, kind: str) -> None:
+    """Raise FitError on distances where the arm carries the scanner: the points then do not move with the tool."""
+    if robot.carries_scanner and kind in ("distance", "pairs"):
+        raise FitError(
+            f"residual {kind}: a scanner on the flange measures a jig that stands still, and distances between poses "
+            "are not the arm's; take position or pose"
+        )

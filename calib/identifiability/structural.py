@@ -6,6 +6,9 @@ frame; d1, theta1 and beta1 do not change them. Of an arm that moves in a plane 
 a motion out of the plane changes no distance, to first order.
 
 The jig's orientation on the tool is unknown in any case, so its effect is projected out of full poses too.
+
+Where the arm carries the scanner, known or unknown is its frame on the flange. The places of the targets in the room
+are unknown in any case: they are parameters, and how the jig stands there is projected out of full poses.
 """
 
 from __future__ import annotations
@@ -14,22 +17,17 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib import frames
-from calib.array_types import Array, IndexArray
+from calib.array_types import Array
 from calib.blas_threads import one_blas_thread
 from calib.dataset.dataset import Dataset
 from calib.effects.link_errors import target_parameter_names
 from calib.errors import FitError
-from calib.fitting.scanner_frame import orthonormal
+from calib.fitting.observations import Observations, in_room
+from calib.identifiability.columns import columns_of
 from calib.identifiability.redundancy import Redundancy, analyse
-from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import Robot, Target
 from calib.options import RESIDUAL_KINDS
-
-MM_PER_RADIAN = 500.0
-"""The weight of turns against lengths where no covariance gives one: 0.05 mm against 0.1 mrad."""
 
 _KNOWN = "in the base frame, as if the scanner's place were known (Park)"
 MEASURED_BY = {
@@ -39,6 +37,13 @@ MEASURED_BY = {
     "pairs": "the distances between all poses, which are positions from an unknown place",
 }
 """The measurement behind each kind of residual, as text."""
+_KNOWN_ON_FLANGE = "as if the scanner's place on the flange were known"
+MEASURED_FROM_FLANGE = {
+    "position": f"positions of targets in the room, seen from the flange, {_KNOWN_ON_FLANGE}",
+    "pose": f"full poses of a jig that stands in the room anyhow, seen from the flange, {_KNOWN_ON_FLANGE}",
+}
+"""As `MEASURED_BY`, of an arm that carries the scanner."""
+_SOMEWHERE_MM = (431.0, -287.0, 123.0)
 _OBSERVED = {"position": "the measured point", "pose": "the full pose, but for what the jig's seat takes up"}
 
 
@@ -54,9 +59,17 @@ def redundancy(dataset: Dataset, *, residual: str = "position") -> Redundancy:
         names,
         units,
         moved=moved,
-        measured_by=MEASURED_BY[residual],
+        measured_by=(MEASURED_FROM_FLANGE if dataset.robot.carries_scanner else MEASURED_BY)[residual],
         observed=_OBSERVED.get(residual, "the distances"),
     )
+
+
+def taken_up_by_scanner(dataset: Dataset) -> tuple[str, ...]:
+    """Parameters that a motion of the scanner's frame replaces at the training poses: they show in no fit."""
+    if not dataset.robot.carries_scanner:
+        return redundancy(dataset, residual="distance").no_influence
+    columns, moved, names, units = _at_training_poses(dataset, "position", frame_known=False)
+    return analyse(columns, names, units, moved=moved).no_influence
 
 
 @dataclass(frozen=True)
@@ -66,9 +79,18 @@ class FreeFrameRank:
     residual: str
     here: int  # at the dataset's training poses
     best: Mapping[str, int]  # by kind of residual, at generic poses of this arm
+    on_flange: bool = False  # the arm carries the scanner
 
     def summary(self) -> str:
         best = self.best[self.residual]
+        if self.on_flange:
+            what = "full poses" if self.residual == "pose" else "positions"
+            return (
+                f"With the scanner's place on the flange unknown, {what} tell {self.here} at these poses, and {best} "
+                "at best (this arm at generic poses), the targets' places in the room among them. What moves the "
+                "flange alone, or the base together with the targets, cannot be told: errors of the last row of the "
+                "arm and of the tool are taken up by the scanner's place, those at the base by the targets'."
+            )
         if self.residual in _OBSERVED:
             what, option = (
                 ("full poses", " --residual pose") if self.residual == "pose" else ("positions", "")
@@ -88,8 +110,10 @@ def free_frame_rank(dataset: Dataset, *, residual: str = "position") -> FreeFram
     columns, moved, names, units = _at_training_poses(dataset, residual, frame_known=False)
     here = analyse(columns, names, units, moved=moved).rank
     measured = _measured_targets(dataset)
-    best = {kind: structural_rank(dataset.robot, residual=kind, measured=measured) for kind in RESIDUAL_KINDS}
-    return FreeFrameRank(residual, here, best)
+    on_flange = dataset.robot.carries_scanner
+    kinds = [kind for kind in RESIDUAL_KINDS if not on_flange or kind in _OBSERVED]
+    best = {kind: structural_rank(dataset.robot, residual=kind, measured=measured) for kind in kinds}
+    return FreeFrameRank(residual, here, best, on_flange)
 
 
 def structural_rank(robot: Robot, *, residual: str = "position", measured: Collection[str] = ("jig",)) -> int:
@@ -102,11 +126,13 @@ def structural_rank(robot: Robot, *, residual: str = "position", measured: Colle
     q = rng.uniform(-1.0, 1.0, (poses, robot.n_joints)) * span
     targets = _further_targets(robot, measured, residual)
     of_target = None
-    if targets:
+    if targets and not robot.carries_scanner:
         seen = [*([-1] if "jig" in measured else []), *range(len(targets))]
         of_target = np.tile(seen, poses)
         q = np.repeat(q, len(seen), axis=0)
-    columns, moved = _columns(
+    if robot.carries_scanner:
+        of_target, q = np.tile(np.arange(len(targets)), poses), np.repeat(q, len(targets), axis=0)
+    columns, moved = columns_of(
         robot, q, np.full(len(q), ""), residual, frame_known=False, targets=targets, of_target=of_target
     )
     return analyse(columns, *_names_and_units(robot, targets), moved=moved).rank
@@ -129,12 +155,14 @@ def fewest_poses(robot: Robot, *, residual: str = "position", setups: int = 1, r
 def _at_training_poses(
     dataset: Dataset, residual: str, *, frame_known: bool
 ) -> tuple[Array, Array, tuple[str, ...], tuple[str, ...]]:
-    """As `_columns`, with the names and units of the columns.
+    """As `columns_of`, with the names and units of the columns.
 
     Further targets that were measured there have rows of their own, and columns for where they sit; distances are of
     the tool point alone.
     """
     poses, robot = dataset.poses, dataset.robot
+    if dataset.points is not None:
+        robot = in_room(robot, Observations.of(dataset))
     rows = [poses.reference, *(int(i) for i in np.flatnonzero(poses.role == "train"))]
     rows = [i for i in rows if poses.ids[i] not in dataset.left_out]
     points, of_target = dataset.points, None
@@ -148,7 +176,7 @@ def _at_training_poses(
         )
         rows = [pose for pose, _ in pairs]
         of_target = np.array([target for _, target in pairs])
-    columns, moved = _columns(
+    columns, moved = columns_of(
         robot,
         poses.q[rows],
         poses.setup[rows],
@@ -174,7 +202,13 @@ def _measured_targets(dataset: Dataset) -> set[str]:
 
 
 def _further_targets(robot: Robot, measured: Collection[str], residual: str) -> tuple[Target, ...]:
-    """Those whose places are unknown in a fit: distances are of the tool's end alone."""
+    """Those whose places are unknown in a fit: distances are of the tool's end alone.
+
+    Targets in the room that were not found yet stand somewhere, off the axes of the arm.
+    """
+    if robot.carries_scanner:
+        known = {target.name: target for target in robot.targets if target.in_room}
+        return tuple(known.get(name, Target(name, _SOMEWHERE_MM, in_room=True)) for name in sorted(measured))
     return () if residual == "distance" else tuple(t for t in robot.targets if t.name in measured)
 
 
@@ -182,92 +216,3 @@ def _names_and_units(robot: Robot, targets: tuple[Target, ...]) -> tuple[tuple[s
     """Of the columns: the table's, then the places of targets."""
     places = tuple(name for target in targets for name in target_parameter_names(target))
     return (*robot.parameter_names, *places), (*robot.parameter_units, *("mm" for _ in places))
-
-
-def _columns(
-    robot: Robot,
-    q: Array,
-    setup: NDArray[np.str_],
-    residual: str,
-    *,
-    frame_known: bool,
-    targets: tuple[Target, ...] = (),
-    of_target: IndexArray | None = None,
-) -> tuple[Array, Array]:
-    """The Jacobian (R, P) of what a residual compares, and its columns' norms (P,) before unknowns are projected out.
-
-    q  # (N, n); setup  # (N,), whose first pose is the one that distances start from
-    of_target  # (N,) which of `targets` is seen in each row, -1 for the tool point; None: nothing else
-    """
-    if residual not in RESIDUAL_KINDS:
-        raise FitError(f"no residual named {residual!r}; there are {', '.join(RESIDUAL_KINDS)}")
-    chain = kinematics.forward(robot.table, q, robot.is_revolute, robot.base_T_first)
-    points_mm = chain.target_mm
-    if of_target is None:
-        columns = kinematics.point_jacobian(chain, points_mm).reshape(len(q), 3, -1)
-    else:
-        points_mm, columns = _columns_of_targets(chain, targets, of_target)
-    setups = [np.flatnonzero(setup == name) for name in np.unique(setup)]
-    if residual == "distance":
-        distances = [_distance_columns(chain.target_mm[rows], columns[rows]) for rows in setups]
-        return np.concatenate(distances), np.linalg.norm(columns, axis=(0, 1))
-    absorbed = []
-    if not frame_known or residual == "pairs":
-        absorbed = [_motion(points_mm, rows) for rows in setups]
-    if residual == "pose":
-        turn = MM_PER_RADIAN * kinematics.turn_jacobian(chain).reshape(len(q), 3, -1)
-        turn = np.concatenate([turn, np.zeros((len(q), 3, columns.shape[-1] - turn.shape[-1]))], axis=2)
-        columns = np.concatenate([columns, turn], axis=1)
-        seat = np.zeros((len(q), 6, 3))
-        seat[:, 3:] = MM_PER_RADIAN * chain.base_T_frame[:, -1, :3, :3]
-        absorbed.append(seat)
-        if of_target is not None:  # further targets have no orientation
-            for block in (columns, *absorbed):
-                block[of_target >= 0, 3:] = 0.0
-    moved = np.linalg.norm(columns, axis=(0, 1))
-    columns = np.asarray(columns.reshape(-1, columns.shape[-1]), dtype=np.float64)
-    if absorbed:
-        height = len(columns) // len(q)  # 3 rows a position, 6 a full pose
-        basis = orthonormal(
-            np.concatenate([a[:, :height] for a in absorbed], axis=2).reshape(len(columns), -1)
-        )
-        columns = columns - basis @ (basis.T @ columns)
-    return columns, moved
-
-
-def _columns_of_targets(
-    chain: kinematics.Chain, targets: tuple[Target, ...], of_target: IndexArray
-) -> tuple[Array, Array]:
-    """The points (N, 3), each of its target, and their derivative by table and targets' places (N, 3, P)."""
-    points_mm = chain.target_mm.copy()
-    by_table = kinematics.point_jacobian(chain, points_mm)
-    by_place = np.zeros((len(of_target), 3, len(targets), 3))
-    for k, target in enumerate(targets):
-        rows = of_target == k
-        link = chain.base_T_link(target.joint)
-        points_mm[rows] = (link[:, :3, :3] @ np.array(target.xyz_mm) + link[:, :3, 3])[rows]
-        by_table[rows] = kinematics.link_point_jacobian(chain, points_mm, target.joint)[rows]
-        by_place[rows, :, k] = link[rows, :3, :3]
-    return points_mm, np.concatenate(
-        [part.reshape(len(of_target), 3, -1) for part in (by_table, by_place)], axis=2
-    )
-
-
-def _motion(points_mm: Array, rows: IndexArray) -> Array:
-    """(N, 6, 6) derivative of position and orientation by a shift of a setup's frame and a turn about its points."""
-    out = np.zeros((len(points_mm), 6, 6))
-    out[rows, :3, :3] = np.eye(3)
-    out[rows, :3, 3:] = -frames.skew(points_mm[rows] - points_mm[rows].mean(axis=0))
-    out[rows, 3:, 3:] = MM_PER_RADIAN * np.eye(3)
-    return out
-
-
-def _distance_columns(points_mm: Array, by_parameter: Array) -> Array:
-    """Phi of Jang eq (14): 2 (P_k - P_1)^T (J_k - J_1), (N - 1, P), divided by twice the length."""
-    along = points_mm[1:] - points_mm[0]
-    length = np.linalg.norm(along, axis=1)
-    keep = length > 1e-6
-    columns = np.einsum(
-        "ki,kip->kp", along[keep] / length[keep, None], (by_parameter[1:] - by_parameter[0])[keep]
-    )
-    return np.asarray(columns)

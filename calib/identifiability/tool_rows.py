@@ -7,7 +7,7 @@ length along the last joint's axis is one with the last link's.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from calib.dataset.dataset import Dataset
 from calib.identifiability.redundancy import Redundancy
@@ -17,6 +17,7 @@ _ATTITUDE = {
     "pose": "the jig may sit on the tool anyhow",
     "position": "a point has a place and no attitude",
 }
+_NOT_SEEN = "a scanner on the flange does not see the tool"
 _ROW = "TCP"
 
 
@@ -30,6 +31,7 @@ class ToolRows:
     ]  # known only together with these: one of them at the nominal tells the other
     unseen: tuple[str, ...]  # move nothing that is measured, and stay as robot.toml has them
     residual: str
+    on_flange: bool = False  # the arm carries the scanner
 
     @property
     def words(self) -> str:
@@ -41,14 +43,15 @@ class ToolRows:
             sums = [f"{name} (with {', '.join(others)})" for name, others in self.sums.items()]
             parts.append(f"known in sums only: {', '.join(sums)}")
         if self.unseen:
-            why = _ATTITUDE.get(self.residual, _ATTITUDE["position"])
+            why = _NOT_SEEN if self.on_flange else _ATTITUDE.get(self.residual, _ATTITUDE["position"])
             parts.append(f"not known, as {why}: {', '.join(self.unseen)}, which stay as in robot.toml")
         return f"tool: {'; '.join(parts)}"
 
 
 def tool_rows(dataset: Dataset, *, residual: str = "position") -> ToolRows:
     """What the dataset's training poses can tell of the tool row, for the nominal robot."""
-    return rows_of_tool(redundancy(dataset, residual=residual), residual)
+    rows = rows_of_tool(redundancy(dataset, residual=residual), residual)
+    return replace(rows, on_flange=dataset.robot.carries_scanner)
 
 
 def rows_of_tool(found: Redundancy, residual: str) -> ToolRows:

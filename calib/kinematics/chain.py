@@ -128,6 +128,30 @@ def link_point_jacobian(chain: Chain, points_mm: ArrayLike, joint: int | None) -
     return out
 
 
+def seen_from_flange(chain: Chain, points_mm: ArrayLike) -> tuple[Array, Array, Array]:
+    """Points that stand still in the base frame (N, 3), one a pose, seen from the flange.
+
+    A small motion of the flange moves them, seen from it, by the opposite of what it does to a point of the flange at
+    the same place.
+
+    Returns:
+        Places (N, 3), mm in the flange's frame, and their derivative by the table's entries (N, 3, n + 1, 5) and by the
+        points' own places (N, 3, 3).
+    """
+    points_mm = np.asarray(points_mm, dtype=float)
+    flange_R_base = np.swapaxes(chain.base_T_flange[:, :3, :3], 1, 2)
+    seen_mm = np.einsum("nij,nj->ni", flange_R_base, points_mm - chain.base_T_flange[:, :3, 3])
+    by_table = np.einsum("nij,njrk->nirk", flange_R_base, link_point_jacobian(chain, points_mm, None))
+    return seen_mm, -by_table, flange_R_base
+
+
+def flange_turn_jacobian(chain: Chain) -> Array:
+    """How the room turns about the flange's axes, seen from it, by the table's entries: (N, 3, n + 1, 5)."""
+    by_table = turn_jacobian(chain)
+    by_table[:, :, -1] = 0.0  # the tool's row does not turn the flange
+    return -np.einsum("nji,njrk->nirk", chain.base_T_flange[:, :3, :3], by_table)
+
+
 def turn_jacobian(chain: Chain) -> Array:
     """The tool frame's small turn about the base's axes by the table's entries: (N, 3, n + 1, 5), rad per mm or rad.
 

@@ -100,6 +100,7 @@ class Target:
     xyz_mm: Vector
     tolerance_mm: float = TARGET_TOLERANCE_MM
     joint: int | None = None  # it sits on the link that this joint moves, counted from 1; None: on the last
+    in_room: bool = False  # it stands in the room, its place in the base frame: for a scanner on the flange
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,8 @@ class Robot:
         tuple[float, ...], ...
     ] = ()  # (n, n) joint values by commanded ones; (): they are the same
     base: Base = field(default_factory=Base)
+    carries_scanner: bool = False
+    """Whether the scanner sits on the flange and measures targets in the room, not in the room measuring the tool."""
 
     @property
     def n_joints(self) -> int:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calib.dataset.dataset import Dataset, Points, Poses, Scanner
+from calib.dataset.dataset import Dataset, Orientations, Points, Poses, Scanner
 from calib.kinematics.robot import Joint, Robot, Tool
 
 REFERENCE = Path(__file__).parents[1] / "reference"
@@ -107,7 +108,12 @@ def perturbed(robot: Robot, rng: np.random.Generator, *, mm: float = 1.0, rad: f
 
 
 def elementary_points(robot: Robot, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Tool points by multiplying elementary transforms one by one, sharing nothing with `calib.kinematics.chain`."""
+    """Tool points (N, 3), mm in the base frame."""
+    return elementary_frames(robot, q)[:, -1, :3, 3]
+
+
+def elementary_frames(robot: Robot, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Base, links and tool (N, n + 2, 4, 4) by elementary transforms, sharing nothing with `calib.kinematics.chain`."""
 
     def rot(axis: int, angle: float) -> NDArray[np.float64]:
         c, s = math.cos(angle), math.sin(angle)
@@ -122,16 +128,16 @@ def elementary_points(robot: Robot, q: NDArray[np.float64]) -> NDArray[np.float6
         out[0, 3], out[2, 3] = x, z
         return out
 
-    points = []
+    frames = []
     for joints in q:
-        at = np.eye(4)
+        at = [np.eye(4)]
         for row, link, value in zip(robot.table, (*robot.joints, None), (*joints, 0.0), strict=True):
             a, alpha, d, theta, beta = row
             turning = link is None or link.is_revolute
-            at = at @ rot(2, theta + (value if turning else 0.0)) @ move(a, d + (0.0 if turning else value))
-            at = at @ rot(0, alpha) @ rot(1, beta)
-        points.append(at[:3, 3])
-    return np.array(points)
+            driven = rot(2, theta + (value if turning else 0.0)) @ move(a, d + (0.0 if turning else value))
+            at.append(at[-1] @ driven @ rot(0, alpha) @ rot(1, beta))
+        frames.append(at)
+    return np.array(frames)
 
 
 def dataset_of(
@@ -158,3 +164,40 @@ def dataset_of(
     table = Poses(ids, role, q, np.full(poses, ""), tuple(f"{i}.ply" for i in ids))
     measured = Points(np.arange(poses), points, np.full(poses, "jig"))
     return Dataset("test", nominal, table, measured, scanner=Scanner(sigma_mm))
+
+
+def flange_dataset_of(
+    nominal: Robot,
+    true: Robot,
+    rng: np.random.Generator,
+    *,
+    poses: int = 64,
+    test: int = 0,
+    noise_mm: float = 0.0,
+    targets: tuple[str, ...] = ("jig",),
+    setups: tuple[str, ...] = ("",),
+    full_poses: bool = False,
+    q: NDArray[np.float64] | None = None,
+) -> Dataset:
+    """Random poses of the true arm, which carries the scanner: jigs that stand in the room, seen from the flange.
+
+    Poses have the setups, and the targets, by turns.
+    """
+    q = rng.uniform(-np.pi, np.pi, (poses, nominal.n_joints)) if q is None else q
+    q = np.where(nominal.is_revolute, q, 100.0 * q)
+    mounted = np.stack([random_transform(rng) for _ in setups])
+    mounted[:, :3, 3] *= 0.2
+    stands = np.stack([random_transform(rng) for _ in targets])
+    setup, target = np.arange(len(q)) % len(setups), np.arange(len(q)) % len(targets)
+    base_T_scanner = elementary_frames(true, q)[:, -2] @ mounted[setup]
+    scanner_T_jig = np.linalg.inv(base_T_scanner) @ stands[target]
+    points = scanner_T_jig[:, :3, 3] + noise_mm * rng.normal(size=(len(q), 3))
+    turns = None
+    if full_poses:
+        turns = Orientations(scanner_T_jig[:, :3, :3], np.broadcast_to(1e-8 * np.eye(3), (len(q), 3, 3)))
+    role = np.array(["reference"] + ["train"] * (len(q) - 1 - test) + ["test"] * test)
+    ids = tuple(f"p{i:04d}" for i in range(len(q)))
+    table = Poses(ids, role, q, np.array(setups)[setup], tuple(f"{i}.ply" for i in ids))
+    measured = Points(np.arange(len(q)), points, np.array(targets)[target], orientations=turns)
+    robot = replace(nominal, carries_scanner=True)
+    return Dataset("test", robot, table, measured, scanner=Scanner(max(noise_mm, 1e-3)))

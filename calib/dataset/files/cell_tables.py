@@ -13,6 +13,7 @@ from calib.dataset.surroundings import Box, Surroundings
 
 _FARTHEST_MM = 1e5
 _MOST_BOXES = 1000
+MOUNTS = ("room", "flange")
 
 
 def load_scanner(table: TomlTable) -> Scanner:
@@ -42,6 +43,11 @@ def load_scanner(table: TomlTable) -> Scanner:
         max_incidence_deg=incidence_deg,
         extra=table.unread(),
     )
+
+
+def load_mount(table: TomlTable) -> bool:
+    """Whether [scanner] says that the arm carries the scanner; it stands in the room where nothing is said."""
+    return table.text("mount", "room", choices=MOUNTS) == "flange"
 
 
 def _sigma(table: TomlTable, key: str, least: float, most: float, unit: str) -> float | None:

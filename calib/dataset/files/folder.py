@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import tomli_w
 from calib.dataset.dataset import About, Dataset, Poses
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.cell_tables import (
+    load_mount,
     load_scanner,
     load_surroundings,
     scanner_document,
@@ -61,7 +63,8 @@ def load_dataset(folder: str | Path) -> Dataset:
         raise top.error("name", f"found {name!r}", "a name is one line without control characters")
     description = top.text("description", "") or ""
     robot_path = _inside(folder, top.text("robot", "robot.toml") or "", top, "robot")
-    robot = load_robot(robot_path)
+    scanner_table = top.table("scanner")
+    robot = replace(load_robot(robot_path), carries_scanner=load_mount(scanner_table))
     refuse_beyond(robot, robot_path)
     poses_path = _inside(folder, top.text("poses", "poses.csv") or "", top, "poses")
     units = load_units(top.table("units"))
@@ -91,7 +94,6 @@ def load_dataset(folder: str | Path) -> Dataset:
     jig, jig_extra = _jig(top.table("jig"))
     about = _about(top.table("about"))
     surroundings = load_surroundings(top.table("cell"))
-    scanner_table = top.table("scanner")
     scanner = load_scanner(scanner_table)
     if scanner.scan_sigma_mm is not None and scanner.scan_sigma_mm > jig.edge_mm / 10.0:
         raise scanner_table.error(
@@ -241,7 +243,8 @@ def _dataset_document(dataset: Dataset) -> dict[str, Any]:
     if dataset.scan_folder is not None:
         document["scans"] = dataset.scan_folder
     document |= extra
-    document["scanner"] = scanner_document(dataset.scanner)
+    mount = {"mount": "flange"} if dataset.robot.carries_scanner else {}
+    document["scanner"] = mount | scanner_document(dataset.scanner)
     if cell := surroundings_document(dataset.surroundings):
         document["cell"] = cell
     about = {key: value for key in ABOUT if (value := getattr(dataset.about, key))} | dict(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,8 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.dataset.dataset import Points, Poses
+from calib.dataset.files.csv_table import TableFile
+from calib.dataset.files.poses_csv import is_one_line, short
 from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import Robot
 from calib.units import UNITS_MM
@@ -29,12 +31,33 @@ _MOST_NAMED = 12  # poses in a note
 _POSES_IN_A_SOCKET = 5  # at which one place is met; a row copied by mistake stands there twice
 
 
+def require_targets(file: TableFile, names: Sequence[str], robot: Robot) -> None:
+    """Raise DatasetError, with its line, where a row (M) is of no target that the scanner can have seen."""
+    on_arm = [target.name for target in robot.targets]
+    for row, name in enumerate(names):
+        found = f"found {short(name)}"
+        if not robot.carries_scanner and name not in ("jig", *on_arm):
+            remedy = (
+                f"robot.toml knows {', '.join(('jig', *on_arm))}; add [[targets]] with this name and its xyz_mm on the "
+                "tool, or with joint = 3 on the link that joint 3 moves"
+            )
+            raise file.error(row, "target", found, remedy)
+        if robot.carries_scanner and name in on_arm:
+            remedy = "a scanner on the flange sees targets in the room; give them names of their own"
+            raise file.error(row, "target", f"{found}, which robot.toml has on the arm", remedy)
+        if robot.carries_scanner and not is_one_line(name):
+            raise file.error(row, "target", found, "a name is one line without control characters")
+
+
 def unit_doubt(robot: Robot, poses: Poses, points: Points, unit: str = "mm") -> str:
     """Which unit the points seem to have instead of `unit`, as a sentence; "" where that one fits or none can be told.
 
     Neither turn nor shift of the scanner changes how far points spread about their mean. Each setup's spread is held
-    against that of the nominal arm at the same poses; a ratio of 1 / 25.4 is that of inches.
+    against that of the nominal arm at the same poses; a ratio of 1 / 25.4 is that of inches. A scanner on the flange
+    has a place there that is in its unit too: nothing is told of it.
     """
+    if robot.carries_scanner:
+        return ""
     nominal_mm = kinematics.target_points(robot, poses.q)[points.pose]
     measured = nominal = 0.0
     for setup in np.unique(poses.setup):
@@ -68,6 +91,7 @@ def order_doubt(robot: Robot, poses: Poses, points: Points, by_order: Mapping[st
 
     Measured orientations are Y B X: B (M, 3, 3) those of the nominal arm's tool, Y the scanner's turn to the base and
     X how the jig sits on the tool, both unknown constants. Y is that of the points where one of the orders fits so.
+    With a scanner on the flange Y is its turn to that, B the base's, and X how the jig stands in the room.
 
     Args:
         by_order: the orientations by order of their columns from left to right, "wxyz" and "xyzw"; NaN: not known.
@@ -83,8 +107,11 @@ def order_doubt(robot: Robot, poses: Poses, points: Points, by_order: Mapping[st
         return ""
     rows = rows[:: -(-len(rows) // _ENOUGH_ORIENTATIONS)]
     chain = kinematics.forward(robot.table, poses.q[points.pose[rows]], robot.is_revolute, robot.base_T_first)
-    tool = chain.base_T_frame[:, -1, :3, :3]
-    by_points = _turn_by_points(chain.target_mm, points.xyz_mm[rows])
+    tool, by_points = chain.base_T_frame[:, -1, :3, :3], None
+    if robot.carries_scanner:
+        tool = np.swapaxes(chain.base_T_flange[:, :3, :3], 1, 2)
+    else:
+        by_points = _turn_by_points(chain.target_mm, points.xyz_mm[rows])
     for placed in (None,) if by_points is None else (by_points, None):
         as_read_deg = _misfit_deg(tool, points.orientations.scanner_R_jig[rows], placed)
         fits = {order: _misfit_deg(tool, turns[rows], placed) for order, turns in by_order.items()}

@@ -30,7 +30,7 @@ from calib.dataset.files.declared_units import (
     quaternion_order,
     unit_of,
 )
-from calib.dataset.files.points_checks import copied_rows, order_doubt, unit_doubt
+from calib.dataset.files.points_checks import copied_rows, order_doubt, require_targets, unit_doubt
 from calib.dataset.files.poses_csv import short
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
@@ -71,16 +71,7 @@ def load_points(
             )
     xyz_mm = file.numbers(list(xyz_columns)) * _IN_MM[unit]
     target = np.array(file.text("target") if "target" in file else ["jig"] * len(file))
-    known_targets = ("jig", *(t.name for t in robot.targets))
-    for row, name in enumerate(target):
-        if name not in known_targets:
-            raise file.error(
-                row,
-                "target",
-                f"found {short(str(name))}",
-                f"robot.toml knows {', '.join(known_targets)}; add [[targets]] with this name and its xyz_mm on the "
-                "tool, or with joint = 3 on the link that joint 3 moves",
-            )
+    require_targets(file, target.tolist(), robot)
     _check_size(file, xyz_mm, xyz_columns)
     covariance = None
     covariance_columns = _in_length(COVARIANCE_COLUMNS, unit)

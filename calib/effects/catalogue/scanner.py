@@ -164,6 +164,13 @@ class IncidenceBias(CatalogueEffect):
     @classmethod
     def family(cls, dataset: Dataset) -> Family:
         """One member, for a jig alone."""
+        if dataset.robot.carries_scanner:
+            return Family(
+                cls.name,
+                (),
+                "the scanner is on the flange, and how the jig in the room is turned is no part of the model",
+                "put the scanner into the room and the jig on the flange",
+            )
         if not dataset.shows_faces:
             return Family(
                 cls.name,

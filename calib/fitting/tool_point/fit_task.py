@@ -55,8 +55,10 @@ class FitTask:
         """The fit with the tool point held near where robot.toml has it, or, where that is far off, near where it is.
 
         The points alone tell that it is far off, or a fit that moves it further than tolerances allow. In the end the
-        fit has the last word.
+        fit has the last word. A scanner on the flange does not see the tool.
         """
+        if self.model.robot.carries_scanner:
+            return self.fitted(None)
         held = self.model.held
         found = search_tool_point(self.observed, self.links, held)
         first = self.fitted(found)

@@ -204,7 +204,7 @@ class _FurtherRows:
         for target in observed.targets:
             points_mm = model.predict(x, poses, target)
             at_mm = np.einsum("cij,cj->ci", scanner_T_base[:, :3, :3], points_mm) + scanner_T_base[:, :3, 3]
-            seen[target] = Seen(at_mm, scanner_T_base)
+            seen[target] = Seen(at_mm, observed.scanner_T_base_at(poses))
             by_x.append(turn @ model.linearise(x, poses, target, seen[target])[1] * model.scales)
             by_state[target] = turn @ point_by_state(model.state(x, poses, seen[target]), target)[1]
             block = np.zeros((len(poses), 3, 6 * len(centre)))

@@ -1,0 +1,165 @@
+"""A scanner on the flange, targets in the room: derivatives against differences, recovery, what does not matter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib import frames
+from calib.calibration.calibrate import calibrate
+from calib.effects.catalogue import effects_for
+from calib.effects.link_errors import LinkErrors, TargetOffsets
+from calib.errors import FitError
+from calib.fitting.model import Model
+from calib.fitting.observations import Observations, in_room, with_nominal_scanner_frames
+from calib.identifiability.structural import free_frame_rank, redundancy, structural_rank
+from calib.identifiability.tool_rows import tool_rows
+from calib.kinematics.robot import Base, Robot
+from calib.options import FitOptions
+from tests.support.arms import flange_dataset_of, perturbed, random_arm
+from tests.support.fit_cases import label, rich_dataset, some_of
+
+RICH = rich_dataset()
+RICH = replace(RICH, robot=replace(RICH.robot, carries_scanner=True))
+MEMBERS = [member for family in effects_for(RICH) for member in some_of(family)[-1:]]
+
+
+@pytest.mark.parametrize("effect", [*MEMBERS, LinkErrors(RICH.robot)], ids=label)
+def test_the_jacobian_of_place_and_attitude_is_the_derivative(effect) -> None:
+    """Each effect's part and the jig's place, at a point away from zero."""
+    rng = np.random.default_rng(1)
+    observed = Observations.of(RICH)
+    robot = in_room(RICH.robot, observed)
+    observed = with_nominal_scanner_frames(observed, robot)
+    poses, seen = observed.used_poses[0], observed.seen()
+    links = () if isinstance(effect, LinkErrors) else (LinkErrors(robot),)
+    jig = TargetOffsets(tuple(target for target in robot.targets if target.in_room))
+    model = Model(robot, (*links, jig, effect))
+    x = rng.normal(size=len(model.parameters)) * np.minimum(model.scales, 10.0) * 0.3
+    place, attitude, by = model.linearise_pose(x, poses, seen)
+    np.testing.assert_allclose(place, model.predict(x, poses, seen=seen), atol=1e-9)
+    np.testing.assert_allclose(attitude, model.state(x, poses, seen).attitude)
+    for k in range(len(x) - len(effect.parameters) - 3, len(x)):
+        step = np.zeros(len(x))
+        step[k] = 1e-3 * min(model.scales[k], 1.0)
+        high, low = (model.predict(x + s, poses, seen=seen) for s in (step, -step))
+        size = min(model.scales[k], 1.0)
+        np.testing.assert_allclose(by[:, :3, k] * size, (high - low) / (2 * step[k]) * size, atol=2e-6)
+        high, low = (model.state(x + s, poses, seen).attitude for s in (step, -step))
+        turn = frames.rotvec_from_rotation(high @ np.swapaxes(low, 1, 2)) / (2 * step[k])
+        np.testing.assert_allclose(by[:, 3:, k] * size, turn * size, atol=1e-8)
+
+
+@pytest.mark.parametrize("joints", [5, 6, 7])
+def test_exact_data_are_met_without_a_first_guess(joints: int) -> None:
+    rng = np.random.default_rng(joints)
+    nominal = random_arm(rng, joints)
+    dataset = flange_dataset_of(nominal, perturbed(nominal, rng), rng, poses=60, test=20)
+    result = calibrate(dataset)
+    assert result.fit.converged
+    assert result.before.test.rmse_mm > 1.0
+    assert result.after.test.rmse_mm < 1e-8
+    assert result.warnings == ()
+    assert result.fit.rank == structural_rank(dataset.robot)
+
+
+def test_several_mounts_and_targets_share_one_arm() -> None:
+    """Test poses alone see the scanner mounted a third time: its place comes from them, the target's from the rest."""
+    rng = np.random.default_rng(8)
+    nominal = random_arm(rng, 6)
+    dataset = flange_dataset_of(
+        nominal, perturbed(nominal, rng), rng, poses=99, test=20, targets=("jig", "west"), setups=("A", "B", "C")
+    )  # fmt: skip
+    role = np.where(
+        (dataset.poses.setup == "C") & (dataset.poses.role == "train"), "test", dataset.poses.role
+    )
+    dataset = replace(dataset, poses=replace(dataset.poses, role=role))
+    result = calibrate(dataset)
+    assert result.after.test.rmse_mm < 1e-7
+    assert "setup 'C' has no training pose" in result.warnings[0]
+    assert " ".join(p.name for p in result.fit.parameters[-6:]) == "jig.x jig.y jig.z west.x west.y west.z"
+
+
+def test_full_poses_are_met() -> None:
+    rng = np.random.default_rng(3)
+    nominal = random_arm(rng, 6)
+    dataset = flange_dataset_of(nominal, perturbed(nominal, rng), rng, poses=30, test=10, full_poses=True)
+    result = calibrate(dataset, FitOptions(residual="pose"))
+    assert result.after.test.rmse_mm < 1e-7
+    assert result.orientation_errors is not None
+    assert result.orientation_errors[1].test.rmse_rad < 1e-9
+    assert result.fit.rank == structural_rank(dataset.robot, residual="pose")
+
+
+def test_the_base_and_the_jig_moved_together_change_nothing() -> None:
+    rng = np.random.default_rng(5)
+    nominal = random_arm(rng, 6)
+    dataset = flange_dataset_of(nominal, perturbed(nominal, rng), rng, poses=60, test=20, noise_mm=0.05)
+    moved = replace(dataset.robot, base=Base((300.0, -20.0, 700.0), (0.4, -1.0, 2.0)))
+    one, other = calibrate(dataset), calibrate(replace(dataset, robot=moved))
+    np.testing.assert_allclose(one.after.error_mm, other.after.error_mm, atol=2e-4)
+    assert one.fit.rank == other.fit.rank
+
+
+def test_the_tool_and_the_last_row_do_not_show() -> None:
+    rng = np.random.default_rng(6)
+    nominal = random_arm(rng, 6)
+    dataset = flange_dataset_of(nominal, nominal, rng, poses=40)
+    robot = nominal.with_table(nominal.table + np.array([[0.0] * 5] * 6 + [[3.0, 0.1, -5.0, 0.2, 0.1]]))
+    other = replace(dataset, robot=replace(robot, carries_scanner=True))
+    assert calibrate(other).before.train.rmse_mm < 1e-9
+    assert set(redundancy(dataset).no_influence) == {"aTCP", "alphaTCP", "dTCP", "thetaTCP", "betaTCP"}
+    assert "a scanner on the flange does not see the tool" in tool_rows(dataset).words
+    unknown = free_frame_rank(dataset)
+    assert unknown.here == unknown.best["position"]
+    assert "With the scanner's place on the flange unknown, positions tell" in unknown.summary()
+
+
+@pytest.mark.parametrize("kind", ["distance", "pairs"])
+def test_distances_are_refused(kind: str) -> None:
+    rng = np.random.default_rng(7)
+    nominal = random_arm(rng, 6)
+    dataset = flange_dataset_of(nominal, nominal, rng)
+    for asked in (
+        lambda: calibrate(dataset, FitOptions(residual=kind)),
+        lambda: redundancy(dataset, residual=kind),
+    ):
+        with pytest.raises(
+            FitError, match="a jig that stands still, and distances between poses are not the arm's"
+        ):
+            asked()
+
+
+def _turning(arm: Robot, kinds: list[str], alphas: list[float]) -> Robot:
+    """The arm with joints of other kinds and angles between their axes."""
+    changed = zip(arm.joints, kinds, alphas, strict=True)
+    return replace(arm, joints=tuple(replace(j, type=kind, alpha_rad=alpha) for j, kind, alpha in changed))
+
+
+def test_what_the_poses_leave_open_is_said() -> None:
+    rng = np.random.default_rng(9)
+    scara = _turning(random_arm(rng, 4), ["revolute"] * 2 + ["prismatic", "revolute"], [0.0] * 4)
+    result = calibrate(flange_dataset_of(scara, scara, rng, poses=40, noise_mm=0.01))
+    assert (
+        "the flange turns about little but one direction (0.00, 0.00, 1.00 in the base frame)"
+        in result.warnings[0]
+    )
+    gantry = _turning(random_arm(rng, 3), ["prismatic"] * 3, [0.5 * np.pi] * 3)
+    result = calibrate(flange_dataset_of(gantry, gantry, rng, poses=40, noise_mm=0.01))
+    assert "the flange hardly turns" in result.warnings[0]
+    still = flange_dataset_of(gantry, gantry, rng, q=np.zeros((40, 3)))
+    with pytest.raises(FitError, match="do not tell how the scanner is turned on the flange"):
+        calibrate(still)
+
+
+def test_a_target_of_test_poses_alone_is_refused() -> None:
+    rng = np.random.default_rng(10)
+    nominal = random_arm(rng, 6)
+    dataset = flange_dataset_of(nominal, nominal, rng, poses=40, test=10)
+    points = dataset.points
+    assert points is not None
+    target = np.where(dataset.poses.is_test, "east", "jig")
+    with pytest.raises(FitError, match="target 'east' is measured at no training pose"):
+        calibrate(replace(dataset, points=replace(points, target=target)))

@@ -1,0 +1,64 @@
+"""Where a scanner on the flange and targets in the room are, by points alone: exact, wherever they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from calib.kinematics.room_placement import RoomPlacement, place_in_room
+from tests.support.arms import random_transform
+
+
+def _seen(
+    rng: np.random.Generator, count: int, setups: int, targets: int, *, flat: bool = False
+) -> tuple[RoomPlacement, np.ndarray, np.ndarray, RoomPlacement]:
+    """The placement by exact points of flanges that stand anyhow, those flanges, the points, and the truth."""
+    mounted = np.stack([random_transform(rng) for _ in range(setups)])
+    places = rng.normal(size=(targets, 3)) * 1500.0
+    setup, target = np.arange(count) % setups, rng.integers(0, targets, count)
+    turns = Rotation.random(count, rng=rng)
+    if flat:  # turns about z alone: the points seen lie in a plane
+        turns = Rotation.from_rotvec(rng.uniform(-3.0, 3.0, (count, 1)) * [0.0, 0.0, 1.0])
+    flange = np.tile(np.eye(4), (count, 1, 1))
+    flange[:, :3, :3] = turns.as_matrix()
+    flange[:, :3, 3] = rng.normal(size=(count, 3)) * 600.0 * [1.0, 1.0, not flat]
+    base_T_scanner = flange @ mounted[setup]
+    points = (
+        np.linalg.inv(base_T_scanner)
+        @ np.concatenate([places[target], np.ones((count, 1))], axis=1)[..., None]
+    )
+    points = points[:, :3, 0]
+    names = np.array(["A", "B", "C"])[setup], np.array(["jig", "west"])[target]
+    truth = RoomPlacement(
+        {"ABC"[k]: mounted[k] for k in range(setups)},
+        {("jig", "west")[k]: places[k] for k in range(targets)},
+        False,
+        np.zeros((0, 3)),
+    )
+    return place_in_room(flange, points, *names), flange, points, truth
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), setups=st.integers(1, 3), targets=st.integers(1, 2))
+def test_any_mount_and_any_place_is_found_exactly(seed: int, setups: int, targets: int) -> None:
+    found, _, _, truth = _seen(np.random.default_rng(seed), 8 * setups * targets, setups, targets)
+    for name, flange_T_scanner in truth.flange_T_scanner.items():
+        np.testing.assert_allclose(found.flange_T_scanner[name], flange_T_scanner, atol=1e-6)
+    for name, place_mm in found.place_mm.items():
+        np.testing.assert_allclose(place_mm, truth.place_mm[name], atol=1e-6)
+    assert found.words == ""
+    assert not found.open_turns
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_points_in_a_plane_place_the_scanner_too(seed: int) -> None:
+    """There the nine numbers of a rotation are not told by a linear equation; along the axis one shift stays open."""
+    found, flange, points, _ = _seen(np.random.default_rng(seed), 20, 1, 1, flat=True)
+    seen = points @ found.flange_T_scanner["A"][:3, :3].T + found.flange_T_scanner["A"][:3, 3]
+    base_mm = np.einsum("mij,mj->mi", flange[:, :3, :3], seen) + flange[:, :3, 3]
+    np.testing.assert_allclose(base_mm, np.broadcast_to(found.place_mm["jig"], base_mm.shape), atol=1e-6)
+    np.testing.assert_allclose(np.abs(found.open_shifts), [[0.0, 0.0, 1.0]], atol=1e-9)
+    assert not found.open_turns
