@@ -40,7 +40,6 @@ from calib.planning.exchange import best_poses
 from calib.planning.fitted_start import start_of_dataset
 from calib.planning.plan import Plan, plan_poses
 from calib.planning.question import VOLUME, Question
-from calib.planning.scanner_place import scanner_at
 from calib.planning.start import FromFit, FromRobot
 from calib.simulation.truth.arm_sampling import TYPICAL, Tolerances, draw_truth
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target
@@ -59,15 +58,14 @@ Array = NDArray[np.float64]
 
 
 def cells() -> dict[str, Workcell]:
-    """Four makes, each with a scanner and Jang's jig; the gantry is looked at from the side, at mid height."""
-    gantry = engine_robot(GANTRY)
-    beside = scanner_at(np.array([750.0, -1600.0, 1075.0]), np.array([750.0, -900.0, 1075.0]))
-    return {
-        "RB5": workcell_of_robot(builtin_robot("rb5")),
-        "Panda": workcell_of_robot(builtin_robot("panda")),
-        "UR10e": workcell_of_robot(engine_robot(UR10E)),
-        "gantry": workcell_of_robot(gantry, base_T_scanner=beside),
+    """Four makes, each with Jang's jig and scanner, which stands where `workcell_of_robot` puts it."""
+    robots = {
+        "RB5": builtin_robot("rb5"),
+        "Panda": builtin_robot("panda"),
+        "UR10e": engine_robot(UR10E),
+        "gantry": engine_robot(GANTRY),
     }
+    return {name: workcell_of_robot(robot) for name, robot in robots.items()}
 
 
 def engine_robot(arm: ArmTable) -> Robot:

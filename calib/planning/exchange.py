@@ -28,7 +28,7 @@ class Choice:
 
     rows: IndexArray  # (count,) into the candidates; the most telling first
     log_value: float  # of the questions together
-    greedy_log_value: float  # before any exchange
+    greedy_log_values: tuple[float, ...]  # (count,) with one more at a time, before any exchange
     exchanges: int
 
 
@@ -63,12 +63,14 @@ def best_poses(
     search = _Search(questions, together)
     informations = [question.known + _of(question, fixed) for question in questions]
     chosen: list[int] = []
+    greedy: list[float] = []
     for _ in range(count):
-        best = search.best(informations, free)[0]
+        best, with_best = search.best(informations, free)
+        greedy.append(with_best)
         search.change(informations, best, 1.0)
         chosen.append(best)
         free[best] = False
-    greedy = value = search.value(informations)
+    value = search.value(informations)
     exchanges = 0
     for _ in range(_SWEEPS if exchange else 0):
         before = exchanges
@@ -87,7 +89,8 @@ def best_poses(
             break
         # Sums of many changes collect rounding.
         informations = [question.known + _of(question, fixed + chosen) for question in questions]
-    return Choice(_by_worth(questions, together, fixed, chosen), value, greedy, exchanges)
+    rows = _by_worth(questions, together, fixed, chosen) if exchanges else np.array(chosen, dtype=np.int64)
+    return Choice(rows, value, tuple(greedy), exchanges)
 
 
 def _of(question: Question, chosen: Sequence[int]) -> Array:

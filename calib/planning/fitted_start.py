@@ -41,4 +41,7 @@ def start_of_dataset(
         f"the link errors alone leave {check.sigma_mm / check.declared_mm:.3g} times the declared noise; the model is "
         f"that of the diagnosis, which added {added}"
     )
-    return FromFit(found.calibration, scanner_place, (said,))
+    notes = [said]
+    if found.verdict == "ambiguous":
+        notes.append("the diagnosis left a set of causes open: --for split plans the poses that settle it")
+    return FromFit(found.calibration, scanner_place, tuple(notes))

@@ -35,6 +35,7 @@ RIGHT_EVERYWHERE = ForCalibration()
 _REGION = 300  # poses of a region that is drawn
 _FEWEST_TEST = 5  # test poses that make a region
 _TYPED = 1e-3  # deg or mm
+_THINNED = 3  # one of so many candidates for what lies beyond the plan
 _FURTHER = 40  # poses beyond the plan, to see when more no longer pay
 
 
@@ -201,11 +202,12 @@ def _region(start: Start, others: Poses, region: str, rng: np.random.Generator) 
 def _curve(situation: Situation, chosen: IndexArray) -> Array:
     """(n + 1,) the region's predicted error with the first of the chosen, in order of worth, then with more."""
     region = situation.right_at_region
-    further = min(_FURTHER, len(situation.rows) - len(chosen))
-    more = best_poses([region], further, start=chosen, exchange=False).rows
-    all_of_them = np.concatenate([chosen, more])
-    logs = [region.log_value(situation.information(all_of_them[:k])) for k in range(len(all_of_them) + 1)]
-    return np.exp(0.5 * np.array(logs))
+    logs = [region.log_value(situation.information(chosen[:k])) for k in range(len(chosen) + 1)]
+    some = np.arange(0, len(situation.rows), _THINNED)
+    further = min(_FURTHER, len(some) - len(chosen))
+    beyond = replace(region, rows=region.rows[some], known=situation.information(chosen))
+    more = best_poses([beyond], further, exclude=np.isin(some, chosen), exchange=False)
+    return np.exp(0.5 * np.array([*logs, *more.greedy_log_values]))
 
 
 def _order(situation: Situation, chosen: IndexArray) -> IndexArray:
@@ -237,4 +239,8 @@ def _to_measure(situation: Situation, rows: IndexArray) -> Poses:
     poses = situation.candidates.select(rows)
     step = np.where(situation.start.dataset.robot.is_revolute, np.radians(_TYPED), _TYPED)
     poses = replace(poses, q=step * np.round(poses.q / step))
+    temperature_c = poses.temperature_c
+    if temperature_c is not None and not np.ptp(temperature_c) > 0.0:
+        temperature_c = None  # of no matter for these; what is measured then counts, as for the time
+    poses = replace(poses, temperature_c=temperature_c, time_s=None)
     return replace(poses, ids=ids, role=role, scan_names=tuple(f"{pose_id}.ply" for pose_id in ids))

@@ -15,6 +15,7 @@ from calib.planning.prediction import Region
 from calib.planning.question import VARIANCE, VOLUME, Question, condensed
 from calib.planning.start import Start
 from calib.planning.unknowns import Unknowns
+from calib.screening.rivals.further_poses import under_conditions
 
 CALIBRATION = "calibration"
 WATCH = "watch"  # check poses: `calib.planning.purposes.watching`
@@ -88,7 +89,10 @@ class ForCalibration:
     effects: tuple[str, ...] = ()
 
     def prepared(self, start: Start, offered: Poses) -> Poses:
-        return offered
+        """Under conditions that vary as the measured ones do, where the model has effects that these may show."""
+        if start.measured is None or not start.unknowns().model.added_effects:
+            return offered
+        return under_conditions(offered, start.measured)
 
     def shots(self, situation: Situation, chosen: IndexArray) -> int:
         return 1

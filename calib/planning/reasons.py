@@ -11,7 +11,7 @@ from calib.planning.purpose import Situation
 from calib.planning.question import inverse
 
 _NAMED = 3  # parameters
-_TELLS = 0.05  # share by which a pose lowers a parameter's sigma, below which it is not worth telling
+_TELLS = 0.01  # share by which a pose lowers a parameter's sigma, below which it is not worth telling
 _FAR_RAD, _FAR_MM = np.radians(25.0), 100.0  # from every measured pose, in one joint
 
 

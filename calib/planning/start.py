@@ -127,8 +127,9 @@ class FromFit:
         return unknowns_of_fit(self.calibration, effects=effects, scanner_T_base=further)
 
     def poses_at(self, q: Array) -> Poses:
-        poses = conditions_at(self.measured, q)
-        return replace(poses, role=np.full(len(q), "train"), setup=np.full(len(q), self.setup))
+        poses, time_s = conditions_at(self.measured, q), self.measured.time_s
+        later = None if time_s is None else np.full(len(q), time_s.max())
+        return replace(poses, role=np.full(len(q), "train"), setup=np.full(len(q), self.setup), time_s=later)
 
 
 @dataclass(frozen=True)

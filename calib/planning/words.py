@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from calib.dataset.files.poses_csv import poses_frame
+from calib.dataset.files.poses_csv import approach_columns, poses_frame
 from calib.planning.plan import Plan
 from calib.planning.prediction import PAYS, STEP
 from calib.planning.purpose import WATCH, ForCalibration
@@ -13,8 +13,12 @@ _SHOWN = (0, 5, 10, 15, 20, 30, 40, 50)  # counts of poses of the curve that are
 def plan_text(plan: Plan) -> str:
     """As a terminal has it."""
     table = poses_frame(plan.poses, plan.start.dataset.robot)
-    joints = [name for name in table.columns if name not in ("role", "setup")]
-    table = table[joints].assign(rank=plan.worth, tells=plan.why)
+    sides = approach_columns(plan.start.dataset.robot)
+    columns = [name for name in table.columns if name not in ("role", "setup", *sides)]
+    if plan.poses.approach is not None:
+        signs = ["".join("+" if side > 0 else "-" for side in row) for row in plan.poses.approach]
+        table, columns = table.assign(approach=signs), [*columns, "approach"]
+    table = table[columns].assign(rank=plan.worth, tells=plan.why)
     rows = table.to_string(index=False, float_format=lambda v: f"{v:.1f}", justify="left").splitlines()
     lines = [heading(plan), *(row.rstrip() for row in rows), *plan.told]
     lines += [] if plan.purpose.name == WATCH else error_lines(plan)
@@ -33,7 +37,7 @@ def heading(plan: Plan) -> str:
             else f"to be right at {plan.region}"
         )
         aim += " (I-optimal)" if purpose.criterion == "I" else ""
-    said = "" if count == 1 else "; rank 1 tells most, what is left out first is the last rank"
+    said = "" if count == 1 else "; rank 1 tells most, the last ranks can be left out first"
     return f"{count} pose{'' if count == 1 else 's'} for {name}, {aim}{said}"
 
 

@@ -14,13 +14,15 @@ def plan_document(plan: Plan) -> dict[str, Any]:
     robot = plan.start.dataset.robot
     table = poses_frame(plan.poses, robot)
     columns = joint_columns(robot)
-    each = zip(
-        table["pose"], table["role"], table[columns].to_numpy().tolist(), plan.why, plan.worth, strict=True
-    )
+    each = zip(table.to_dict("records"), plan.why, plan.worth, strict=True)
     return {
         "poses": [
-            {"pose": pose, "role": role, "q": q, "why": why, "worth": worth}
-            for pose, role, q, why, worth in each
+            {
+                "pose": row["pose"], "role": row["role"], "q": [row[name] for name in columns],
+                "why": why, "worth": worth,
+                **{str(name): value for name, value in row.items() if name not in ("pose", "role", *columns)},
+            }
+            for row, why, worth in each
         ],
         "columns": columns,
         "for": plan.purpose.name,
@@ -35,7 +37,7 @@ def plan_document(plan: Plan) -> dict[str, Any]:
         "model": plan.model,
         "told": plan.told,
         "notes": plan.notes,
-    }
+    }  # fmt: skip
 
 
 def plan_csv(plan: Plan) -> str:

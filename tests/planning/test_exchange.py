@@ -40,7 +40,7 @@ def test_the_exchange_is_within_2_percent_of_the_best_of_all_subsets(measure: st
     every = [question.log_value(with_rows(question, list(s))) for s in combinations(range(14), 4)]
     choice = best_poses([question], 4)
     assert choice.log_value <= min(every) + np.log(1.02)
-    assert choice.log_value <= choice.greedy_log_value
+    assert choice.log_value <= choice.greedy_log_values[-1] + 1e-12
     assert choice.log_value == pytest.approx(question.log_value(with_rows(question, choice.rows.tolist())))
 
 
