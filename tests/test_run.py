@@ -154,6 +154,16 @@ def test_a_test_install_serves_too_but_not_the_other_way_round(sandbox: Sandbox)
     assert calls == ["-P -m inspector check x"]
 
 
+def test_fleet_installs_what_it_needs_beside_which_is_all_that_others_need(sandbox: Sandbox):
+    _, calls = sandbox.run("fleet", "x")
+    assert any(call.endswith("--editable .[fleet]") for call in calls)
+    assert inspector_call(calls) == "fleet x"
+    _, calls = sandbox.run("check", "x")
+    assert calls == ["-P -m inspector check x"]
+    _, calls = sandbox.run("fleet", "x")
+    assert calls == ["-P -m inspector fleet x"]
+
+
 @pytest.mark.parametrize(
     ("args", "expected"),
     [
