@@ -19,6 +19,7 @@ from inspector.app.controllers.dataset_controller import DatasetController
 from inspector.app.controllers.downloads import Downloads
 from inspector.app.controllers.imports import Imports
 from inspector.app.controllers.model_controller import ModelController
+from inspector.app.controllers.plan_controller import PlanController
 from inspector.app.controllers.selection import Selection
 from inspector.app.controllers.side_by_side_controller import SideBySideController
 from inspector.app.controllers.stage import Stage
@@ -79,6 +80,7 @@ class App(ModelRequests):
             named, self.state, scans, panels, self.stage, self.model, on_open=self._opened
         )
         self.side_by_side = SideBySideController(named, self.state, panels.side_by_side)
+        self.planning = PlanController(self.state, self.stage.scene, panels.plan)
         self.worker = Worker(self._failed)
         self._playback = Playback(
             panels.review.timeline, times=self._times, wanted=lambda: self._wanted,
@@ -99,6 +101,8 @@ class App(ModelRequests):
         server.requests.on("look", self.look_from)
         server.requests.on("find", lambda _: self.find(True))
         server.requests.on("joint", lambda number: self.select_joint(whole_number(number)))
+        server.requests.on("planned", lambda number: self.select_planned(whole_number(number)))
+        server.requests.on("settle", lambda _: self.settle())
         server.requests.on("step", lambda number: self.show_step(whole_number(number)))
         server.on_client_connect(self._count_pages)
         server.on_client_disconnect(self._count_pages)
@@ -117,6 +121,7 @@ class App(ModelRequests):
         self.downloads.close()
         self.model.close()
         self.side_by_side.close()
+        self.planning.close()
         self.server.stop()
 
     def _failed(self, key: Hashable, error: Exception) -> None:
@@ -148,6 +153,7 @@ class App(ModelRequests):
             self._wanted = 0  # another dataset starts at its first pose
         self._playback.stop()
         self.beside()
+        self.show_plan()
         saved = self.model.saved.get(self.state.name)
         if saved is not None:
             self._show_again(saved.shown)
@@ -155,6 +161,7 @@ class App(ModelRequests):
     def _draw_model(self, first: bool) -> None:
         self.stage.draw_model(first)
         self.beside()
+        self.show_plan()
 
     def _show_again(self, shown: Shown) -> None:
         """What a saved session had on show."""
@@ -250,6 +257,7 @@ class App(ModelRequests):
         """Page and figures dark or light."""
         self.worker.submit("dark", lambda: self.stage.dark(dark))
         self.beside()
+        self.show_plan()
 
     def factor(self, factor: float) -> None:
         """How much larger the uncertainty is drawn."""

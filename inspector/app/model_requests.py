@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import threading
 
+import viser
+
 from inspector.app.controllers.dataset_controller import DatasetController
 from inspector.app.controllers.model_controller import ModelController
+from inspector.app.controllers.plan_controller import PlanController
 from inspector.app.controllers.side_by_side_controller import SideBySideController
 from inspector.app.page.page_state import PageState
 from inspector.app.page.tabs import Panels
@@ -22,6 +25,7 @@ class ModelRequests:
     dataset: DatasetController
     model: ModelController
     side_by_side: SideBySideController
+    planning: PlanController
 
     def __init__(self) -> None:
         self._asking = threading.Lock()
@@ -35,6 +39,29 @@ class ModelRequests:
         """Show what is chosen now beside the calibration on show."""
         if self.state.view is not None:
             self.worker.submit("beside", self.side_by_side.show)
+
+    def plan(self) -> None:
+        """Plan the poses that are asked for now."""
+        if self.state.view is not None:
+            self.worker.submit("plan", self.planning.make)
+
+    def settle(self) -> None:
+        """Plan the poses that settle what the diagnosis left open."""
+        if self.state.view is not None:
+            self.worker.submit("plan", self.planning.settle)
+
+    def show_plan(self) -> None:
+        """Show what can be planned for the model on show, and its plan."""
+        if self.state.view is not None:
+            self.worker.submit("show plan", self.planning.show)
+
+    def select_planned(self, pose: int | None) -> None:
+        """Look at a pose of the plan, from 0."""
+        self.worker.submit("planned", lambda: self.planning.select(pose))
+
+    def take_plan(self, what: str, client: viser.ClientHandle) -> None:
+        """Send a file of the plan to a page."""
+        self.worker.submit(("take plan", what, client.client_id), lambda: self.planning.take(what, client))
 
     def redundancy(self, residual: str) -> None:
         """Analyse the parameters for distances or positions."""

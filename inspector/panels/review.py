@@ -32,6 +32,7 @@ LAYER_WORDS = {
         "residuals": "Residuals",
         "arm": "Arm",
         "scanner": "Scanner",
+        "plan": "Planned poses",
         "floor": "Floor, 100 mm grid",
         "scale": "Scale",
     },

@@ -80,10 +80,11 @@ def arm(
     text: str,
     meshed: Sequence[int] = (),
     selected: int | None = None,
+    all_in: str = "",
 ) -> list[viser.SceneNodeHandle]:
     """The solids of an arm in the scanner's frame, without the links that are drawn as meshes; a label at its tip.
 
-    selected: the joint, from 0, that stands out.
+    selected: the joint, from 0, that stands out. all_in: one colour for all of it.
 
     All cylinders are one node and all balls another: another pose costs a few hundred numbers.
     """
@@ -94,7 +95,7 @@ def arm(
     link = shape.link[shown]
     stands_out = (link == selected) & np.isin(shape.part[shown], ("revolute", "prismatic"))
     colours = [
-        rgb(HIGHLIGHT if out else PARTS.get(str(part), tool_colour))
+        rgb(all_in or (HIGHLIGHT if out else PARTS.get(str(part), tool_colour)))
         for part, out in zip(shape.part[shown], stands_out, strict=True)
     ]
     balls = ~np.isin(shape.ball_link, meshed)
@@ -107,7 +108,7 @@ def arm(
         ),
         *solids.put(
             api, f"{name}/balls", unit_sphere(10, 16), np.tile([1.0, 0, 0, 0], (len(size), 1)),
-            shape.ball_mm[balls], size, np.tile(np.array(rgb(ARM), dtype=np.uint8), (len(size), 1)),
+            shape.ball_mm[balls], size, np.tile(np.array(rgb(all_in or ARM), dtype=np.uint8), (len(size), 1)),
             shape.ball_link[balls].tolist(),
         ),
         api.add_label(

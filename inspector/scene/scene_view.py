@@ -41,6 +41,7 @@ LAYERS = (
     "residuals",
     "arm",
     "scanner",
+    "plan",
     "floor",
     "scale",
 )

@@ -22,7 +22,7 @@ VIEW_LAYERS = {
     "Corner": {"faces", "corner", "scale"},
     "All corners": {"corner", "corners", "residuals", "predicted", "scanner", "floor", "scale"},
     "Distance": {"distance", "jig", "scale"},
-    "Arm": {"corners", "residuals", "predicted", "arm", "scanner", "floor", "scale"},
+    "Arm": {"corners", "residuals", "predicted", "arm", "scanner", "plan", "floor", "scale"},
 }
 POINT_VIEWS = ("Arm", "All corners", "Corner")  # where there are no scans
 WIDE_VIEWS = ("All scans", "All corners", "Arm")  # of the whole dataset, not of one pose
@@ -35,6 +35,7 @@ VIEW_OF_TAB = {  # what the 3D view shows when a tab is opened; a tab without on
     "Fit": "Arm",
     "What is missing": "Arm",
     "Where it fails": "Arm",
+    "Plan": "Arm",
 }
 FRONT, SIDE, TOP, RESET = "Front", "Side", "Top", "Reset"
 SIDES = (FRONT, SIDE, TOP, RESET)  # where the 3D view is looked at from

@@ -84,7 +84,7 @@ class ForSplit:
             said.append(f"{found.enough} poses of this kind would do in {100 * ENOUGH:.0f} % of such cases")
         if found.settles < ENOUGH and self._helped_by_payload and not self.payload_kg:
             said.append(
-                f"a known payload at some of the poses tells more: --payload-kg {PAYLOAD_KG:g}, better more"
+                f"a known payload at some of the poses tells more (--payload-kg {PAYLOAD_KG:g} or above)"
             )
         if found.twins or (found.settles < ENOUGH and found.enough is None):
             confirm = {rival.name: getattr(rival.members[0], "confirm", "") for rival in self.doubt.rivals}

@@ -8,6 +8,7 @@ from calib.errors import CalibError
 from inspector.app.controllers.shown_model import ShownModel
 from inspector.server.worker import LongWork
 from inspector.session import transitions as sessions
+from inspector.session.plans.planned import aims_of
 from inspector.session.session import Session
 
 
@@ -56,6 +57,7 @@ class Ranking:
             known = replace(self._shown.session, residual_tests=tested.residual_tests)
             self._state.keep(replace(known, advice=tested.advice, diagnosis=tested.diagnosis))
             self._panel.judge(self._shown.session)
+            self._shown.panels.plan.offer(aims_of(self._shown.session))
             self._shown.panels.residuals.update(self._state.now)
 
     def _ranked(self, session: Session) -> Session:

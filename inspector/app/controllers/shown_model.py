@@ -12,6 +12,7 @@ from inspector.app.page.page_state import PageState
 from inspector.app.page.tabs import Panels
 from inspector.server.background import Background
 from inspector.session import transitions as sessions
+from inspector.session.plans.planned import aims_of
 from inspector.session.session import Session
 from inspector.session.undo import Undo
 from inspector.session.user_effects import UserEffects
@@ -69,6 +70,7 @@ class ShownModel:
             self.state.now, undo=len(steps.past), redo=len(steps.future), own=self.user_effects.problem
         )
         self.panels.residuals.update(self.state.now)
+        self.panels.plan.offer(aims_of(self.session))
         self.panels.headline.doing(words="")
 
     def change(self, session: Session) -> None:

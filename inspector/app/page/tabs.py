@@ -13,6 +13,7 @@ from inspector.panels.base import Actions
 from inspector.panels.downloads import DownloadsPanel
 from inspector.panels.headline import HeadlinePanel
 from inspector.panels.learn.missing_effects import MissingEffectsPanel
+from inspector.panels.learn.plan import PlanPanel
 from inspector.panels.learn.residuals import ResidualsPanel
 from inspector.panels.measure.corner import CornerPanel
 from inspector.panels.measure.planes import PlanesPanel
@@ -27,7 +28,7 @@ from inspector.panels.your_data import OwnDataButton
 STEPS: dict[str, tuple[str, ...]] = {  # a step without tabs of its own is one itself
     "Measure": ("Scans", "Planes", "Corner"),
     "Model": ("Compare", "Fit", "Redundancy", "Beside"),
-    "Learn": ("What is missing", "Where it fails"),
+    "Learn": ("What is missing", "Where it fails", "Plan"),
     "Take away": (),
 }
 ICONS = {
@@ -56,6 +57,7 @@ class Panels:
     fit: FitPanel
     missing_effects: MissingEffectsPanel
     residuals: ResidualsPanel
+    plan: PlanPanel
     downloads: DownloadsPanel
 
     def say(self, words: str) -> None:
@@ -97,6 +99,8 @@ def add_panels(
         missing_effects = MissingEffectsPanel(gui, actions)
     with tab["Where it fails"]:
         residuals = ResidualsPanel(gui, actions)
+    with tab["Plan"]:
+        plan = PlanPanel(gui, actions)
     with tab["Take away"]:
         downloads = DownloadsPanel(gui, actions)
     left.dock_left()
@@ -116,6 +120,7 @@ def add_panels(
         fit,
         missing_effects,
         residuals,
+        plan,
         downloads,
     )
 

@@ -82,6 +82,9 @@ def last_change(history: Sequence[StepErrors]) -> tuple[str, str]:
     return f"{new.label}: the {of} rose by {100 * share:.0f} %, {figures}. {more}", BAD
 
 
+SETTLE = "Plan the poses that settle it"
+
+
 def verdict_html(diagnosis: Diagnosis | None, names: Names) -> str:
     """The verdict of a diagnosis, in a line or two."""
     if diagnosis is None:
@@ -93,7 +96,12 @@ def verdict_html(diagnosis: Diagnosis | None, names: Names) -> str:
     verdict = linked(verdict_text(sentence, tied=either), names, known_links(sentence))
     more = " What would tell them apart is said below." if diagnosis.verdict == "ambiguous" else ""
     more += LOOK_CLOSER if diagnosis.verdict == "unexplained" and diagnosis.learned is None else ""
-    said = elements.Html(f"{left} Verdict: {verdict}{elements.text(more)}")
+    settle = (
+        f" {elements.asking_link('settle', '', SETTLE, tab='Learn/Plan')}."
+        if diagnosis.split is not None
+        else ""
+    )
+    said = elements.Html(f"{left} Verdict: {verdict}{elements.text(more)}{settle}")
     return elements.alert(said, colour=VERDICTS[diagnosis.verdict])
 
 

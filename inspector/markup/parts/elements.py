@@ -104,6 +104,11 @@ def pose_link(pose_id: object, words: object = "") -> Html:
     return Html(f'<a class="asks"{asking("pose", pose_id)}>{text(words or pose_id)}</a>')
 
 
+def asking_link(name: str, value: object, words: object, *, tab: str = "") -> Html:
+    """Words of a sentence that ask for something when they are clicked, see `asking`."""
+    return Html(f'<a class="asks"{asking(name, value, tab=tab)}>{text(words)}</a>')
+
+
 def joint_link(number: int, words: object = "") -> Html:
     """A joint, counted from 1, within a sentence or a cell, as `words` where they are given: a click selects it."""
     return Html(f'<a class="asks"{asking("joint", number)}>{text(words or number)}</a>')

@@ -1,0 +1,90 @@
+"""Plans poses beside the page's work, and shows them. Runs on the worker's thread only."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import viser
+
+from calib.errors import CalibError
+from calib.planning.purposes.split import SPLIT
+from inspector.app.page.page_state import PageState
+from inspector.export.plan_files import planned_file
+from inspector.panels.learn.plan import FILES, NOT_YET, STALE, PlanPanel
+from inspector.scene.draw_plan import PlanDrawing
+from inspector.scene.scene_view import SceneView
+from inspector.server.background import Background
+from inspector.server.worker import LongWork
+from inspector.session.plans.planned import Planned, aims_of, planned_for
+
+
+class PlanController:
+    """The plan of each dataset, the last that was made."""
+
+    def __init__(self, state: PageState, scene: SceneView, panel: PlanPanel) -> None:
+        self._state, self._panel = state, panel
+        self._drawing = PlanDrawing(scene)
+        self._plans: dict[str, Planned] = {}  # by dataset
+        self._background = Background("plan")
+
+    def close(self) -> None:
+        """End the thread."""
+        self._background.close()
+
+    @property
+    def _planned(self) -> Planned | None:
+        """The plan for the model on show."""
+        known = self._plans.get(self._state.name)
+        return known if known is not None and known.is_of(self._state.session) else None
+
+    def show(self) -> None:
+        """What can be planned for the model on show, and its plan."""
+        view, planned = self._state.now, self._planned
+        self._panel.offer(aims_of(view.session))
+        self._drawing.draw(view, planned)
+        if planned is not None:
+            self._panel.update(planned, dark=view.dark)
+        elif view.session.calibration is None:
+            self._panel.clear(NOT_YET)
+        else:
+            self._panel.clear(STALE if self._state.name in self._plans else "")
+
+    def make(self) -> LongWork:
+        """Plan what is asked."""
+        name, session = self._state.name, self._state.session
+        aim, count, payload_kg = self._panel.asked
+        self._panel.say("Planning …")
+        try:
+            made = yield from self._background.run(
+                lambda: planned_for(session, aim, count, payload_kg),
+                lambda: self._state.name == name and self._state.session.calibration is session.calibration,
+            )
+        except CalibError as error:
+            self._panel.say(str(error), bad=True)
+            return
+        self._panel.say("")
+        if made is not None:
+            self._plans[name] = made
+            self.show()
+
+    def settle(self) -> LongWork:
+        """Plan the poses that settle what the diagnosis left open."""
+        self._panel.offer(aims_of(self._state.session))
+        self._panel.choose(SPLIT)
+        yield from self.make()
+
+    def select(self, pose: int | None) -> None:
+        """Look at one of the planned poses; the same again lets it go."""
+        planned = self._planned
+        if planned is not None and pose is not None and pose < len(planned.plan.poses):
+            again = pose == planned.pose
+            self._plans[self._state.name] = replace(planned, pose=None if again else pose)
+            self.show()
+
+    def take(self, what: str, client: viser.ClientHandle) -> None:
+        """Send a file of the plan to the page that asks. Raises CalibError for an arm that its form cannot hold."""
+        planned, name = self._planned, FILES.get(what)
+        if planned is not None and name is not None:
+            content = planned_file(Path(name), planned.plan).encode()
+            client.send_file_download(name, content, save_immediately=True)

@@ -1,0 +1,105 @@
+"""Tab Plan: which poses to measure next, what they promise, and files of them."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import viser
+
+from calib.planning.purpose import CALIBRATION, WATCH
+from calib.planning.purposes.split import SPLIT
+from inspector.figures.plan_plots import error_by_count
+from inspector.markup.learn.plan import notes_html, poses_html, promise_html
+from inspector.markup.parts import elements
+from inspector.panels.base import Actions, hidden_plot, offer, put
+from inspector.panels.input_checks import clamped
+from inspector.session.plans.planned import Planned
+
+NOTE = (
+    "The next poses to measure: only those that scanner and cell allow. Choose what they are for and press the button; "
+    "a click on a row shows the arm there. Command: inspector plan"
+)
+NOT_YET = "Nothing to plan for yet: poses are planned from a fit."
+STALE = "The model has changed since; plan again."
+MAKE = "Plan the poses"
+NONE = "–"
+WORDS = {  # of what is planned for
+    CALIBRATION: "a smaller error",
+    SPLIT: "settle what the diagnosis left open",
+    WATCH: "check poses that show a change",
+}
+FILES = {"poses.csv": "planned_poses.csv", "URScript": "planned_poses.script", "ROS": "planned_poses.yaml"}
+MOST = 60
+
+
+class PlanPanel:
+    """What is asked of a plan, the plan, its poses and files."""
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
+        gui.add_html(elements.note(NOTE))
+        self.aim = gui.add_dropdown("For", (NONE,), hint="what the poses are to tell")
+        self.count = gui.add_number("Poses", 5, min=1, max=MOST, step=1, hint="how many to measure")
+        self.payload = gui.add_number(
+            "Payload, kg",
+            0.0,
+            min=0.0,
+            max=1000.0,
+            step=0.5,
+            hint="a known one that some poses may carry; 0: none",
+        )
+        self.make = gui.add_button(MAKE, icon=viser.Icon.ROUTE)
+        self._doing = gui.add_html("")
+        self._promise = gui.add_html("")
+        self._plot = hidden_plot(gui, 0.6, "predicted error")
+        self._poses = gui.add_html("")
+        self.files = gui.add_button_group("Download", tuple(FILES), visible=False)
+        self._notes = gui.add_html("")
+        self._words: dict[str, str] = {}  # by what the dropdown shows, the word of --for
+        self.make.on_click(lambda _: actions.plan())
+        self.files.on_click(partial(_pressed, actions))
+
+    @property
+    def asked(self) -> tuple[str, int, float | None]:
+        """The word of --for, how many poses, and the payload."""
+        aim = self._words.get(str(self.aim.value), CALIBRATION)
+        payload_kg = clamped(self.payload.value, 0.0, 1000.0, 0.0)
+        return aim, int(clamped(self.count.value, 1, MOST, 5)), payload_kg or None
+
+    def offer(self, aims: tuple[str, ...]) -> None:
+        """What can be planned for, the words of --for; a choice that is gone is the first."""
+        self._words = {WORDS.get(aim, f"the size of {aim}"): aim for aim in aims}
+        offer(self.aim, tuple(self._words) or (NONE,))
+        self.make.disabled = not aims
+
+    def choose(self, aim: str) -> None:
+        """Plan for this from now on, where it is offered."""
+        words = next((words for words, name in self._words.items() if name == aim), None)
+        if words is not None:
+            put(self.aim, words)
+
+    def say(self, words: str, *, bad: bool = False) -> None:
+        """What is being done, or why it cannot be; "" for neither."""
+        colour = {} if bad else {"colour": "#56B4E9"}
+        self._doing.content = elements.alert(words, **colour) if words else ""
+
+    def clear(self, words: str = "") -> None:
+        """No plan is on show."""
+        self.say("")
+        self._promise.content = elements.note(words) if words else ""
+        self._poses.content = self._notes.content = ""
+        self._plot.visible = self.files.visible = False
+
+    def update(self, planned: Planned, *, dark: bool) -> None:
+        """A plan for the model on show."""
+        plan = planned.plan
+        self.say("")
+        self._promise.content = promise_html(plan)
+        self._plot.figure = error_by_count(plan.curve_mm, len(plan.poses), plan.enough, dark=dark)
+        self._plot.visible = self.files.visible = True
+        self._poses.content = poses_html(plan, planned.pose)
+        self._notes.content = notes_html(plan)
+
+
+def _pressed(actions: Actions, event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
+    if event.client is not None:  # pressed by a page, not by this program
+        actions.take_plan(str(event.target.value), event.client)

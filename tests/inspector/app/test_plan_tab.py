@@ -1,0 +1,63 @@
+"""The tab Plan in a real browser: from an open diagnosis by one click to poses, drawn in 3D, and a file of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calib.dataset.files.folder import write_dataset
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.simulation.simulate import simulate_dataset
+from inspector.app.app import App
+from inspector.markup.learn.effects import SETTLE
+from inspector.panels.learn.plan import MAKE
+from inspector.server.viser_server import url_of
+from tests.support.app import IDLE_S, idle_app
+from tests.support.browser import browser, node_drawn, open_page, open_tab, says
+
+pytestmark = [pytest.mark.slow, pytest.mark.browser]
+
+
+def open_set(folder: Path) -> Path:
+    """Bending of links that these poses do not tell from compliance of joints."""
+    made = simulate_dataset(
+        builtin_robot("rb5"), rng=np.random.default_rng(10), effects=[("link_bending", 1.0)], poses=40
+    )
+    write_dataset(made.dataset, folder)
+    return folder
+
+
+def idle(app: App) -> None:
+    assert app.worker.wait_idle(IDLE_S)
+
+
+def test_an_open_set_is_planned_for_in_one_click(tmp_path: Path) -> None:
+    with idle_app(open_set(tmp_path / "cell")) as app:
+        found = app.state.session.diagnosis
+        assert found is not None
+        assert found.verdict == "ambiguous"
+        with browser() as chromium, open_page(chromium, url_of(app.server)) as page:
+            open_tab(page, "What is missing")
+            page.get_by_text(SETTLE).first.click()
+            says(page, "Probability that these poses settle it")
+            node_drawn(page, "/scene/plan/rays")
+            node_drawn(page, "/scene/plan/field")
+            rows = page.locator('tr[data-ask="planned"]')
+            assert rows.count() == 5
+            rows.nth(1).click()
+            node_drawn(page, "/scene/plan/arm/cylinders")
+            with page.expect_download() as download:
+                page.get_by_role("button", name="poses.csv").click()
+            table = pd.read_csv(download.value.path())
+            assert list(table["pose"]) == ["p41", "p42", "p43", "p44", "p45"]
+            app.calibrate("distance")  # another model: the plan is no longer of it
+            idle(app)
+            says(page, "The model has changed since; plan again.")
+            assert page.locator('tr[data-ask="planned"]').count() == 0
+            page.get_by_role("button", name=MAKE).click()
+            says(page, "poses.csv")
+            idle(app)
+            assert page.locator('tr[data-ask="planned"]').count() == 5
