@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from calib.array_types import Array
 from calib.errors import CalibError
 from calib.planning.plan import Plan, plan_poses
-from calib.planning.purpose import CALIBRATION, WATCH, Purpose, purpose_of
+from calib.planning.purpose import CALIBRATION, WATCH
+from calib.planning.purposes.by_name import purpose_of
 from calib.planning.purposes.split import SPLIT, open_set_of
-from calib.planning.purposes.watching import ForWatch
 from calib.planning.start import FromFit
 from inspector.session.session import Session
 
@@ -60,6 +60,6 @@ def planned_for(session: Session, aim: str, count: int, payload_kg: float | None
             )
         open_set = open_set_of(session.diagnosis, payload_kg)
         return Planned(plan_poses(open_set.start, count, purpose=open_set), session)
-    purpose: Purpose = ForWatch() if aim == WATCH else purpose_of(aim)
+    purpose = purpose_of(aim, payload_kg=None if aim in (CALIBRATION, WATCH) else payload_kg)
     start = FromFit(session.calibration)
     return Planned(plan_poses(start, count, purpose=purpose, user_effects=session.user_effects), session)
