@@ -46,13 +46,9 @@ class Measurable:
         """(N,)"""
         return np.asarray(self.reason == "")
 
-    def counted(self) -> str:
-        """ "3100 outside the scanner's field, 12 in a box": the reasons that occur, the most frequent first."""
-        return counted([self.reason])
-
 
 def counted(reasons: Sequence[NDArray[np.str_]]) -> str:
-    """As `Measurable.counted`, over several."""
+    """What refused poses, the most frequent first, such as: 3100 outside the scanner's field, 12 the arm in a box."""
     found, times = np.unique(np.concatenate([*reasons, np.array([], dtype=str)]), return_counts=True)
     order = np.argsort(-times, kind="stable")
     return ", ".join(f"{times[k]} {found[k]}" for k in order if found[k])
