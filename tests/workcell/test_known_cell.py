@@ -14,6 +14,7 @@ from calib.dataset.files.folder import load_dataset
 from calib.dataset.files.robot_toml import load_robot
 from calib.dataset.surroundings import Box, Surroundings
 from calib.errors import CalibError
+from calib.kinematics.robot import Target
 from calib.workcell.bodies.link_mesh import load_link_mesh
 from calib.workcell.candidates import candidate_poses
 from calib.workcell.known_cell import workcell_of_dataset, workcell_of_robot
@@ -126,6 +127,27 @@ def test_points_all_around_ask_for_no_faces() -> None:
     assert isinstance(cell.field, BoxField)
     q = candidate_poses(cell, 100, rng=np.random.default_rng(0))
     assert measurable(cell, q).ok.all()
+
+
+def test_further_targets_tell_the_scanner_s_place_as_well() -> None:
+    dataset = simulated()
+    assert dataset.points is not None
+    ball = Target("ball", (12.0, -40.0, 80.0))
+    robot = replace(dataset.robot, targets=(ball,))
+    truth = workcell_of_robot(dataset.robot)
+    assert truth.base_T_scanner is not None
+    flange = truth.chain(dataset.poses.q).base_T_flange
+    ball_mm = flange[:, :3, :3] @ np.array(ball.xyz_mm) + flange[:, :3, 3]
+    points = Points(
+        dataset.points.pose,
+        frames.apply(frames.invert(truth.base_T_scanner), ball_mm),
+        np.full(40, "ball"),
+    )
+    cell = workcell_of_dataset(replace(dataset, robot=robot, points=points))
+    assert cell.base_T_scanner is not None
+    assert np.allclose(cell.base_T_scanner, truth.base_T_scanner, atol=1e-6)
+    assert cell.jig is None  # balls have no faces
+    assert measurable(cell, dataset.poses.q).ok.all()
 
 
 def test_an_unknown_setup_is_refused_with_those_there_are() -> None:
