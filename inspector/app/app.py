@@ -19,9 +19,10 @@ from inspector.app.controllers.dataset_controller import DatasetController
 from inspector.app.controllers.downloads import Downloads
 from inspector.app.controllers.imports import Imports
 from inspector.app.controllers.model_controller import ModelController
+from inspector.app.controllers.others.side_by_side_controller import SideBySideController
+from inspector.app.controllers.others.watch_controller import WatchController
 from inspector.app.controllers.plan_controller import PlanController
 from inspector.app.controllers.selection import Selection
-from inspector.app.controllers.side_by_side_controller import SideBySideController
 from inspector.app.controllers.stage import Stage
 from inspector.app.model_requests import ModelRequests
 from inspector.app.page.dataset_list import has_scans, names_of
@@ -81,6 +82,7 @@ class App(ModelRequests):
         )
         self.side_by_side = SideBySideController(named, self.state, panels.side_by_side)
         self.planning = PlanController(self.state, self.stage.scene, panels.plan)
+        self.watching = WatchController(named, self.state, panels.watch)
         self.worker = Worker(self._failed)
         self._playback = Playback(
             panels.review.timeline, times=self._times, wanted=lambda: self._wanted,
@@ -122,6 +124,7 @@ class App(ModelRequests):
         self.model.close()
         self.side_by_side.close()
         self.planning.close()
+        self.watching.close()
         self.server.stop()
 
     def _failed(self, key: Hashable, error: Exception) -> None:

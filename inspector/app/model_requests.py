@@ -8,8 +8,9 @@ import viser
 
 from inspector.app.controllers.dataset_controller import DatasetController
 from inspector.app.controllers.model_controller import ModelController
+from inspector.app.controllers.others.side_by_side_controller import SideBySideController
+from inspector.app.controllers.others.watch_controller import WatchController
 from inspector.app.controllers.plan_controller import PlanController
-from inspector.app.controllers.side_by_side_controller import SideBySideController
 from inspector.app.page.page_state import PageState
 from inspector.app.page.tabs import Panels
 from inspector.server.worker import LongWork, Worker
@@ -26,6 +27,7 @@ class ModelRequests:
     model: ModelController
     side_by_side: SideBySideController
     planning: PlanController
+    watching: WatchController
 
     def __init__(self) -> None:
         self._asking = threading.Lock()
@@ -36,9 +38,15 @@ class ModelRequests:
         self.worker.submit("failure", lambda: self.panels.residuals.update(self.state.now))
 
     def beside(self) -> None:
-        """Show what is chosen now beside the calibration on show."""
+        """Show what is chosen now beside the calibration on show, and against it."""
         if self.state.view is not None:
             self.worker.submit("beside", self.side_by_side.show)
+            self.watch()
+
+    def watch(self, forget: bool = False) -> None:
+        """Hold what is chosen now against the calibration on show; forget: nothing any more."""
+        if self.state.view is not None:
+            self.worker.submit("watch", lambda: self.watching.show(forget))
 
     def plan(self) -> None:
         """Plan the poses that are asked for now."""

@@ -1,7 +1,8 @@
-"""A second calibration beside the one on show: another dataset's, or an earlier version of the model."""
+"""What stands beside the calibration on show: another dataset's, an earlier version, later measurements of the cell."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,9 +13,13 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.pose_errors import PoseErrors, pose_errors_of
 from calib.calibration.result import Calibration
 from calib.corners.batch import find_corners
+from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.errors import CalibError
 from calib.measurement.measured_points import with_corners
+from calib.monitoring.control_chart import in_time, repeated_poses
+from calib.monitoring.iso9283 import PoseFigures
+from calib.monitoring.watch import Watched, watch
 from calib.options import FitOptions
 from calib.validation.comparison import Comparison, compare
 from inspector.session.session import Session
@@ -37,16 +42,20 @@ class Beside:
         return cls(name, calibration, errors.pose_ids, errors.error_length_mm, errors.inputs)
 
 
+def measured_dataset(folder: Path, *, orientation: bool = False) -> Dataset:
+    """A dataset that is not open, its scans searched where it has no points. Raises CalibError."""
+    dataset = load_dataset(folder)
+    if dataset.points is None:
+        dataset = with_corners(dataset, find_corners(dataset, intermediate=False), orientation=orientation)
+    return dataset
+
+
 def beside_of_folder(name: str, folder: Path, residual: str) -> Beside:
-    """A dataset that is not open: its link errors fitted, its scans searched where it has no points.
+    """A dataset that is not open, its link errors fitted.
 
     Raises CalibError where it cannot be read or fitted.
     """
-    dataset = load_dataset(folder)
-    if dataset.points is None:
-        dataset = with_corners(
-            dataset, find_corners(dataset, intermediate=False), orientation=residual == "pose"
-        )
+    dataset = measured_dataset(folder, orientation=residual == "pose")
     return Beside.of(name, calibrate(dataset, FitOptions(residual=residual)))
 
 
@@ -75,3 +84,17 @@ def compared(shown: Beside, beside: Beside) -> Comparison | None:
     if shown.calibration is None or beside.calibration is None:
         return None
     return compare(beside.calibration, shown.calibration, (beside.name, shown.name))
+
+
+@dataclass(frozen=True)
+class WatchedCell:
+    """What later measurements say, in the order of time, and the poses that were visited again."""
+
+    seen: tuple[Watched, ...]
+    repeats: tuple[PoseFigures, ...]
+
+
+def watched_cell(base: Calibration, later: Sequence[Dataset], *, scanner_moved: bool) -> WatchedCell:
+    """Raises FitError as `watch`."""
+    seen = in_time([watch(base, dataset, scanner_moved=scanner_moved) for dataset in later])
+    return WatchedCell(seen, repeated_poses(base, seen))

@@ -32,6 +32,7 @@ VIEW_OF_TAB = {  # what the 3D view shows when a tab is opened; a tab without on
     "Corner": "Corner",
     "Compare": "Arm",
     "Beside": "Arm",
+    "Watch": "Arm",
     "Fit": "Arm",
     "What is missing": "Arm",
     "Where it fails": "Arm",

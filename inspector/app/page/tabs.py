@@ -22,12 +22,13 @@ from inspector.panels.model.compare import ComparePanel
 from inspector.panels.model.fit import FitPanel
 from inspector.panels.model.redundancy import RedundancyPanel
 from inspector.panels.model.side_by_side import SideBySidePanel
+from inspector.panels.model.watch import WatchPanel
 from inspector.panels.review import ReviewPanel
 from inspector.panels.your_data import OwnDataButton
 
 STEPS: dict[str, tuple[str, ...]] = {  # a step without tabs of its own is one itself
     "Measure": ("Scans", "Planes", "Corner"),
-    "Model": ("Compare", "Fit", "Redundancy", "Beside"),
+    "Model": ("Compare", "Fit", "Redundancy", "Beside", "Watch"),
     "Learn": ("What is missing", "Where it fails", "Plan"),
     "Take away": (),
 }
@@ -54,6 +55,7 @@ class Panels:
     compare: ComparePanel
     redundancy: RedundancyPanel
     side_by_side: SideBySidePanel
+    watch: WatchPanel
     fit: FitPanel
     missing_effects: MissingEffectsPanel
     residuals: ResidualsPanel
@@ -93,6 +95,8 @@ def add_panels(
         redundancy = RedundancyPanel(gui, actions)
     with tab["Beside"]:
         side_by_side = SideBySidePanel(gui, actions)
+    with tab["Watch"]:
+        watch = WatchPanel(gui, actions)
     with tab["Fit"]:
         fit = FitPanel(gui, actions)
     with tab["What is missing"]:
@@ -117,6 +121,7 @@ def add_panels(
         compare,
         redundancy,
         side_by_side,
+        watch,
         fit,
         missing_effects,
         residuals,

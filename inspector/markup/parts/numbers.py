@@ -33,6 +33,11 @@ def reduction(before: float, after: float) -> str:
     return f"{100 * (1 - after / before):.2f} %"
 
 
+def exponent(value: float) -> int:
+    """The power of ten of the first digit: -2 of 0.034; 0 of 0."""
+    return math.floor(math.log10(abs(value))) if value else 0
+
+
 def typeset(words: str) -> str:
     """A sentence of the terminal as a page has it: ±, µm, °, and a minus sign."""
     return words.replace("+-", "±").replace(" um", " µm").replace(" -", " −").replace(" deg", "°")

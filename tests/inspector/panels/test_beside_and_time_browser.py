@@ -1,4 +1,4 @@
-"""A real browser puts another dataset beside the one on show, and plays the measurement."""
+"""A real browser puts another dataset beside the one on show and against it, and plays the measurement."""
 
 from __future__ import annotations
 
@@ -44,6 +44,15 @@ def test_another_dataset_stands_beside(page: Any, app: App) -> None:
     says(page, "From before to after changed: the zero of joint 3")
     names = page.locator(".js-plotly-plot:visible .legendtext").all_text_contents()
     assert names == ["after", "before"]
+
+
+def test_another_dataset_is_held_against_the_calibration(page: Any, app: App) -> None:
+    open_tab(page, "Watch")
+    page.get_by_text("The scanner was put up anew").locator("visible=true").first.click()
+    page.get_by_label("Measured later").locator("visible=true").first.click()
+    page.get_by_role("option", name="before").click()
+    says(page, "before: changed. the zero of joint 3")
+    assert "changed" in page.locator(".js-plotly-plot:visible .legendtext").all_text_contents()
 
 
 def test_the_measurement_plays(page: Any, app: App) -> None:

@@ -1,0 +1,1 @@
+"""What other datasets say beside the one on show."""

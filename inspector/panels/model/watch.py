@@ -1,0 +1,81 @@
+"""Tab Watch: later measurements of the same cell against the calibration on show."""
+
+from __future__ import annotations
+
+import viser
+
+from inspector.figures.control_chart import control_chart
+from inspector.markup.model.watch import watch_html
+from inspector.markup.parts import elements
+from inspector.panels.base import Actions, by_page, hidden_plot, put
+from inspector.session.side_by_side import WatchedCell
+from inspector.session.view import View
+
+NOTE = (
+    "Is it still right? A few poses measured later, against this calibration: what changed, and what these poses "
+    "could not have seen. Nothing is blamed on the arm that a moved scanner explains."
+)
+NONE, ALL = "–", "all other datasets"
+
+
+class WatchPanel:
+    """What was measured later, what changed, and the control chart."""
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions) -> None:
+        gui.add_html(elements.note(NOTE))
+        self.later = gui.add_dropdown(
+            "Measured later", (NONE,), hint="another dataset of the folder; choose one after the other"
+        )
+        self.moved = gui.add_checkbox(
+            "The scanner was put up anew", False, hint="its place is no change to be told then"
+        )
+        self._clear = gui.add_button("Clear", color="gray", hint="choose anew", visible=False)
+        self._state = gui.add_html("")
+        self._plot = hidden_plot(gui, 0.7, "control chart")
+        self._found = gui.add_html("")
+        self._name = ""  # of the dataset on show
+        self._chosen: dict[str, tuple[str, ...]] = {}  # by dataset on show
+        self._drawn: tuple[WatchedCell, bool] | None = None
+        self.later.on_update(lambda e: actions.watch() if by_page(e) else None)
+        self.moved.on_update(lambda e: actions.watch() if by_page(e) else None)
+        self._clear.on_click(lambda _: actions.watch(forget=True))
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """The datasets that were measured later, in the order in which they were chosen."""
+        return self._chosen.get(self._name, ())
+
+    @property
+    def scanner_moved(self) -> bool:
+        """Whether the user says so."""
+        return bool(self.moved.value)
+
+    def offer(self, name: str, others: tuple[str, ...], *, forget: bool) -> None:
+        """What can be chosen beside the dataset on show; what was just chosen joins the others."""
+        picked = str(self.later.value) if name == self._name else NONE
+        self._name = name
+        chosen = () if forget else tuple(n for n in self.chosen if n in others)
+        joins = others if picked == ALL else (picked,) if picked in others else ()
+        self._chosen[name] = chosen = tuple(dict.fromkeys((*chosen, *joins)))
+        left = tuple(n for n in others if n not in chosen)
+        options = (NONE, *([ALL] if len(left) > 1 else []), *left)
+        if options != tuple(self.later.options):
+            self.later.options = options
+        if str(self.later.value) != NONE:
+            put(self.later, NONE)
+        self._clear.visible = bool(chosen)
+
+    def say(self, words: str, *, bad: bool = False) -> None:
+        """Why there is nothing to see yet."""
+        self._plot.visible = False
+        self._found.content, self._drawn = "", None
+        self._state.content = elements.alert(words) if bad else elements.note(words)
+
+    def update(self, view: View, cell: WatchedCell) -> None:
+        """What the later measurements say."""
+        if self._drawn is not None and self._drawn[0] is cell and self._drawn[1] == view.dark:
+            return
+        self._state.content, self._found.content = watch_html(cell.seen, cell.repeats)
+        self._plot.visible = True
+        self._plot.figure = control_chart(cell.seen, dark=view.dark)
+        self._drawn = (cell, view.dark)
