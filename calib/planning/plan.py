@@ -22,7 +22,7 @@ from calib.planning.prediction import (
     Region,
     enough_poses,
     predicted,
-    predicted_of_nominal,
+    predicted_once_placed,
 )
 from calib.planning.purpose import ForCalibration, Purpose, Situation
 from calib.planning.reasons import new_ids, reasons
@@ -104,8 +104,9 @@ def plan_poses(
     chosen = purpose.choose(situation, count)
     curve_mm = _curve(situation, chosen)
     none = np.zeros(0, dtype=np.int64)
-    if start.measured is None:
-        now = predicted_of_nominal(situation.region, unknowns, rng)
+    placed_anew = start.measured is None or start.setup not in start.measured.setup
+    if placed_anew:
+        now = predicted_once_placed(situation.region, unknowns, unknowns.degrees_of_freedom, rng)
         curve_mm[0] = now.geometry_mm
     else:
         now = predicted(situation.region, situation.information(none), unknowns.degrees_of_freedom, rng)
@@ -123,7 +124,7 @@ def plan_poses(
         now=now,
         then=then,
         curve_mm=curve_mm,
-        enough=enough_poses(curve_mm),
+        enough=enough_poses(curve_mm, first=1 if placed_anew else 0),
         settles=purpose.settles(situation, chosen),
         shots=purpose.shots(situation, chosen),
         model=unknowns.model.family_names,

@@ -70,13 +70,20 @@ def predicted(
     return _of_weights(_squares(seen), region.noise_mm2, degrees_of_freedom, rng)
 
 
-def predicted_of_nominal(region: Region, unknowns: Unknowns, rng: np.random.Generator) -> Prediction:
-    """The error before any calibration: every parameter off by its tolerance, the scanner placed by these points."""
+def predicted_once_placed(
+    region: Region, unknowns: Unknowns, degrees_of_freedom: float, rng: np.random.Generator
+) -> Prediction:
+    """The error before any new pose, with the scanner placed by the region's own points.
+
+    Of an arm that was never measured every parameter is off by its tolerance; of a fit as it knows them, where the
+    scanner is put up anew.
+    """
     p = len(unknowns.scales)
     wanted = region.wanted.T
     frame = wanted[:, p:]
     kept = wanted[:, :p] - frame @ (np.linalg.pinv(frame, rcond=1e-9) @ wanted[:, :p])
-    return _of_weights(_squares(kept), region.noise_mm2, np.inf, rng)
+    root = np.linalg.cholesky(inverse(unknowns.known)[:p, :p])
+    return _of_weights(_squares(kept @ root), region.noise_mm2, degrees_of_freedom, rng)
 
 
 def _squares(seen: Array) -> Array:
@@ -95,12 +102,14 @@ def _of_weights(
     return Prediction(float(np.sqrt(mean)), float(low), float(high), float(np.sqrt(mean + noise_mm2)))
 
 
-def enough_poses(curve: Array) -> int | None:
-    """From how many poses on five more lower the error by less than 5 %; None where the curve ends before.
+def enough_poses(curve: Array, first: int = 0) -> int | None:
+    """From how many poses on, `first` or more, five more lower the error by less than 5 %.
+
+    None where the curve ends before.
 
     curve  # (n + 1,) the error by the number of new poses, from 0
     """
-    for count in range(len(curve) - STEP):
-        if np.isfinite(curve[count]) and curve[count + STEP] > (1.0 - PAYS) * curve[count]:
+    for count in range(first, len(curve) - STEP):
+        if curve[count + STEP] > (1.0 - PAYS) * curve[count]:
             return count
     return None

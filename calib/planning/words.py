@@ -64,5 +64,5 @@ def error_lines(plan: Plan) -> list[str]:
 
 
 def _is_told(plan: Plan, count: int) -> bool:
-    """Fewer poses than a fit takes have no error worth telling."""
-    return plan.start.measured is not None or plan.curve_mm[count] < plan.now.geometry_mm
+    """Fewer poses than it takes to place the scanner, or to fit at all, have no error worth telling."""
+    return plan.curve_mm[count] <= plan.now.geometry_mm

@@ -140,7 +140,8 @@ def test_a_further_place_of_the_scanner_is_a_setup_of_its_own(start: FromFit) ->
     moved = FromFit(start.calibration, scanner_place=SCANNER)
     plan = plan_poses(moved, 2, candidates=60)
     assert set(plan.poses.setup) == {"new"}
-    assert plan.then.geometry_mm < plan.now.geometry_mm
+    assert plan.now.geometry_mm < 1.0  # of the arm, wherever the scanner will stand
+    assert plan.enough is None or plan.enough > 2
 
 
 @pytest.mark.slow

@@ -25,4 +25,6 @@ def purpose_of(words: str, criterion: str = "I", *, payload_kg: float | None = N
         return ForWatch() if names[0] == WATCH else ForCalibration(criterion)
     if not names or {CALIBRATION, WATCH} & set(names):
         raise CalibError(f"--for {words}: give {CALIBRATION}, {WATCH}, or effects with commas between")
+    if criterion != PLAN_CRITERIA[0]:
+        raise CalibError(f"--criterion {criterion} is of a calibration; leave it out with --for {words}")
     return ForEffects(names, payload_kg)

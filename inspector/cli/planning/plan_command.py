@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -125,7 +124,12 @@ def _robot_start(options: PlanOptions) -> FromRobot:
             f"{options.path}: effects are of a dataset's fit; name those that you suspect with --for"
         )
     name = str(options.path)
-    builtin = name.lower() in BUILTIN_ROBOTS and not Path(name).exists()
+    builtin = name.lower() in BUILTIN_ROBOTS and not options.path.exists()
+    if not builtin and not options.path.exists():
+        known = " or ".join(BUILTIN_ROBOTS)
+        raise CalibError(
+            f"{name}: no such file or folder; give a dataset's folder, a robot's file, or {known}"
+        )
     robot = named_robot(name.lower() if builtin else name, reading_of(options)).robot
     cell = workcell_of_robot(robot)
     if options.scanner is not None:
