@@ -40,6 +40,7 @@ from calib.diagnosis.words.sentences import (
     ResidualTooLarge,
     ResidualWithoutOrder,
     SetOpen,
+    SplitPromise,
 )
 from calib.screening.candidates import Screening
 from calib.screening.curves.smooth_joint_error import LEARNED
@@ -133,6 +134,9 @@ def _effects_tied(findings: Findings) -> EffectsTied:
         confirm=tuple((name, confirm[name]) for name in names if confirm.get(name)),
         poses=findings.discriminating_poses[:POSES_TOLD],
         is_revolute=findings.calibration.dataset.robot.is_revolute,
+        split=None
+        if findings.split is None
+        else SplitPromise(len(findings.split.poses), findings.split.shots, findings.split.settles),
     )
 
 

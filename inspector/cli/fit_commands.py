@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from datetime import datetime
+from pathlib import Path
 
 from calib.compensation.corrected_file import corrected_file
 from calib.compensation.target_correction import corrected_joints, needed_columns
@@ -13,6 +14,7 @@ from calib.dataset.files.folder import find_datasets, load_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import verdict_text
+from calib.diagnosis.words.conclusions import Adequate, Named
 from calib.diagnosis.words.headline import headline_note, headline_of, headline_text
 from calib.diagnosis.words.phrases import untestable_line
 from calib.effects.catalogue import effects_named
@@ -52,7 +54,12 @@ def run_validate(options: ValidateOptions) -> int:
     with progress("fits", "fit") as on_progress:
         folds = cross_validate(dataset, asked, folds=options.folds, effects=effects, on_progress=on_progress)
         curve = learning_curve(dataset, asked, effects=effects, on_progress=on_progress)
-    text = "\n".join([folds.summary(), "", curve.summary(), *without(dataset)])
+    plan = (
+        []
+        if curve.flat_since is not None
+        else [f"next: inspector plan {options.path} chooses those that help most"]
+    )
+    text = "\n".join([folds.summary(), "", curve.summary(), *plan, *without(dataset)])
     show(options, documents.validation_document(folds, curve), text)
     return 0
 
@@ -137,7 +144,8 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     if options.model_out is not None:
         require_plausible(result.calibration, options.force)
         save_model(result.calibration, options.model_out)
-    text = "\n".join([diagnosis_text(result), *without(result.calibration.fitted_dataset)])
+    next_steps = planned_next(result, options.path)
+    text = "\n".join([diagnosis_text(result), *next_steps, *without(result.calibration.fitted_dataset)])
     if options.learned_out is not None and result.learned is not None:
         write_text_atomically(
             options.learned_out, effect_file_text(result.calibration, options.learned_out.name)
@@ -147,6 +155,16 @@ def run_diagnose(options: DiagnoseOptions) -> int:
         print(f"inspector: warning: {options.learned_out}: {note}", file=sys.stderr)
     show(options, documents.diagnosis_document(result), text)
     return 0
+
+
+def planned_next(result: Diagnosis, path: Path) -> list[str]:
+    """The poses to plan next: those that settle an open set, or that tell more of the link errors."""
+    if result.split is not None:
+        return [f"next: inspector plan {path} --for split plans the poses that settle it"]
+    verdict = result.explanation.verdict
+    if isinstance(verdict, (Adequate, Named)) and verdict.held_out is not None:
+        return [f"next: inspector plan {path} plans poses that tell more of the link errors"]
+    return []
 
 
 def diagnosis_text(result: Diagnosis) -> str:

@@ -165,7 +165,8 @@ def _to_measure(report: Report, found: Diagnosis | None) -> list[str]:
     if found is not None and found.discriminating_poses:
         poses = poses_text(found.discriminating_poses[:_AGAIN], report.dataset.robot.is_revolute)
         out.append(
-            f"To tell {numbers.listing(found.tied, 'from')} apart, measure at these joints, in degrees: {poses}."
+            f"To tell {numbers.listing(found.tied, 'from')} apart, measure at these joints, in degrees: {poses} "
+            "(inspector plan --for split plans them)."
         )
     tests = found.residual_tests if found is not None else report.session.residual_tests
     if tests is not None and tests.outlier_poses:

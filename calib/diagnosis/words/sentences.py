@@ -112,6 +112,16 @@ class EffectsTied:
     confirm: tuple[tuple[str, str], ...]  # effect, what to measure to see it alone
     poses: tuple[DiscriminatingPose, ...]
     is_revolute: BoolArray  # (n,) joints; of the poses' joint values
+    split: SplitPromise | None = None  # what all poses that are advised would do
+
+
+@dataclass(frozen=True)
+class SplitPromise:
+    """How surely planned poses settle a set, and how."""
+
+    poses: int
+    shots: int  # measurements of each
+    settles: float  # probability
 
 
 @dataclass(frozen=True)

@@ -202,4 +202,7 @@ def _effects_tied(tied: facts.EffectsTied) -> str:
     if tied.poses:
         poses = poses_text(tied.poses, tied.is_revolute)
         words += f" Poses at which they differ most, joints in degrees: {poses}."
+    if tied.split is not None:
+        often = f", each measured {tied.split.shots} times," if tied.split.shots > 1 else ""
+        words += f" {tied.split.poses} planned poses{often} settle it with a probability of {100 * tied.split.settles:.0f} %."
     return words

@@ -21,8 +21,8 @@ from calib.screening.rivals.settling import (
     settled_probability,
 )
 
-MOST_SHOTS = 4  # measurements of a pose that are asked for at the most
-ENOUGH = 0.9  # probability of being settled, from which no more is asked for
+MOST_SHOTS = 8  # measurements of a pose that are asked for at the most
+ENOUGH = 0.95  # probability of being settled, from which no more is asked for
 MOST_POSES = 20  # that are looked at for how many would be enough
 
 

@@ -13,6 +13,7 @@ from calib.diagnosis.effect_selection import SelectedEffect
 from calib.diagnosis.moves import AddEffect, DropEffect
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import verdict_text
+from calib.diagnosis.words.conclusions import Adequate, Named
 from calib.diagnosis.words.phrases import untestable_texts
 from calib.screening.candidates import Candidate, Screening, Untestable
 from inspector.markup.learn.said import advice_said, known_links, reasons_said
@@ -83,6 +84,7 @@ def last_change(history: Sequence[StepErrors]) -> tuple[str, str]:
 
 
 SETTLE = "Plan the poses that settle it"
+MORE = "Plan poses that tell more of the link errors"
 
 
 def verdict_html(diagnosis: Diagnosis | None, names: Names) -> str:
@@ -96,12 +98,12 @@ def verdict_html(diagnosis: Diagnosis | None, names: Names) -> str:
     verdict = linked(verdict_text(sentence, tied=either), names, known_links(sentence))
     more = " What would tell them apart is said below." if diagnosis.verdict == "ambiguous" else ""
     more += LOOK_CLOSER if diagnosis.verdict == "unexplained" and diagnosis.learned is None else ""
-    settle = (
-        f" {elements.asking_link('settle', '', SETTLE, tab='Learn/Plan')}."
-        if diagnosis.split is not None
-        else ""
-    )
-    said = elements.Html(f"{left} Verdict: {verdict}{elements.text(more)}{settle}")
+    plan = ""
+    if diagnosis.split is not None:
+        plan = f" {elements.asking_link('settle', '', SETTLE, tab='Learn/Plan')}."
+    elif isinstance(sentence, (Adequate, Named)) and sentence.held_out is not None:
+        plan = f" {elements.tab_link('Learn/Plan', MORE)}."
+    said = elements.Html(f"{left} Verdict: {verdict}{elements.text(more)}{plan}")
     return elements.alert(said, colour=VERDICTS[diagnosis.verdict])
 
 

@@ -109,6 +109,11 @@ def asking_link(name: str, value: object, words: object, *, tab: str = "") -> Ht
     return Html(f'<a class="asks"{asking(name, value, tab=tab)}>{text(words)}</a>')
 
 
+def tab_link(tab: str, words: object) -> Html:
+    """Words of a sentence that open a tab ("Learn/Plan") when they are clicked."""
+    return Html(f'<a class="asks"{opening(tab)}>{text(words)}</a>')
+
+
 def joint_link(number: int, words: object = "") -> Html:
     """A joint, counted from 1, within a sentence or a cell, as `words` where they are given: a click selects it."""
     return Html(f'<a class="asks"{asking("joint", number)}>{text(words or number)}</a>')
