@@ -65,4 +65,4 @@ def error_lines(plan: Plan) -> list[str]:
 
 def _is_told(plan: Plan, count: int) -> bool:
     """Fewer poses than it takes to place the scanner, or to fit at all, have no error worth telling."""
-    return plan.curve_mm[count] <= plan.now.geometry_mm
+    return bool(plan.curve_mm[count] <= 1.001 * plan.now.geometry_mm)

@@ -13,7 +13,10 @@ from inspector.cli.arguments.shared import add_fit, add_json, links_arguments
 def plan_arguments(sub: ArgumentParser) -> None:
     """What the poses are for, how many, and from where they are seen."""
     sub.add_argument(
-        "--poses", type=values.pose_count, metavar="K", help="a first set of K poses (default 20 for a robot)"
+        "--poses",
+        type=values.pose_count,
+        metavar="K",
+        help="a first set of K poses (default 20 for a robot)",
     )
     sub.add_argument(
         "--add",

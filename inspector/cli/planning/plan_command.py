@@ -12,6 +12,7 @@ from calib.dataset.files.atomic_write import write_text_atomically
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.effect import Family
 from calib.errors import CalibError
+from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
 from calib.planning.fitted_start import start_of_dataset
 from calib.planning.plan import plan_poses
@@ -24,7 +25,7 @@ from calib.planning.start import FromFit, FromRobot
 from calib.planning.unknowns import DEFAULT_NOISE_MM
 from calib.planning.words import plan_text
 from calib.robot_formats.robot_file import named_robot
-from calib.workcell.known_cell import workcell_of_robot
+from calib.workcell.known_cell import workcell_of_dataset, workcell_of_robot
 from calib.workcell.scan_field import JANG_FIELD
 from calib.workcell.workcell import Workcell
 from inspector.cli.calibrate_command import loaded_effects
@@ -50,7 +51,7 @@ def run_plan(options: PlanOptions) -> int:
     if options.path.is_dir() and options.purpose == SPLIT:
         purpose = _open_set(options)
         start, count = purpose.start, options.add or FURTHER
-    elif options.path.is_dir():
+    elif options.path.is_dir() and options.poses is None:
         purpose = purpose_of(options.purpose, options.criterion, payload_kg=options.payload_kg)
         start, user_effects = _dataset_start(options)
         count = options.add or (CHECK_POSES if watched else FURTHER)
@@ -60,7 +61,7 @@ def run_plan(options: PlanOptions) -> int:
                 f"{options.path}: --for {SPLIT} settles what a dataset's diagnosis left open; give its folder"
             )
         purpose = purpose_of(options.purpose, options.criterion, payload_kg=options.payload_kg)
-        start = _robot_start(options)
+        start = _first_start(options)
         count = options.poses or FIRST_SET
     plan = plan_poses(
         start, count, purpose=purpose, region=options.region, user_effects=user_effects, seed=options.seed
@@ -74,9 +75,7 @@ def run_plan(options: PlanOptions) -> int:
 def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
     """The measured dataset, and the user's own effects for it."""
     if options.poses is not None:
-        raise CalibError(
-            f"{options.path}: --poses is a first set for a robot; give --add for more of a dataset"
-        )
+        raise CalibError(f"{options.path}: --poses is a first set; give --add for more of a dataset")
     if options.noise_mm is not None:
         raise CalibError(f"{options.path}: the noise is known from the fit; leave out --noise-mm")
     dataset = load(options.path, options.leave_out)
@@ -116,13 +115,34 @@ def _dataset_start(options: PlanOptions) -> tuple[FromFit, Sequence[Family]]:
     return start, user_effects
 
 
-def _robot_start(options: PlanOptions) -> FromRobot:
+def _first_start(options: PlanOptions) -> FromRobot:
+    """A robot, or a dataset's arm in its cell as if nothing of it were known but where the scanner stands."""
     if options.add is not None:
-        raise CalibError(f"{options.path}: --add is more of a dataset; give --poses for a robot's first set")
+        raise CalibError(
+            f"{options.path}: --add is more of a dataset, --poses a first set: give the one that you want"
+        )
     if options.effects_file is not None or options.effect:
         raise CalibError(
             f"{options.path}: effects are of a dataset's fit; name those that you suspect with --for"
         )
+    if not options.path.is_dir():
+        cell = workcell_of_robot(_robot(options))
+        if options.scanner is not None:
+            cell = workcell_of_robot(cell.robot, base_T_scanner=_placed(options.scanner, cell))
+        return FromRobot(cell, options.noise_mm or DEFAULT_NOISE_MM, options.fit_options())
+    if options.scanner is not None:
+        raise CalibError(
+            f"{options.path}: the scanner stands where it stood; leave out --scanner with --poses"
+        )
+    dataset = load(options.path, options.leave_out)
+    check_outputs(dataset, [options.out])
+    cell = workcell_of_dataset(measured(dataset))
+    noise_mm = options.noise_mm or dataset.scanner.point_sigma_mm or DEFAULT_NOISE_MM
+    return FromRobot(cell, noise_mm, options.fit_options())
+
+
+def _robot(options: PlanOptions) -> Robot:
+    """A built-in one by its name, or that of a file."""
     name = str(options.path)
     builtin = name.lower() in BUILTIN_ROBOTS and not options.path.exists()
     if not builtin and not options.path.exists():
@@ -130,12 +150,7 @@ def _robot_start(options: PlanOptions) -> FromRobot:
         raise CalibError(
             f"{name}: no such file or folder; give a dataset's folder, a robot's file, or {known}"
         )
-    robot = named_robot(name.lower() if builtin else name, reading_of(options)).robot
-    cell = workcell_of_robot(robot)
-    if options.scanner is not None:
-        cell = workcell_of_robot(robot, base_T_scanner=_placed(options.scanner, cell))
-    noise_mm = DEFAULT_NOISE_MM if options.noise_mm is None else options.noise_mm
-    return FromRobot(cell, noise_mm, options.fit_options())
+    return named_robot(name.lower() if builtin else name, reading_of(options)).robot
 
 
 def _placed(numbers: Sequence[float], usual: Workcell) -> Array:

@@ -72,6 +72,15 @@ def test_a_first_set_for_a_robot(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert table["role"].tolist() == ["reference", *["train"] * 15]
 
 
+def test_a_first_set_for_the_cell_of_a_dataset(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["plan", str(folder), "--poses", "14", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["poses"][0]["role"] == "reference"
+    assert document["predicted_test_rmse_mm"]["now"] > 1.0  # as large as tolerances
+    assert main(["plan", str(folder), "--poses", "14", "--add", "3"]) == 2
+    assert "give the one that you want" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
