@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -16,6 +17,7 @@ from calib.planning.question import VARIANCE, VOLUME, Question, condensed
 from calib.planning.start import Start
 from calib.planning.unknowns import Unknowns
 from calib.screening.rivals.further_poses import under_conditions
+from calib.workcell.pose_conditions import conditions_for
 
 CALIBRATION = "calibration"
 WATCH = "watch"  # check poses: `calib.planning.purposes.watching`
@@ -90,9 +92,7 @@ class ForCalibration:
 
     def prepared(self, start: Start, offered: Poses) -> Poses:
         """Under conditions that vary as the measured ones do, where the model has effects that these may show."""
-        if start.measured is None or not start.unknowns().model.added_effects:
-            return offered
-        return under_conditions(offered, start.measured)
+        return with_varied_conditions(start, offered)
 
     def shots(self, situation: Situation, chosen: IndexArray) -> int:
         return 1
@@ -112,3 +112,20 @@ class ForCalibration:
 
     def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
         return ()
+
+
+def with_varied_conditions(start: Start, offered: Poses, needs: Sequence[str] = ()) -> Poses:
+    """The candidates under conditions that vary as the measured ones do, where the fit's effects or `needs` name them.
+
+    The others stay as they are: a pose need not be measured warm for a model that temperature does not touch.
+    """
+    if start.measured is None:
+        return offered
+    of_fit = [str(getattr(effect, "needs", "")) for effect in start.unknowns().model.added_effects]
+    wanted, varied = conditions_for([*of_fit, *needs]), under_conditions(offered, start.measured)
+    return replace(
+        offered,
+        payload_kg=varied.payload_kg if wanted.payloads_kg else offered.payload_kg,
+        temperature_c=varied.temperature_c if wanted.temperatures_c else offered.temperature_c,
+        approach=varied.approach if wanted.both_sides else offered.approach,
+    )

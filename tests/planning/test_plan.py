@@ -105,6 +105,7 @@ def test_arms_that_are_measured_as_planned_have_the_predicted_error(
     assert np.sqrt(np.mean(squares)) == pytest.approx(first_set.then.geometry_mm, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_suspected_effect_is_known_better_by_poses_planned_for_it(start: FromFit) -> None:
     for_it = plan_poses(
         start, 5, candidates=100, purpose=ForEffects(("joint_compliance",)), region="measurable"
@@ -118,6 +119,7 @@ def test_a_suspected_effect_is_known_better_by_poses_planned_for_it(start: FromF
         plan_poses(start, 5, candidates=100, purpose=ForEffects(("joint_dent",)))
 
 
+@pytest.mark.slow
 def test_an_effect_is_planned_under_the_conditions_that_it_shows_under(start: FromFit) -> None:
     both = plan_poses(start, 6, candidates=80, purpose=purpose_of("backlash"))
     assert both.poses.approach is not None

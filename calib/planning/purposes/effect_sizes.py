@@ -11,11 +11,10 @@ from calib.dataset.dataset import Poses
 from calib.effects.catalogue import descriptions
 from calib.errors import CalibError
 from calib.planning.exchange import best_poses
-from calib.planning.purpose import Situation
+from calib.planning.purpose import Situation, with_varied_conditions
 from calib.planning.question import Question, inverse
 from calib.planning.start import Start
 from calib.planning.unknowns import Unknowns
-from calib.screening.rivals.further_poses import under_conditions
 from calib.workcell.pose_conditions import PAYLOAD_KG, WantedConditions, conditions_for
 
 _TELLS = 0.9  # of a sigma before, above which a coefficient gains next to nothing
@@ -34,16 +33,19 @@ class ForEffects:
         return ",".join(self.effects)
 
     @property
+    def _needs(self) -> list[str]:
+        return [kind.needs for kind in descriptions() if kind.name in self.effects]
+
+    @property
     def _wanted(self) -> WantedConditions:
         """The conditions that these effects show under; user's own ask for none."""
-        needs = [kind.needs for kind in descriptions() if kind.name in self.effects]
-        wanted = conditions_for(needs, payload_kg=self.payload_kg or PAYLOAD_KG)
+        wanted = conditions_for(self._needs, payload_kg=self.payload_kg or PAYLOAD_KG)
         without = wanted.helpful and self.payload_kg is None
         return replace(wanted, payloads_kg=()) if without else wanted
 
     def prepared(self, start: Start, offered: Poses) -> Poses:
         """The poses under conditions that vary as the measured ones do, and as these effects need it."""
-        poses = offered if start.measured is None else under_conditions(offered, start.measured)
+        poses = with_varied_conditions(start, offered, self._needs)
         wanted, rng = self._wanted, np.random.default_rng(0)
         if wanted.both_sides and poses.approach is None:
             poses = replace(poses, approach=rng.choice([-1.0, 1.0], poses.q.shape))

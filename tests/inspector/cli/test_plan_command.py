@@ -25,6 +25,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_next_poses_of_a_dataset(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -60,6 +61,7 @@ def test_what_is_missing_is_diagnosed_first(folder: Path, capsys: pytest.Capture
     assert "times the declared noise; the model is that of the diagnosis" in document["notes"][0]
 
 
+@pytest.mark.slow
 def test_a_first_set_for_a_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "poses.csv"
     place = ["--scanner", "1200,0,520,400,0,400", "--noise-mm", "0.02"]
@@ -72,6 +74,7 @@ def test_a_first_set_for_a_robot(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert table["role"].tolist() == ["reference", *["train"] * 15]
 
 
+@pytest.mark.slow
 def test_a_first_set_for_the_cell_of_a_dataset(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plan", str(folder), "--poses", "14", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
