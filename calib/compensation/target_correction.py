@@ -13,7 +13,7 @@ last pose, and no joint is still on its way.
 Limits: with an unknown scanner frame, link errors that only move or turn the base (d1, theta1, beta1) cannot be
 identified and stay nominal, so corrected targets are right relative to each other, up to one motion of the base common
 to all. Measured points do not depend on the tool's turn about its own point: a corrected orientation is as accurate as
-the fit's last joint frame.
+the fit's last joint frame. A scanner on the flange sees neither the tool nor errors of the last row: they stay nominal.
 """
 
 from __future__ import annotations
@@ -197,6 +197,7 @@ def needed_columns(model: Model, x: ArrayLike, poses: Poses) -> tuple[str, ...]:
         without[tuple(f"approach{k + 1}" for k in range(n))] = replace(poses, approach=None)
     for name in poses.extra.columns:
         without[(str(name),)] = replace(poses, extra=poses.extra.drop(columns=name))
+    model = model.at_tool
     there = _tool_frames(model, x, poses)
     needed: list[str] = []
     for columns, fewer in without.items():
@@ -218,12 +219,12 @@ def _model(calibrated: Robot | Model, x: ArrayLike | None) -> tuple[Model, Array
     if isinstance(calibrated, Robot):
         if x is not None:
             raise FitError("a calibrated robot has its parameters built in; leave x out, or give the model")
-        model = geometric_model(calibrated)
+        model = geometric_model(calibrated).at_tool
         return model, np.zeros(len(model.parameters))
     if x is None or np.shape(x) != (len(calibrated.parameters),):
         found = "none" if x is None else f"shape {np.shape(x)}"
         raise FitError(f"a model needs its {len(calibrated.parameters)} fitted parameters x; found {found}")
-    return calibrated, np.asarray(x, dtype=float)
+    return calibrated.at_tool, np.asarray(x, dtype=float)
 
 
 def _check(nominal: Robot, model: Model, q: Array, conditions: Poses | None) -> None:

@@ -73,6 +73,13 @@ class Model:
         return self.robot if self.tool_found is None else self.tool_found
 
     @property
+    def at_tool(self) -> Model:
+        """The same model of what the arm does with its tool, whoever carries the scanner."""
+        if not self.robot.carries_scanner:
+            return self
+        return replace(self, robot=replace(self.robot, carries_scanner=False))
+
+    @property
     def added_effects(self) -> tuple[Effect, ...]:
         """The effects beyond the corrections of robot.toml, in the order they were added."""
         return tuple(effect for effect in self.effects if not corrects_robot(effect))

@@ -16,7 +16,7 @@ from calib.fleet.row import Row
 from calib.fleet.time_limit import OutOfTime, time_limit
 from calib.monitoring.watch import watch
 
-NOT_OF_THE_ARM = ("scanner", "base", "noise")
+NOT_OF_THE_ARM = ("scanner", "base", "jig", "noise")
 """Changes that are none of the arm itself."""
 
 

@@ -53,7 +53,8 @@ class FittedModel:
     covariance: Array  # (P, P); rows of parameters without a bound are zero
     sigma: Array  # (P,) inf where nothing bounds the parameter
     options: FitOptions
-    scanner_T_base: Mapping[str, Array]  # (4, 4) by setup, as the training poses place the scanner
+    scanner_T_base: Mapping[str, Array]
+    """(4, 4) by setup, as the training poses place the scanner; scanner_T_flange where the arm carries it"""
     needs: tuple[str, ...]  # columns of poses.csv that a prediction depends on, besides the joints
     before: RoleErrors  # of the nominal robot
     after: RoleErrors
@@ -85,7 +86,7 @@ class FittedModel:
         return self.model.calibrated_robot(self.x)
 
     def predict(self, q: ArrayLike, conditions: Poses | None = None, target: str = "jig") -> Array:
-        """A target's position (N, 3), mm in the base frame, at joint vectors q (N, n), rad or mm.
+        """A target's position (N, 3), mm in the base frame, at joint vectors q (N, n), rad or mm; "jig" is the tool.
 
         `conditions`: payload, temperature ... of each, where the model depends on them; its own q is not used.
         Raises FitError where they are missing, for q of another shape, or for an unknown target.
@@ -96,14 +97,14 @@ class FittedModel:
             raise FitError(
                 f"joint vectors for {self.model.robot.name} have shape (N, {joints}), found {q.shape}"
             )
-        targets = ("jig", *(known.name for known in self.model.robot.targets))
+        targets = ("jig", *(known.name for known in self.model.robot.targets if not known.in_room))
         if target not in targets:
             raise FitError(f"no target named {target!r}; there are {', '.join(targets)}")
         self.require_conditions(conditions)
         if conditions is not None and len(conditions) != len(q):
             raise FitError(f"found conditions of {len(conditions)} poses for {len(q)} joint vectors")
         poses = plain_poses(q) if conditions is None else replace(conditions, q=q)
-        return self.model.predict(self.x, poses, target)
+        return self.model.at_tool.predict(self.x, poses, target)
 
     def corrected_joints(
         self,
@@ -134,7 +135,9 @@ class FittedModel:
         """
         self.require_same_arm(dataset)
         if dataset.points is not None:
-            known = {"jig", *(target.name for target in self.model.robot.targets)}
+            in_room = self.model.robot.carries_scanner
+            on_arm = set() if in_room else {"jig"}
+            known = on_arm | {target.name for target in self.model.robot.targets if target.in_room == in_room}
             unknown = sorted(set(map(str, np.unique(dataset.points.target))) - known)
             if unknown:
                 raise FitError(f"dataset {dataset.name}: the model has no target {unknown[0]!r}")
@@ -151,6 +154,11 @@ class FittedModel:
             raise FitError(
                 f"dataset {dataset.name}: its robot has {other.n_joints} joints, the model's {mine.n_joints}, or their "
                 "kinds differ; the model is of another arm"
+            )
+        if mine.carries_scanner != other.carries_scanner:
+            raise FitError(
+                f"dataset {dataset.name}: [scanner] mount in its dataset.toml is not that of the model's dataset; a "
+                "model predicts for the scanner where it was"
             )
         if mine.coupling != other.coupling:
             raise FitError(

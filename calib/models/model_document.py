@@ -77,3 +77,4 @@ class ModelDocument(msgspec.Struct, frozen=True):
     loads_table: tuple[Row, ...] | None = None  # at whose links gravity's loads are worked out
     found_tool_row: Row | None = None  # of robot, where its own has the tool point far off
     sigma_mm: NotNegative | None = None
+    scanner_T_flange: dict[str, Any] = {}  # in place of scanner_T_base where the arm carries the scanner

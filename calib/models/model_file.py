@@ -90,7 +90,8 @@ def model_text(fitted: FittedModel) -> str:
                 model.parameters, fitted.x.tolist(), fitted.sigma.tolist(), strict=True
             )
         ],
-        "scanner_T_base": fitted.scanner_T_base,
+        "scanner_T_base": {} if model.robot.carries_scanner else fitted.scanner_T_base,
+        "scanner_T_flange": fitted.scanner_T_base if model.robot.carries_scanner else {},
         "covariance": [row[: i + 1] for i, row in enumerate(fitted.covariance)],
     }
     lines = (to_json({key: value})[1:-1] for key, value in document.items())
@@ -119,6 +120,8 @@ def load_model(path: str | Path, effects_file: str | Path | None = None) -> Fitt
     x = np.array([parameter.change for parameter in document.parameters])
     _try(file, model, x, trial)
     _require_table(file, document, model, x)
+    key = "scanner_T_flange" if robot.carries_scanner else "scanner_T_base"
+    placed = document.scanner_T_flange if robot.carries_scanner else document.scanner_T_base
     sigma = [math.inf if p.sigma is None else p.sigma for p in document.parameters]
     return FittedModel(
         model=model,
@@ -126,7 +129,7 @@ def load_model(path: str | Path, effects_file: str | Path | None = None) -> Fitt
         covariance=_covariance(file, document, len(x)),
         sigma=np.array(sigma),
         options=options,
-        scanner_T_base={name: _frame(file, name, value) for name, value in document.scanner_T_base.items()},
+        scanner_T_base={name: _frame(file, key, name, value) for name, value in placed.items()},
         needs=document.needs,
         before=_errors(document.before),
         after=_errors(document.after),
@@ -220,8 +223,8 @@ def _covariance(file: JsonFile, document: ModelDocument, size: int) -> Array:
     return out
 
 
-def _frame(file: JsonFile, name: str, value: Any) -> Array:
-    place: list[str | int] = ["scanner_T_base", name]
+def _frame(file: JsonFile, key: str, name: str, value: Any) -> Array:
+    place: list[str | int] = [key, name]
     rows = file.checked(place, value, tuple[Row, ...])
     if [len(row) for row in rows] != [4] * 4:
         file.fail(place, f"{len(rows)} rows", "4 rows of 4 numbers are needed")
@@ -261,7 +264,7 @@ def _try(file: JsonFile, model: Model, x: Array, trial: RobotState) -> None:
     """Predict once: fields and values that no fit gives, such as a second joint that the arm lacks, end here."""
     try:
         with np.errstate(all="ignore"):
-            points_mm = model.predict(x, trial.poses, seen=trial.seen)
+            points_mm = model.at_tool.predict(x, trial.poses, seen=trial.seen)
     except CalibError as error:  # of a user's effect
         raise ModelFileError(f"{file.path}: {error}") from None
     except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as error:

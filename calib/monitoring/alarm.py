@@ -13,9 +13,9 @@ import numpy as np
 from scipy import special
 
 from calib.array_types import Array
-from calib.monitoring.kinds import JOINT_ZERO, SCANNER, TOOL, Kind
+from calib.monitoring.kinds import JIG, JOINT_ZERO, SCANNER, TOOL, Kind
 
-USUAL = (SCANNER, JOINT_ZERO, TOOL)
+USUAL = (SCANNER, JOINT_ZERO, TOOL, JIG)
 UNUSUAL_WEIGHT = 0.05  # of a length, an angle, a compliance: parts wear and slip more often than they bend
 DRAWS = 10_000
 _SURE = 1e-4  # from here on the bound by the sum is told, draws are too few

@@ -43,6 +43,7 @@ class Cell:
     rmse_free_mm: float
     expected_mm: float
     poses: int
+    alike: tuple[str, ...]  # what looks like a motion of the scanner: the base's, where it stands in the room
 
     @classmethod
     def of(cls, base: Calibration, new: Dataset, *, scanner_moved: bool) -> Cell:
@@ -114,7 +115,7 @@ class Cell:
         sigma2 = np.trace(observed.covariance_mm2, axis1=1, axis2=2)
         return cls(
             kinds, (*kinds, scanner), fixed, free, known, scanner, errors, float(np.sqrt(left.mean())),
-            float(noise * np.sqrt(sigma2.mean())), count,
+            float(noise * np.sqrt(sigma2.mean())), count, () if new.robot.carries_scanner else (BASE,),
         )  # fmt: skip
 
     @property
@@ -139,7 +140,9 @@ class Cell:
         size = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
         sigma = size / max(np.sqrt(test.gain), 1e-9)
         instead = () if arm else as_well([*self.fixed.tests(self.kinds), test], test)
-        return replace(found, size=size, sigma=float(sigma), p_value=test.p_value, as_well=(BASE, *instead))
+        return replace(
+            found, size=size, sigma=float(sigma), p_value=test.p_value, as_well=(*self.alike, *instead)
+        )
 
     def beside(self, kind: Kind, arm: list[Kind], *, scanner_moved: bool) -> Found:
         """Size and sigma of a change beside those that were found; the sigma is infinite where nothing shows it."""

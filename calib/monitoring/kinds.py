@@ -15,6 +15,7 @@ from calib.fitting.observations import Observations
 from calib.kinematics.robot import Robot
 
 JOINT_ZERO, TOOL, SCANNER, BASE = "joint_zero", "tool", "scanner", "base"
+JIG = "jig"  # in the room, of an arm that carries the scanner: in the tool's place
 LENGTH, ANGLE, COMPLIANCE, NOISE = "length", "angle", "compliance", "noise"
 
 
@@ -42,7 +43,8 @@ class Kind:
 def kinds_of_the_arm(model: Model, x: Array, observed: Observations) -> tuple[Kind, ...]:
     """Changes of the arm at the observed points: each joint's zero, length, link angle and compliance; the tool.
 
-    The tool is one change of three lengths. A joint's compliance needs masses in robot.toml.
+    The tool is one change of three lengths, and so is the jig in the room where the arm carries the scanner. A joint's
+    compliance needs masses in robot.toml.
     """
     table = Model(model.calibrated_robot(x), (LinkErrors(model.robot),))
     poses, row = observed.used_poses
@@ -72,7 +74,7 @@ def _kinds(robot: Robot, columns: dict[str, Array], torques: Array, turn: Array)
             unit = "rad/Nm" if is_revolute else "mm/N"
             by_torque = columns[zero] * torques[:, joint - 1, None]
             yield Kind(COMPLIANCE, joint, "", unit, by_torque[..., None])
-    yield Kind(TOOL, None, "", "mm", turn)
+    yield Kind(JIG if robot.carries_scanner else TOOL, None, "", "mm", turn)
 
 
 def kind_words(kind: Kind) -> str:

@@ -28,7 +28,17 @@ from calib.monitoring.change_tests import (
     the_likeliest,
 )
 from calib.monitoring.check_errors import CheckErrors
-from calib.monitoring.kinds import BASE, JOINT_ZERO, NOISE, SCANNER, TOOL, Kind, kind_words_of, size_words
+from calib.monitoring.kinds import (
+    BASE,
+    JIG,
+    JOINT_ZERO,
+    NOISE,
+    SCANNER,
+    TOOL,
+    Kind,
+    kind_words_of,
+    size_words,
+)
 
 MOST = 3  # changes of the arm that are told
 
@@ -98,7 +108,10 @@ class Watched:
 def _words(change: Found) -> str:
     if change.what == NOISE:
         return f"the noise is {change.size:.2g} times what it was"
-    where = {"scanner": "the scanner (or the base) moved", "tool": "the tool moved"}
+    scanner = (
+        "the scanner (or the base) moved" if BASE in change.as_well else "the scanner moved on the flange"
+    )
+    where = {"scanner": scanner, "tool": "the tool moved", "jig": "the jig (or the base) moved"}
     names = {
         "joint_zero": "the zero",
         "compliance": "the compliance",
@@ -125,6 +138,14 @@ def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> Wa
     """
     if new.robot.is_revolute.tolist() != base.dataset.robot.is_revolute.tolist():
         raise FitError(f"dataset {new.name}: its robot has other joints than that of {base.dataset.name}")
+    if new.robot.carries_scanner != base.dataset.robot.carries_scanner:
+        places = [
+            "on the flange" if of.robot.carries_scanner else "in the room" for of in (new, base.dataset)
+        ]
+        raise FitError(
+            f"dataset {new.name}: its scanner is {places[0]}, that of {base.dataset.name} {places[1]}; check with the "
+            "scanner where it was"
+        )
     cell = Cell.of(base, new, scanner_moved=scanner_moved)
     p_unchanged = cell.p_unchanged
     changes = _changes(cell, alarmed=p_unchanged < ALARM)
@@ -148,7 +169,7 @@ def _usual(cell: Cell, changes: tuple[Found, ...]) -> tuple[Found, ...]:
     named = {(c.what, c.joint, c.parameter) for c in changes if SCANNER not in c.as_well}
     arm = [kind for kind in cell.kinds if kind.key in named]
     moved = any(c.what == SCANNER for c in changes)
-    usual = [kind for kind in cell.kinds if kind.what in (JOINT_ZERO, TOOL)]
+    usual = [kind for kind in cell.kinds if kind.what in (JOINT_ZERO, TOOL, JIG)]
     return tuple(cell.beside(kind, arm, scanner_moved=moved) for kind in usual)
 
 

@@ -13,6 +13,7 @@ from calib.effects.catalogue import effects_named
 from calib.effects.effect import Family
 from calib.options import FitOptions
 from calib.planning.start import FromFit
+from calib.planning.unknowns import require_in_room
 
 
 def start_of_dataset(
@@ -30,6 +31,7 @@ def start_of_dataset(
         effects: names of effects that the model is to have; the diagnosis is then left out.
         scanner_place: (4, 4) base_T_scanner for the new poses, where the scanner is put up anew.
     """
+    require_in_room(dataset)
     members = effects_named(dataset, effects, user_effects)
     calibration = calibrate(dataset, options, effects=members)
     check = check_sigma(calibration)

@@ -17,7 +17,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset, Points, Poses
 from calib.effects.effect import Effect
 from calib.effects.link_errors import LinkErrors
-from calib.errors import CalibError
+from calib.errors import CalibError, FitError
 from calib.fitting.model import Model
 from calib.fitting.noise.point_covariance import noise_factors, shaped_covariance
 from calib.fitting.observations import Observations, linearise_points
@@ -120,6 +120,7 @@ def unknowns_of_fit(
         model = replace(model.with_loads_at(calibration.fit.x), effects=(*model.effects, *effects))
     x = _extended(calibration, model)
     noise = calibration.fit.noise if np.isfinite(calibration.fit.noise) else 1.0
+    require_in_room(dataset)
     observed = replace(Observations.of(dataset), scanner_T_base=calibration.after.scanner_T_base)
     places = {name: calibration.after.scanner_T_base[name] for name in sorted(set(map(str, observed.setup)))}
     points = dataset.points
@@ -227,3 +228,11 @@ def _extended(calibration: Calibration, model: Model) -> Array:
     """The fitted values of a model's parameters, zero for those that were not fitted."""
     fitted = dict(zip((p.name for p in calibration.fit.parameters), calibration.fit.x, strict=True))
     return np.array([fitted.get(p.name, 0.0) for p in model.parameters])
+
+
+def require_in_room(dataset: Dataset) -> None:
+    """Raise FitError where the arm carries the scanner."""
+    if dataset.robot.carries_scanner:
+        raise FitError(
+            f"dataset {dataset.name}: the scanner is on the flange; poses are planned for a scanner in the room alone"
+        )

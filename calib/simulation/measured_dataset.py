@@ -93,6 +93,7 @@ def measure(
     The points are full poses of the jig where `orientation_sigma_rad` is given.
     """
     scanner_T_tool = scanner_T_target(truth, poses.q, Conditions.of(poses))
+    scanner_T_jig = scanner_T_tool if truth.base_T_jig is not None else scanner_T_tool @ target_T_jig(robot)
     apex_mm = scanner_T_tool[:, :3, 3]
     points = None
     if noise_mm is not None:
@@ -101,7 +102,7 @@ def measure(
         points = Points(pose=pose, xyz_mm=noisy_mm, target=np.full(len(pose), "jig"))
         if orientation_sigma_rad is not None:
             turned = Rotation.from_rotvec(orientation_sigma_rad * rng.standard_normal((len(pose), 3)))
-            scanner_R_jig = (scanner_T_tool @ target_T_jig(robot))[pose, :3, :3]
+            scanner_R_jig = scanner_T_jig[pose, :3, :3]
             orientations = Orientations((turned * Rotation.from_matrix(scanner_R_jig)).as_matrix())
             points = replace(points, orientations=orientations)
     dataset = Dataset(
@@ -121,7 +122,7 @@ def measure(
     seeds = (
         tuple(int(seed) for seed in rng.integers(2**63, size=len(poses))) if scan_model is not None else ()
     )
-    return Simulation(dataset, truth, apex_mm, scanner_T_tool @ target_T_jig(robot), scan_model, seeds)
+    return Simulation(dataset, truth, apex_mm, scanner_T_jig, scan_model, seeds)
 
 
 def write_simulation(

@@ -37,8 +37,26 @@ def draw_scanner_pose(robot: Robot, *, rng: np.random.Generator) -> Array:
     return make_transform(turn, middle_mm - JANG_FIELD.distance_mm * turn[:, 2])
 
 
+def draw_flange_mount(*, rng: np.random.Generator) -> Array:
+    """flange_T_scanner (4, 4): up to 80 mm beside the flange's axis, 20 to 120 mm before it, turned by up to 40 deg."""
+    axis = rng.standard_normal(3)
+    turn = rotation_from_rotvec(np.radians(rng.uniform(0.0, 40.0)) * axis / np.linalg.norm(axis))
+    return make_transform(turn, rng.uniform([-80.0, -80.0, 20.0], [80.0, 80.0, 120.0]))
+
+
+def draw_jig_place(robot: Robot, *, rng: np.random.Generator) -> Array:
+    """base_T_jig (4, 4): within 200 mm along each axis of where the arm reaches in front of it, turned anyhow."""
+    middle_mm, _ = in_front(robot)
+    axis = rng.standard_normal(3)
+    turn = rotation_from_rotvec(rng.uniform(0.0, np.pi) * axis / np.linalg.norm(axis))
+    return make_transform(turn, middle_mm + rng.uniform(-200.0, 200.0, 3))
+
+
 def draw_setups(base_T_scanner: Array, count: int, *, rng: np.random.Generator) -> dict[str, Array]:
-    """Setups "A", "B", ... as base_T_scanner: the given one, then up to 60 deg around the base and 200 mm shifted."""
+    """Setups "A", "B", ... as base_T_scanner: the given one, then up to 60 deg around the base and 200 mm shifted.
+
+    Of a scanner on the flange as flange_T_scanner, about the flange.
+    """
     places = {"A": base_T_scanner}
     for k in range(1, count):
         around_rad = np.array([0.0, 0.0, np.radians(rng.uniform(-60.0, 60.0))])

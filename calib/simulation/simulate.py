@@ -22,6 +22,8 @@ from calib.kinematics.robot import Robot
 from calib.simulation.conditions import draw_conditions
 from calib.simulation.measured_dataset import Simulation, measure
 from calib.simulation.pose_design import (
+    draw_flange_mount,
+    draw_jig_place,
     draw_scanner_pose,
     draw_setups,
     facing_poses,
@@ -66,6 +68,8 @@ def simulate_dataset(
 ) -> Simulation:
     """Simulate a calibration of `robot`, which stays the nominal arm of the dataset.
 
+    Where the arm carries the scanner, that sits on the flange and the jig stands in front of the arm; points only.
+
     Args:
         effects: of the true arm, each by name (`SIMULATED_EFFECTS`, `OUTSIDE_EFFECTS`), as (name, visible magnitude in
             noise sigmas), or with all parameters; what is not given is drawn.
@@ -94,13 +98,20 @@ def simulate_dataset(
         raise CalibError(
             f"found {setups} setups for {poses} poses; simulate points, with 4 poses or more for each setup"
         )
+    facing = [name for name in map(effect_name, effects) if name in NEED_FACING]
+    if robot.carries_scanner and (scans or facing):
+        what = f"the effect {facing[0]}" if facing else "scans"
+        raise CalibError(
+            f"cannot simulate {what} with a scanner on the flange, as no poses are sought that face the jig; simulate "
+            "points, or a scanner in the room"
+        )
     if scans:
         robot = with_jig(robot, jig)
     base_T_scanner = draw_scanner_pose(robot, rng=rng)
     if scans:
         candidates = scan_poses(robot, base_T_scanner, 4 * poses, rng=rng, jig=jig)
         q = candidates[spread_poses(np.where(robot.is_revolute, candidates, candidates / 300.0), poses)]
-    elif any(effect_name(effect) in NEED_FACING for effect in effects):
+    elif facing:
         q = facing_poses(robot, base_T_scanner, poses, rng=rng)
     else:
         q = random_poses(robot, poses, rng=rng)
@@ -112,14 +123,18 @@ def simulate_dataset(
         drawn = replace(drawn, temperature_c=None)  # nobody wrote down how warm the arm was
     if len(payloads_kg):
         drawn = replace(drawn, payload_kg=rng.choice(np.asarray(payloads_kg, float), poses))
-    scanners = {"": base_T_scanner}
+    placed, base_T_jig = base_T_scanner, None
+    if robot.carries_scanner:
+        placed, base_T_jig = draw_flange_mount(rng=rng), draw_jig_place(robot, rng=rng)
+    scanners = {"": placed}
     if setups > 1:
-        scanners = draw_setups(base_T_scanner, setups, rng=rng)
+        scanners = draw_setups(placed, setups, rng=rng)
         drawn = replace(drawn, setup=np.sort(rng.permutation(np.resize(list(scanners), poses))))
     truth = draw_truth(
         robot,
         scanners,
         q,
+        base_T_jig=base_T_jig,
         effects=effects,
         tolerances=tolerances,
         conditions=drawn,

@@ -6,7 +6,7 @@ rigid motion brings all test points back; where the tool sits elsewhere, one shi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,18 +28,23 @@ class Remounting:
     turn_rad: float  # of the scanner; 0 of the tool
     before_mm: float  # 3D RMSE of the test poses
     after_mm: float
+    on_flange: bool = False  # the arm carries the scanner: the jig in the room is in the tool's place
 
     @property
     def words(self) -> str:
         """A clause."""
         left = f"brings the test poses from {self.before_mm:.3g} to {self.after_mm:.3g} mm"
+        if self.what == "tool" and self.on_flange:
+            return f"a jig that stands {self.shift_mm:.2g} mm elsewhere in the room {left}: it was moved, or the arm"
         if self.what == "tool":
             return f"a tool that sits {self.shift_mm:.2g} mm elsewhere {left}: it was changed or mounted anew"
         turn = f" and {np.degrees(self.turn_rad):.2g} deg" if self.turn_rad > 1e-4 else ""
-        return (
-            f"a motion of all test points by {self.shift_mm:.2g} mm{turn} {left}: the scanner or the arm's foot was "
-            "moved, as between two days"
+        moved = (
+            "the scanner was moved on the flange"
+            if self.on_flange
+            else "the scanner or the arm's foot was moved"
         )
+        return f"a motion of all test points by {self.shift_mm:.2g} mm{turn} {left}: {moved}, as between two days"
 
 
 def remounting(calibration: Calibration) -> Remounting | None:
@@ -53,7 +58,9 @@ def remounting(calibration: Calibration) -> Remounting | None:
         return None
     tries = [found for found in (_of_scanner(calibration, rows), _of_tool(calibration, rows)) if found]
     best = min(tries, key=lambda found: found.after_mm, default=None)
-    return best if best is not None and best.after_mm < _BROUGHT_BACK * after.test.rmse_mm else None
+    if best is None or best.after_mm >= _BROUGHT_BACK * after.test.rmse_mm:
+        return None
+    return replace(best, on_flange=calibration.dataset.robot.carries_scanner)
 
 
 def _of_scanner(calibration: Calibration, rows: BoolArray) -> Remounting | None:

@@ -117,6 +117,11 @@ def workcell_of_dataset(
     Raises:
         CalibError: an unknown setup, a joint without range, or a mesh that cannot be read.
     """
+    if dataset.robot.carries_scanner:
+        raise CalibError(
+            f"dataset {dataset.name}: the scanner is on the flange; which poses can be measured is known for a scanner "
+            "in the room alone"
+        )
     names = list(dict.fromkeys(str(name) for name in dataset.poses.setup))
     if setup is not None and setup not in names:
         raise CalibError(f"dataset {dataset.name}: no setup {setup!r}; its setups are {', '.join(names)}")

@@ -9,6 +9,7 @@ import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -133,7 +134,7 @@ def run_simulate(options: SimulateOptions) -> int:
         robot = load_robot(Path(options.robot))
         refuse_beyond(robot, Path(options.robot))
     simulation = simulate_dataset(
-        robot,
+        replace(robot, carries_scanner=options.mount == "flange"),
         rng=np.random.default_rng(options.seed),
         effects=options.effect,
         poses=options.poses,

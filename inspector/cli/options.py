@@ -172,6 +172,7 @@ class SimulateOptions(Output):
     poses: int
     effect: Sequence[str]
     scans: bool
+    mount: str
     seed: int
     noise_mm: float
 

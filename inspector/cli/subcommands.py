@@ -100,6 +100,12 @@ def _simulate(sub: ArgumentParser) -> None:
         "--effect", action="append", default=[], metavar="NAME", help="may be given several times"
     )
     sub.add_argument("--scans", action="store_true", help="cast scans of the jig instead of points")
+    sub.add_argument(
+        "--mount",
+        choices=("room", "flange"),
+        default="room",
+        help="where the scanner is; on the flange it sees a jig that stands in the room (default room)",
+    )
     sub.add_argument("--seed", type=int, default=0, help="default 0")
     sub.add_argument(
         "--noise-mm", type=float, default=0.05, help="of a measured point, each axis (default 0.05)"

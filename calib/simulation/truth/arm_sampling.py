@@ -51,11 +51,13 @@ def draw_truth(
     conditions: Conditions = STANDARD,
     noise_mm: float | None = None,
     visible_sigmas: float | None = None,
+    base_T_jig: Array | None = None,
 ) -> Truth:
     """Draw an arm: link errors from the tolerances, and effects whose magnitudes are realistic at the poses q (N, n).
 
     Each effect gets the magnitude asked for: a visible part (`calib.simulation.truth.visibility`) of so many `noise_mm`
-    a coordinate. Without a request it moves the measured point by 0.2 to 0.5 mm rms.
+    a coordinate. Without a request it moves the measured point by 0.2 to 0.5 mm rms. `base_T_jig` (4, 4) is where the
+    jig stands for an arm that carries the scanner; `base_T_scanner` is then its place on the flange.
 
     Raises:
         CalibError: an unknown effect, one that is visible at no magnitude, or a robot that lacks what the effect needs.
@@ -67,7 +69,7 @@ def draw_truth(
     scanners = (
         base_T_scanner if isinstance(base_T_scanner, Mapping) else {"": np.asarray(base_T_scanner, float)}
     )
-    truth = Truth(robot.with_table(table), scanners)
+    truth = Truth(robot.with_table(table), scanners, base_T_jig=base_T_jig)
     cell = SimulatedCell(robot, truth, q, conditions)
     drawn = []
     for wanted in effects:

@@ -26,8 +26,12 @@ class Truth:
     """A simulated cell: the arm with its link errors, its effects, and the poses of the scanner."""
 
     robot: Robot  # the true link table; masses are those of the nominal arm
-    scanners: Mapping[str, Array]  # setup -> base_T_scanner (4, 4), the first one for poses without a setup
+    scanners: Mapping[str, Array]
+    """setup -> base_T_scanner (4, 4), flange_T_scanner where the arm carries it; the first for poses without a setup"""
     effects: tuple[TrueEffect, ...] = ()
+    base_T_jig: Array | None = (
+        None  # (4, 4) where the jig stands in the room, for an arm that carries the scanner
+    )
 
     @classmethod
     def without_effects(cls, robot: Robot, base_T_scanner: ArrayLike) -> Truth:
@@ -100,9 +104,14 @@ def base_T_target(truth: Truth, q: ArrayLike, conditions: Conditions = STANDARD)
 
 
 def scanner_T_target(truth: Truth, q: ArrayLike, conditions: Conditions = STANDARD) -> Array:
-    """(N, 4, 4) the tool frame as the scanner reports it, without noise."""
-    target = base_T_target(truth, q, conditions)
-    inverse = {setup: np.linalg.inv(base_T_scanner) for setup, base_T_scanner in truth.scanners.items()}
+    """(N, 4, 4) the tool frame, or that of the jig in the room, as the scanner reports it, without noise."""
+    arm = solve_equilibrium(truth, q, conditions)
+    target = arm.base_T_frame[-1]
+    if truth.base_T_jig is not None:
+        carried = np.tile(np.eye(4), (len(target), 1, 1))
+        carried[:, :3, 3] = arm.target_shift_mm
+        target = np.linalg.inv(carried @ arm.base_T_frame[-2]) @ truth.base_T_jig
+    inverse = {setup: np.linalg.inv(place) for setup, place in truth.scanners.items()}
     if conditions.setup is None or len(inverse) == 1:
         seen = next(iter(inverse.values())) @ target
     else:
@@ -137,10 +146,12 @@ def truth_document(truth: Truth, nominal: Robot) -> dict[str, Any]:
         "effects": {effect.name: effect.parameters() for effect in truth.effects if not effect.is_absent},
         "links": links(table),
         "link_errors": links(error),
-        "base_T_scanner_mm": truth.base_T_scanner.tolist(),
     }
+    scanner = "base_T_scanner_mm"
+    if truth.base_T_jig is not None:
+        scanner = "flange_T_scanner_mm"
+        document["base_T_jig_mm"] = truth.base_T_jig.tolist()
+    document[scanner] = next(iter(truth.scanners.values())).tolist()
     if len(truth.scanners) > 1:
-        document["setups"] = {
-            setup: {"base_T_scanner_mm": place.tolist()} for setup, place in truth.scanners.items()
-        }
+        document["setups"] = {setup: {scanner: place.tolist()} for setup, place in truth.scanners.items()}
     return document

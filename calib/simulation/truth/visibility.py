@@ -7,7 +7,7 @@ parameters are exactly redundant. It shares nothing with the Jacobians that a fi
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,6 +31,11 @@ class SimulatedCell:
     truth: Truth
     q: Array  # (N, n)
     conditions: Conditions = STANDARD
+
+    @property
+    def _nominal(self) -> Truth:
+        """The nominal arm without effects, in the same cell."""
+        return replace(self.truth, robot=self.nominal, effects=())
 
     @cached_property
     def plain_mm(self) -> Array:
@@ -108,7 +113,7 @@ class SimulatedCell:
             step[index] = 1.0 if index[1] in (0, 2) else 1e-4
             ends = [
                 scanner_T_target(
-                    Truth(self.nominal.with_table(table + side * step), self.truth.scanners),
+                    replace(self._nominal, robot=self.nominal.with_table(table + side * step)),
                     self.q,
                     self.conditions,
                 )
@@ -118,10 +123,15 @@ class SimulatedCell:
         return columns
 
     def _frame_columns(self) -> list[Array]:
-        """(N, 3) each: three shifts and three turns of every placement of the scanner."""
+        """(N, 3) each: three shifts and three turns of every placement of the scanner; three of a jig in the room."""
         columns = []
-        nominal = Truth(self.nominal, self.truth.scanners)
-        nominal_mm = scanner_T_target(nominal, self.q, self.conditions)[:, :3, 3]
+        nominal_mm = scanner_T_target(self._nominal, self.q, self.conditions)[:, :3, 3]
+        if self.truth.base_T_jig is not None:
+            for axis in np.eye(4)[:3]:
+                moved = replace(
+                    self._nominal, base_T_jig=self.truth.base_T_jig + np.outer(axis, np.eye(4)[3])
+                )
+                columns.append(scanner_T_target(moved, self.q, self.conditions)[:, :3, 3] - nominal_mm)
         setup = self.conditions.setup
         for name in self.truth.scanners:
             here = np.ones(len(self.q)) if setup is None or len(self.truth.scanners) == 1 else setup == name
