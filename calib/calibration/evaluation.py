@@ -14,7 +14,7 @@ import pandas as pd
 
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
-from calib.dataset.dataset import Dataset
+from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.stands import of_stands
 from calib.fitting.model import Model
 from calib.fitting.observations import (
@@ -48,7 +48,7 @@ class Evaluation:
     distance_pose: IndexArray  # (K,) the far pose of each distance
     distance_error_mm: Array  # (K,) predicted minus measured
     is_test: BoolArray  # (N,) by pose
-    scanner_T_base: dict[str, Array]  # by setup
+    scanner_T_base: dict[str, Array]  # by setup; scanner_T_flange where the arm carries the scanner
     notes: tuple[str, ...]
     is_outlier: BoolArray | None = None  # (N,) training poses that a robust fit left out
 
@@ -89,6 +89,18 @@ class Evaluation:
                 "distance_error_mm": [distance.get(int(i), float("nan")) for i in self.pose],
             }
         )
+
+
+def scanner_T_base_of_poses(evaluation: Evaluation, model: Model, x: Array, poses: Poses) -> Array:
+    """Where the base is, seen from the scanner, at each pose (N, 4, 4): nan in setups that have no frame.
+
+    Where the arm carries the scanner it is another place at each pose.
+    """
+    unknown = np.full((4, 4), np.nan)
+    placed = np.stack([evaluation.scanner_T_base.get(str(name), unknown) for name in poses.setup])
+    if not model.robot.carries_scanner:
+        return placed
+    return np.asarray(placed @ frames.invert(model.state(x, poses).base_T_flange))
 
 
 def evaluate(model: Model, x: Array, dataset: Dataset) -> Evaluation:

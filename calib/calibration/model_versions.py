@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from calib import frames
 from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
-from calib.calibration.evaluation import Evaluation
+from calib.calibration.evaluation import Evaluation, scanner_T_base_of_poses
 from calib.calibration.result import Calibration
 from calib.fitting.model import Model, geometric_model
 from calib.fitting.pose_means import mean_by_pose
@@ -36,6 +38,18 @@ class Version:
     def pose_error_vectors_mm(self) -> Array:
         """(N, 3) predicted minus measured, scanner frame, mean over a pose's points; nan where there are none."""
         return self._mean_by_pose(self.evaluation.error_mm)
+
+    @cached_property
+    def scanner_T_base(self) -> Array:
+        """(N, 4, 4) where the base is, seen from the scanner, at each pose; nan where that is not known."""
+        poses = self.calibration.dataset.poses
+        return scanner_T_base_of_poses(self.evaluation, self.model, self.x, poses)
+
+    def flange_T_scanner(self, pose: int) -> Array | None:
+        """(4, 4) where the scanner is on the flange at a pose; None where the arm does not carry it."""
+        setup = str(self.calibration.dataset.poses.setup[pose])
+        placed = self.evaluation.scanner_T_base.get(setup)
+        return frames.invert(placed) if self.model.robot.carries_scanner and placed is not None else None
 
     def _mean_by_pose(self, values: Array) -> Array:
         """(M, ...) by measured point -> (N, ...) by pose."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from calib import frames
 from calib.array_types import Array, BoolArray, IndexArray
-from calib.calibration.evaluation import Evaluation
+from calib.calibration.evaluation import Evaluation, scanner_T_base_of_poses
 from calib.calibration.input_variables import inputs_at
 from calib.calibration.joint_directions import directions_at
 from calib.calibration.result import Calibration
@@ -113,7 +113,8 @@ def pose_errors_at(dataset: Dataset, model: Model, x: Array, evaluation: Evaluat
         apparent[usable, j] = -along[usable] / size[usable]
         noise[usable & (size > 0.0), j] = 1.0 / np.sqrt(size[usable & (size > 0.0)])
     sigma_mm = np.sqrt(np.trace(observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
-    base_mm = frames.apply(frames.invert(scanner_T_base), observed.points.xyz_mm)
+    of_poses = scanner_T_base_of_poses(evaluation, model, x, dataset.poses)[observed.points.pose]
+    base_mm = frames.apply(frames.invert(of_poses), observed.points.xyz_mm)
     return PoseErrors(
         pose_ids=poses.ids,
         is_test=poses.is_test,
@@ -121,7 +122,7 @@ def pose_errors_at(dataset: Dataset, model: Model, x: Array, evaluation: Evaluat
         place_mm=mean_by_pose(base_mm, row, len(poses)),
         noise_mm=float(np.sqrt(np.mean(sigma_mm**2))),
         apparent_joint_error=apparent,
-        inputs=inputs_at(model.robot, poses, model.state(x, poses, observed.seen())),
+        inputs=inputs_at(model.robot, poses, model.state(x, poses, observed.seen(observed.first_target))),
         apparent_joint_noise=noise,
     )
 

@@ -163,6 +163,13 @@ class RobotState:
         return points_mm + self.displacement_mm
 
     @property
+    def base_T_flange(self) -> Array:
+        """(N, 4, 4) the flange where it is: as the chain has it, with the base's turn and the displacement."""
+        turn = frames.rotation_from_rotvec(self.base_rotvec_rad)
+        moved = frames.make_transform(turn, self.displacement_mm)
+        return np.asarray(moved @ self.chain.base_T_flange)
+
+    @property
     def attitude(self) -> Array:
         """(N, 3, 3) base_R_tool: the chain's, the base's turn and the target's own.
 

@@ -13,6 +13,7 @@ import trimesh
 
 from calib import frames
 from calib.array_types import Array
+from calib.calibration.model_versions import LINKS, fitted_version
 from calib.calibration.result import Calibration
 from calib.fitting.observations import Observations
 from inspector.markup.parts.palette import ARM, JOINT, MODEL_COLOURS, SLIDE, UNKNOWN, rgb, role_colour
@@ -34,13 +35,12 @@ def scene_glb(calibration: Calibration, pose: int, arrows: float) -> bytes:
     """
     dataset = calibration.dataset
     scene = trimesh.Scene()
-    shape = arm_shape(calibration.model, calibration.fit.x, dataset.poses, pose)
+    version = fitted_version(LINKS, calibration)
+    shape = arm_shape(version.model, version.x, dataset.poses, pose, version.flange_T_scanner(pose))
     for part, mesh in _arm(shape).items():
         scene.add_geometry(mesh, node_name=f"arm {part}", geom_name=f"arm {part}")
     observed = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool)).points
-    base_T_scanner = np.stack(
-        [frames.invert(calibration.after.scanner_T_base[str(dataset.poses.setup[i])]) for i in observed.pose]
-    )
+    base_T_scanner = frames.invert(version.scanner_T_base[observed.pose])
     measured_mm = frames.apply(base_T_scanner, observed.xyz_mm)
     error_mm = np.einsum("mij,mj->mi", base_T_scanner[:, :3, :3], calibration.after.error_mm)
     radius = max(BALL_SHARE * float(np.linalg.norm(np.ptp(measured_mm, axis=0))), 1.0)

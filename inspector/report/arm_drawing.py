@@ -95,14 +95,11 @@ def _shown(version: Version, pose: int) -> _Shown:
     calibration, evaluation = version.calibration, version.evaluation
     dataset = calibration.dataset
     assert dataset.points is not None
-    points_mm, errors_mm = np.empty_like(evaluation.error_mm), np.empty_like(evaluation.error_mm)
-    for setup, scanner_T_base in evaluation.scanner_T_base.items():
-        rows = dataset.poses.setup[evaluation.pose] == setup
-        base_T_scanner = frames.invert(scanner_T_base)
-        points_mm[rows] = frames.apply(base_T_scanner, dataset.points.xyz_mm[rows])
-        errors_mm[rows] = evaluation.error_mm[rows] @ base_T_scanner[:3, :3].T
+    base_T_scanner = frames.invert(version.scanner_T_base[evaluation.pose])
+    points_mm = frames.apply(base_T_scanner, dataset.points.xyz_mm)
+    errors_mm = np.einsum("mij,mj->mi", base_T_scanner[:, :3, :3], evaluation.error_mm)
     every = stride(len(points_mm))
-    arm = arm_shape(version.model, version.x, dataset.poses, pose)
+    arm = arm_shape(version.model, version.x, dataset.poses, pose, version.flange_T_scanner(pose))
     return _Shown(arm, points_mm[::every], errors_mm[::every])
 
 

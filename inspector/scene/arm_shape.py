@@ -64,11 +64,13 @@ class ArmShape:
         )
 
 
-def arm_shape(model: Model, x: ArrayLike, poses: Poses, pose: int) -> ArmShape:
+def arm_shape(
+    model: Model, x: ArrayLike, poses: Poses, pose: int, flange_T_scanner: Array | None = None
+) -> ArmShape:
     """The arm of the model at x (P,) at one of its poses, all effects on the arm itself in it.
 
     The frames are those of the model, so the arm stands where its prediction says; effects that only move what the
-    scanner reports leave it alone.
+    scanner reports leave it alone. `flange_T_scanner` (4, 4): of a scanner that it carries.
     """
     state = model.state(x, poses)
     robot = model.robot
@@ -78,18 +80,22 @@ def arm_shape(model: Model, x: ArrayLike, poses: Poses, pose: int) -> ArmShape:
     for i in range(robot.n_joints + 1):
         solids.add_link(i, base_T_frame[i], base_T_frame[i + 1], turned_x[i])
     flange = base_T_frame[-2]
-    for offset_mm in state.target_offsets_mm.values():
+    on_arm = [target.name for target in robot.targets if not target.in_room]
+    carried = [state.target_offsets_mm[name] for name in on_arm]
+    if flange_T_scanner is not None:
+        carried.append(flange_T_scanner[:3, 3])
+    for offset_mm in carried:
         solids.strut(robot.n_joints, flange[:3, 3], frames.apply(flange, offset_mm), "tool")
     return solids.shape(base_T_frame).moved(_base_motion(state, pose))
 
 
 def arm_of(version: Version, pose: int) -> ArmShape | None:
     """The arm at a pose, in the scanner's frame as this model places it; None where its setup has no points."""
-    poses = version.calibration.dataset.poses
-    scanner_T_base = version.evaluation.scanner_T_base.get(str(poses.setup[pose]))
-    if scanner_T_base is None:
+    poses, scanner_T_base = version.calibration.dataset.poses, version.scanner_T_base[pose]
+    if not np.isfinite(scanner_T_base).all():
         return None
-    return arm_shape(version.model, version.x, poses, pose).moved(scanner_T_base)
+    carried = version.flange_T_scanner(pose)
+    return arm_shape(version.model, version.x, poses, pose, carried).moved(scanner_T_base)
 
 
 def _row(values: Array, pose: int) -> Array:

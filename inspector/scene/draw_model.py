@@ -169,15 +169,15 @@ class ArmDrawing:
 
     def draw(self, view: View) -> None:
         """The chosen version's arm, from where it places the scanner."""
-        version, setup = view.version, str(view.session.dataset.poses.setup[view.pose])
+        version = view.version
         arm = None if version is None else arm_of(version, view.pose)
         # A placement of the scanner of which every pose is left out has no frame.
-        if version is None or arm is None or setup not in version.evaluation.scanner_T_base:
+        if version is None or arm is None:
             self._scene.draw("arm", lambda api, name: [])
             self._of, self._meshes, self._solids = None, {}, model_nodes.Solids(self._on_joint)
             return
         dataset = view.session.dataset
-        placed = version.evaluation.scanner_T_base[setup]
+        placed = version.scanner_T_base[view.pose]
         text = f"{view.pose_id}, {version.name}"
 
         def make(api: viser.SceneApi, name: str) -> list[viser.SceneNodeHandle]:

@@ -161,8 +161,8 @@ def arm_frame(view: View) -> Array | None:
     """scanner_T_base (4, 4) as the chosen version of the model has it; None before there is one."""
     if view.version is None:
         return None
-    setup = str(view.session.dataset.poses.setup[view.pose])
-    return view.version.evaluation.scanner_T_base.get(setup)
+    placed = view.version.scanner_T_base[view.pose]
+    return placed if np.isfinite(placed).all() else None
 
 
 def arm_middle(view: View, scanner_T_base: Array, medians: Mapping[int, Array]) -> tuple[Array, float]:

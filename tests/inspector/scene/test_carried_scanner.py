@@ -1,0 +1,44 @@
+"""An arm that carries the scanner, as it is drawn: the flange stays where the scanner is, the base moves about it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib import frames
+from calib.calibration.calibrate import calibrate
+from calib.calibration.model_versions import versions
+from calib.calibration.pose_errors import pose_errors_of
+from inspector.export.glb_scene import scene_glb
+from inspector.report.arm_drawing import arm_drawing
+from inspector.scene.arm_shape import arm_of
+from tests.support.arms import flange_dataset_of, perturbed, random_arm
+
+RNG = np.random.default_rng(2)
+ARM = random_arm(RNG, 6)
+CALIBRATION = calibrate(flange_dataset_of(ARM, perturbed(ARM, RNG), RNG, poses=40, test=8, noise_mm=0.02))
+
+
+def test_the_flange_stays_before_the_scanner_and_the_base_moves() -> None:
+    fitted = versions(CALIBRATION)[-1]
+    mounted = frames.invert(fitted.evaluation.scanner_T_base[""])
+    arms = [arm_of(fitted, pose) for pose in (0, 7, 20)]
+    for arm in arms:
+        assert arm is not None
+        np.testing.assert_allclose(arm.base_T_link[-1], frames.invert(mounted), atol=1e-9)
+        ends = arm.end_mm[arm.part == "tool"]
+        assert np.min(np.linalg.norm(ends, axis=1)) < 1e-9  # a piece of the arm ends at the scanner
+    bases = fitted.scanner_T_base[[0, 7, 20], :3, 3]
+    assert np.ptp(bases, axis=0).max() > 100.0
+
+
+def test_the_jig_stands_still_in_the_base_frame() -> None:
+    places = pose_errors_of(CALIBRATION).place_mm
+    assert np.ptp(places, axis=0).max() < 0.2
+    jig_mm = CALIBRATION.robot.target("jig").xyz_mm
+    np.testing.assert_allclose(places.mean(axis=0), jig_mm, atol=0.05)
+
+
+def test_report_and_glb_draw_it() -> None:
+    nominal, fitted = versions(CALIBRATION)
+    assert arm_drawing(nominal, fitted, ("before", "after"), 3).startswith("<svg")
+    assert scene_glb(CALIBRATION, 3, 100.0)[:4] == b"glTF"
