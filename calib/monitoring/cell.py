@@ -11,6 +11,7 @@ from calib.array_types import Array
 from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import JointKnowledge
 from calib.dataset.dataset import Dataset
+from calib.distributions import chi2_sf
 from calib.errors import FitError
 from calib.fitting.observations import Observations, linearise_points, with_nominal_scanner_frames
 from calib.fitting.scanner_frame import fit_scanner_frame, frame_motion, whitener
@@ -27,6 +28,7 @@ from calib.monitoring.check_errors import CheckErrors
 from calib.monitoring.kinds import BASE, SCANNER, Kind, kinds_of_the_arm
 
 _FEWEST = 3  # check poses
+_CHANCE = 1e-4  # of residuals as small as the fit's
 
 
 @dataclass(frozen=True)
@@ -67,9 +69,9 @@ class Cell:
         measured = observed.points.xyz_mm
         anew = fit_scanner_frame(at_mm, measured, observed.covariance_mm2)
         before = base.after.scanner_T_base[str(setups[0])] if known else anew
-        judged = np.isfinite(base.fit.noise)  # else the declared noise stands
-        noise, freedom = (base.fit.noise, base.fit.degrees_of_freedom) if judged else (1.0, np.inf)
+        noise, freedom, scale = _noise(base)
         prior = JointKnowledge.of(base, str(setups[0]) if known else None)
+        prior = replace(prior, covariance=scale**2 * prior.covariance)
         kinds = kinds_of_the_arm(base.model, base.fit.x, observed)
 
         def placed(scanner_T_base: Array) -> tuple[Array, Array, Array]:
@@ -169,6 +171,19 @@ class Cell:
         found = self.fixed.found(best.kind, [best.kind])
         others = dict.fromkeys((*as_well(tests, best), SCANNER))
         return [replace(found, p_value=self.fixed.chance(tests), as_well=tuple(others))]
+
+
+def _noise(base: Calibration) -> tuple[float, float, float]:
+    """The noise over the declared one, its degrees of freedom, and its ratio to the one that the fit counted with.
+
+    Where the fit left less than was declared by no more than chance does, what was declared stands: a fit whose
+    residuals happened to be small would take every later noise for a change.
+    """
+    noise, freedom = base.fit.noise, base.fit.degrees_of_freedom
+    if not np.isfinite(noise):
+        return 1.0, np.inf, 1.0
+    by_chance = noise < 1.0 and 1.0 - chi2_sf(freedom * noise**2, freedom) > _CHANCE
+    return (1.0, freedom, 1.0 / noise) if by_chance else (noise, freedom, 1.0)
 
 
 def _coloured(covariance: Array, whiten: Array) -> Array:

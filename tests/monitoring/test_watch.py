@@ -168,3 +168,16 @@ def test_a_scanner_far_from_where_it_was_is_no_noise(cells: list[Drawn]) -> None
     for k in range(10):  # turns beside shifts: rad and mm are many powers of ten apart
         moved = cell.with_scanner_moved(rng.normal(size=3) * 10 ** (-0.4 * k - 1), rng.normal(size=3))
         assert whats(watch(base, moved.measured(rng))) == ["scanner"]
+
+
+def test_residuals_that_happened_to_be_small_make_no_alarms() -> None:
+    rng = np.random.default_rng([0, *b"UR10e"])
+    cell = Cell.drawn(rng)
+    base = calibrate(cell.measured(rng, 64, "base"))
+    lucky = replace(
+        base, fit=replace(base.fit, noise=0.8, covariance=(0.8 / base.fit.noise) ** 2 * base.fit.covariance)
+    )
+    poses = cell.measured(rng)
+    assert watch(lucky, poses).expected_mm == pytest.approx(0.05 * np.sqrt(3.0))
+    quiet = replace(base, fit=replace(base.fit, noise=0.3))  # no chance: the scanner is better than declared
+    assert watch(quiet, poses).expected_mm == pytest.approx(0.3 * 0.05 * np.sqrt(3.0))
