@@ -76,7 +76,7 @@ def test_comparison_takes_no_fit_that_was_asked_otherwise(dataset: Dataset, aske
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("asked", ASKED[1:4], ids=str)
+@pytest.mark.parametrize("asked", ASKED[2:4], ids=str)
 def test_what_rivals_predict_is_what_fits_as_was_asked_predict(dataset: Dataset, asked: FitOptions) -> None:
     result = calibrate(dataset, asked)
     first, second = (c for c in screen(result, effects_for(dataset)).candidates[:2])

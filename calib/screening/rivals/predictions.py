@@ -33,6 +33,8 @@ _FRAME = np.array(
     [1e3, 1e3, 1e3, 1.0, 1.0, 1.0]
 )  # mm, rad: prior sigmas of a scanner's place, as good as unknown
 
+# Weight of the tolerances. A screening leaves a direction free as soon as the data know it a tenth as well as these.
+_HELD = 0.1
 _NO_PRIOR = 1e-3  # weight of the tolerances where a fit was asked to do without them
 
 
@@ -126,8 +128,7 @@ def predict(calibration: Calibration, rivals: Sequence[Rival], poses: Poses) -> 
         before = np.concatenate([measured / noise, shaped], axis=1)
         prior = np.concatenate([nominal, np.zeros(shaped.shape[1])])
         weight = np.ones(len(prior))
-        if not calibration.options.prior:
-            weight[: np.sum(stays)] = _NO_PRIOR
+        weight[: np.sum(stays)] = _HELD if calibration.options.prior else _NO_PRIOR
         root, mean = _posterior(before, missing / noise, prior, weight)
         after = np.concatenate([further.common(stays) / noise, further.of_rival(rival)], axis=2)
         flat = after.reshape(-1, after.shape[2])

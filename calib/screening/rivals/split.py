@@ -21,8 +21,10 @@ from calib.screening.rivals.settling import (
     settled_probability,
 )
 
-MOST_SHOTS = 8  # measurements of a pose that are asked for at the most
-ENOUGH = 0.95  # probability of being settled, from which no more is asked for
+# Measurements of a pose that are asked for at the most: where most poses were measured once, a fit counts the mean of
+# several as one (`calib.dataset.stands`), so that more would promise what a diagnosis does not take.
+MOST_SHOTS = 1
+ENOUGH = 0.9  # probability of being settled, from which no more is asked for
 MOST_POSES = 20  # that are looked at for how many would be enough
 
 
@@ -76,11 +78,19 @@ def choose(
 ) -> IndexArray:
     """The candidates (count,) by which rivals are told apart, the most telling first."""
     apart = _told_apart(inseparable(predictions))
-    shots, chosen = 1, choose_poses(predictions, count, places=candidates.q, apart=apart)
-    while shots < most_shots and settled_probability(predictions.with_shots(shots), chosen) < ENOUGH:
-        shots = min(2 * shots, most_shots)
-        chosen = choose_poses(predictions.with_shots(shots), count, places=candidates.q, apart=apart)
-    return chosen
+    chosen = choose_poses(predictions, count, places=candidates.q, apart=apart)
+    shots = _shots(predictions, chosen, most_shots)
+    if shots == 1:
+        return chosen
+    return choose_poses(predictions.with_shots(shots), count, places=candidates.q, apart=apart)
+
+
+def _shots(predictions: Predictions, chosen: IndexArray, most: int) -> int:
+    """How often to measure each of the chosen: once, or twice as often until it is enough, `most` times at the most."""
+    shots = 1
+    while shots < most and settled_probability(predictions.with_shots(shots), chosen) < ENOUGH:
+        shots = min(2 * shots, most)
+    return shots
 
 
 def judged(
@@ -100,9 +110,7 @@ def judged(
         most_shots: of one pose.
         look_on: whether to find how many more poses would be enough, where these are not.
     """
-    shots = 1
-    while shots < most_shots and settled_probability(predictions.with_shots(shots), chosen) < ENOUGH:
-        shots = min(2 * shots, most_shots)
+    shots = _shots(predictions, chosen, most_shots)
     shown = predictions.with_shots(shots)
     together = inseparable(predictions)
     apart = _told_apart(together)
