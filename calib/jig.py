@@ -8,6 +8,7 @@ matrix of these products, the Gram matrix, is positive definite.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 
@@ -20,19 +21,60 @@ _LEAST_EIGENVALUE = 1e-6  # of the Gram matrix; at zero the three normals lie in
 
 
 @dataclass(frozen=True)
+class Outline:
+    """Where the three faces end, seen from the apex. Edge i leaves face i and is the other two faces' common border."""
+
+    edges_mm: tuple[float, float, float]
+    rectangular: bool = False  # whole rectangles; otherwise triangles, cut off from edge end to edge end
+
+
+@dataclass(frozen=True)
 class Jig:
     """A trihedral corner.
 
-    `edge_mm` is the length of each of the three edges that leave the apex. `convex` is true where the apex points
+    `edge_mm` is the length of the edges that leave the apex: one number of a jig whose faces are triangles with equal
+    legs; three, in any order, of a target with three different edges, such as a box, whose faces are rectangles, or
+    triangles: a scan shows which. `convex` is true where the apex points
     at the scanner (a corner of a solid), false for the inside of a box. `face_angles_deg` are the angles between
     faces 1-2, 2-3 and 3-1; `certified` says that they were measured well enough to fit the faces as one rigid body.
     """
 
     shape: str = "trihedral"
-    edge_mm: float = 60.0
+    edge_mm: float | tuple[float, float, float] = 60.0
     convex: bool = True
     face_angles_deg: tuple[float, float, float] = (90.0, 90.0, 90.0)
     certified: bool = False
+
+    @property
+    def edges_mm(self) -> tuple[float, float, float]:
+        """The lengths of edges 1, 2 and 3; edge i leaves face i."""
+        if isinstance(self.edge_mm, tuple):
+            return self.edge_mm
+        return (self.edge_mm, self.edge_mm, self.edge_mm)
+
+    @property
+    def shortest_mm(self) -> float:
+        """Of the three edges."""
+        return min(self.edges_mm)
+
+    @property
+    def longest_mm(self) -> float:
+        """Of the three edges."""
+        return max(self.edges_mm)
+
+    def edge_words(self) -> str:
+        """Such as: edge 60 mm; edges 70, 110 and 160 mm."""
+        if isinstance(self.edge_mm, tuple):
+            one, two, three = self.edge_mm
+            return f"edges {one:g}, {two:g} and {three:g} mm"
+        return f"edge {self.edge_mm:g} mm"
+
+    def outlines(self) -> tuple[Outline, ...]:
+        """All that the jig's three faces may show: whichever face comes first, and of three edges either shape."""
+        if not isinstance(self.edge_mm, tuple):
+            return (Outline(self.edges_mm),)
+        orders = sorted({(one, two, three) for one, two, three in permutations(self.edge_mm)})
+        return tuple(Outline(order, shape) for shape in (True, False) for order in orders)
 
     def out_of_square_deg(self) -> float:
         """By how much the angle between two of the faces differs from 90 degrees at most."""
@@ -81,7 +123,7 @@ def jig_geometry(jig: Jig) -> tuple[Array, Array]:
     edges, normals = edges @ jig_R_raw.T, normals @ jig_R_raw.T
     if not jig.convex:  # seen from the inside: the apex is deepest, the edges come towards the scanner
         edges, normals = edges * [1, 1, -1], -normals * [1, 1, -1]
-    return jig.edge_mm * edges, normals
+    return np.array(jig.edges_mm)[:, None] * edges, normals
 
 
 def _gram_matrix(face_angles_deg: tuple[float, float, float]) -> Array:

@@ -7,16 +7,16 @@ decided how much of a face is seen, and which points of the scan are its own.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from calib.array_types import Array, BoolArray
-from calib.jig import Jig
+from calib.jig import Jig, Outline
 from calib.planes.robust_fit import TUKEY, PlaneFit
 
 _CELLS = 12  # cells along an edge when a face's area is counted
-_TRIANGLE_CELLS = _CELLS * (_CELLS - 1) // 2  # whole cells in the triangle
 _COLLAR = 0.25  # of the edge
 _SOLID = 0.5  # of the points that a cell of a surface has; a cell with more is a surface
 _NEAR_POINT = 0.8  # spacings; a square grid leaves no place farther than 0.71 from a point
@@ -29,6 +29,27 @@ _FARTHEST = 4.0  # standard deviations of the points across a face
 _PEELINGS = 4
 
 
+@dataclass(frozen=True)
+class FaceOutline:
+    """One face: its legs along its two edges, and whether it is their rectangle or the triangle between them."""
+
+    legs_mm: tuple[float, float]
+    rectangular: bool = False
+
+    @staticmethod
+    def of(outline: Outline, face: int) -> FaceOutline:
+        """The face's own; its edges are those of the two other faces, in their order."""
+        one, other = (length for i, length in enumerate(outline.edges_mm) if i != face)
+        return FaceOutline((one, other), outline.rectangular)
+
+    def inward(self, one: Array, other: Array) -> Array:
+        """How far points, at `one` and `other` along the edges, lie inside the face's nearest border."""
+        a, b = self.legs_mm
+        if self.rectangular:
+            return np.minimum(np.minimum(one, other), np.minimum(a - one, b - other))
+        return np.minimum(np.minimum(one, other), (1 - one / a - other / b) / np.hypot(1 / a, 1 / b))
+
+
 def along_edges(heights: Array, face: int, jig: Jig) -> tuple[Array, Array]:
     """How far points (K, 3) lie from the apex along the two edges of a face, by their heights over the other faces.
 
@@ -38,14 +59,15 @@ def along_edges(heights: Array, face: int, jig: Jig) -> tuple[Array, Array]:
     return (-one, -other) if jig.convex else (one, other)
 
 
-def face_points(heights: Array, face: int, band_mm: float, jig: Jig, margin_mm: float) -> BoolArray:
-    """Mask of the points in the band around a face's plane and inside its triangle, the margin taken off all edges.
+def face_points(
+    heights: Array, face: int, band_mm: float, jig: Jig, outline: Outline, margin_mm: float
+) -> BoolArray:
+    """Mask of the points in the band around a face's plane and inside its outline, the margin taken off all edges.
 
     heights  # (K, 3) over the three planes
     """
     one, other = along_edges(heights, face, jig)
-    inside = (one > margin_mm) & (other > margin_mm)
-    inside &= one + other < jig.edge_mm - np.sqrt(2) * margin_mm
+    inside = FaceOutline.of(outline, face).inward(one, other) > margin_mm
     return np.asarray(inside & (np.abs(heights[:, face]) <= band_mm))
 
 
@@ -69,7 +91,9 @@ def without_far_points(along_mm: Array) -> BoolArray:
     return kept
 
 
-def flat_margins_mm(heights: Sequence[Array], planes: Sequence[PlaneFit], jig: Jig) -> Array:
+def flat_margins_mm(
+    heights: Sequence[Array], planes: Sequence[PlaneFit], jig: Jig, outline: Outline
+) -> Array:
     """The least margins (3,) beyond which the faces are flat: no ring of points along the edges lies off the planes.
 
     heights  # of each face's points (K, 3) over all faces. A rounded edge lowers the points beside it, and the ring
@@ -77,11 +101,11 @@ def flat_margins_mm(heights: Sequence[Array], planes: Sequence[PlaneFit], jig: J
     inside out; all faces as one, as an edge's rounding is, and each by itself: pixels that saw across the edge reach
     far into a face that is seen at a flat angle.
     """
-    margins_mm = np.array(_RINGS) * jig.edge_mm
+    margins_mm = np.array(_RINGS) * jig.shortest_mm
     total, count = np.zeros((2, len(planes), len(margins_mm) + 1))
     for face, plane in enumerate(planes):
         one, other = along_edges(heights[face], face, jig)
-        inward = np.minimum(np.minimum(one, other), (jig.edge_mm - one - other) / np.sqrt(2))
+        inward = FaceOutline.of(outline, face).inward(one, other)
         z = heights[face][:, face] / plane.sigma_mm
         on = (np.abs(z) < TUKEY) & (inward > margins_mm[0])
         ring = np.searchsorted(margins_mm, inward[on])
@@ -99,45 +123,54 @@ def _innermost_off(total: Array, count: Array) -> int:
 
 
 def outline_shares(
-    along_mm: Array, agrees: BoolArray, through_mm: Array, edge_mm: float, spacing_mm: float = 0.0
+    along_mm: Array, agrees: BoolArray, through_mm: Array, face: FaceOutline, spacing_mm: float = 0.0
 ) -> tuple[float, float, float]:
-    """Areas, as shares of a face's triangle, that are filled, spilt over, and seen through.
+    """Areas, as shares of a face's, that are filled, spilt over, and seen through.
 
     along_mm  # (K, 2) coordinates of the plane's points along the face's two edges, from the apex; agrees  # (K,)
     whether a point's own normal is that of the plane, without which it is not counted as spilt: it may belong to what
-    the plane cuts. Only points in a collar around the triangle count as spilt; farther off the plane may
-    touch other things.
+    the plane cuts. Only points in a collar around the face count as spilt; farther off the plane may touch
+    other things.
     through_mm  # (M, 2) where the rays of points behind the plane went through it.
 
-    All areas are counted in cells of a twelfth of the edge, so that the density of the points does not matter. A cell
+    All areas are counted in cells of a twelfth of each edge, so that the density of the points does not matter. A cell
     with more points behind it than on it is seen through, unless it has half of the points that a surface has there:
     the points behind were then seen from another place, as in a mesh of several views. In a scan whose points are
     `spacing_mm` apart a cell between two of them is filled too.
     """
-    on, behind = np.zeros((2, 2 * _CELLS, 2 * _CELLS), dtype=np.int64)
-    a, b = along_mm.T / edge_mm
+    on, behind = np.zeros((2, _CELLS, _CELLS), dtype=np.int64)
+    legs_mm = np.array(face.legs_mm)
+    cell_mm = legs_mm / _CELLS
+    a, b = (along_mm / legs_mm).T
     margin = 0.5 / _CELLS
-    spills = agrees & ((a < -margin) | (b < -margin) | (a + b > 1 + 1.5 * margin))
-    spills &= (a > -_COLLAR) & (b > -_COLLAR) & (a + b < 1 + np.sqrt(2) * _COLLAR)
-    spilt = len(np.unique(np.floor(along_mm[spills] / edge_mm * _CELLS).astype(int), axis=0))
+    spills = agrees & ((a < -margin) | (b < -margin) | _beyond(a, b, face, 1.5 * margin))
+    spills &= (a > -_COLLAR) & (b > -_COLLAR) & ~_beyond(a, b, face, np.sqrt(2) * _COLLAR)
+    spilt = len(np.unique(np.floor(along_mm[spills] / cell_mm).astype(int), axis=0))
     for table, points in ((on, along_mm), (behind, through_mm)):
-        over = np.all((points >= 0) & (points < edge_mm), axis=1)
-        cell = np.floor(points[over] / edge_mm * _CELLS).astype(int)
+        over = np.all((points >= 0) & (points < legs_mm), axis=1)
+        cell = np.floor(points[over] / cell_mm).astype(int)
         np.add.at(table, (cell[:, 0], cell[:, 1]), 1)
     row, column = np.indices(on.shape)
-    inside = row + column <= _CELLS - 2
-    open_ = (behind > on) & (on < _SOLID * (edge_mm / _CELLS / max(spacing_mm, 1e-9)) ** 2)
-    filled = int(np.sum(inside & ((on > 0) | _between(along_mm, edge_mm, spacing_mm)) & ~open_))
+    inside = (row + column <= _CELLS - 2) | face.rectangular
+    cells = int(inside.sum())  # whole ones
+    open_ = (behind > on) & (on < _SOLID * float(np.prod(cell_mm)) / max(spacing_mm, 1e-9) ** 2)
+    filled = int(np.sum(inside & ((on > 0) | _between(along_mm, cell_mm, spacing_mm)) & ~open_))
     seen_through = int(np.sum(inside & open_))
     points_a_cell = float(on[inside].sum()) / max(filled, 1)  # below one, a point stands for several cells
-    spilt_area = spilt / min(1.0, max(points_a_cell, 0.1)) / (_CELLS**2 / 2)
-    return filled / _TRIANGLE_CELLS, spilt_area, seen_through / _TRIANGLE_CELLS
+    area = _CELLS**2 if face.rectangular else _CELLS**2 / 2
+    spilt_area = spilt / min(1.0, max(points_a_cell, 0.1)) / area
+    return filled / cells, spilt_area, seen_through / cells
 
 
-def _between(along_mm: Array, edge_mm: float, spacing_mm: float) -> BoolArray:
-    """Mask (2 cells, 2 cells) of the cells whose middle is as near to a point (K, 2) as points of a surface are."""
-    middles = (np.indices((2 * _CELLS, 2 * _CELLS)).reshape(2, -1).T + 0.5) * edge_mm / _CELLS
+def _beyond(a: Array, b: Array, face: FaceOutline, by: float) -> BoolArray:
+    """Whether points at shares a and b of the legs lie `by` beyond the face's far border."""
+    return np.asarray(np.maximum(a, b) > 1 + by / np.sqrt(2) if face.rectangular else a + b > 1 + by)
+
+
+def _between(along_mm: Array, cell_mm: Array, spacing_mm: float) -> BoolArray:
+    """Mask (cells, cells) of the cells whose middle is as near to a point (K, 2) as points of a surface are."""
+    middles = (np.indices((_CELLS, _CELLS)).reshape(2, -1).T + 0.5) * cell_mm
     near = np.zeros(len(middles), dtype=bool)
-    if _NEAR_POINT * spacing_mm > 0.5 * edge_mm / _CELLS and len(along_mm):
+    if _NEAR_POINT * spacing_mm > 0.5 * cell_mm.min() and len(along_mm):
         near = np.asarray(cKDTree(along_mm).query(middles)[0]) < _NEAR_POINT * spacing_mm
-    return near.reshape(2 * _CELLS, 2 * _CELLS)
+    return near.reshape(_CELLS, _CELLS)

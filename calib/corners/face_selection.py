@@ -1,10 +1,10 @@
 """Which three planes are the jig's faces.
 
 Jang chooses three groups with perpendicular normals and near centres. Beside a box, or in a room, several triples are
-perpendicular; only the jig has its outline. Seen from the apex each face is a right triangle with legs of the
-jig's edge: a plane of the jig fills its triangle, ends there, and no point is seen through it. Other planes leave the
-triangle empty, go on beyond its edges, or are seen through. A face's score is the share of its triangle that has points
-less the share that is wrong in these ways.
+perpendicular; only the jig has its outline. Seen from the apex each face is a right triangle with legs of the jig's
+edges (where three are told, perhaps their rectangle): a plane of the jig fills it, ends there, and no point is seen
+through it. Other planes leave it empty, go on beyond its edges, or are seen through. A face's score is the share of its
+area that has points less the share that is wrong in these ways.
 
 A face that got no group of its own (nearly edge-on, or mostly hidden) is found by a vote: the two other planes leave
 one direction for its normal, and the points vote for its offset along that.
@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.array_types import Array, IndexArray
-from calib.corners.face_outline import outline_shares
+from calib.corners.face_outline import FaceOutline, outline_shares
 from calib.corners.intersection import intersect
-from calib.jig import Jig
+from calib.jig import Jig, Outline
 from calib.planes.clustering import PlaneGroup
 from calib.planes.normals import Neighbourhoods
 
@@ -42,6 +42,9 @@ class SelectionTolerances:
     # most as a triangle, so no box passes the first. A jig in plain view reaches 1.0 and 0.92; the second face may be
     # half hidden.
     least_scores: tuple[float, float, float] = (0.85, 0.4, 0.04)
+    least_of_box: float = (
+        0.6  # in place of the first where whole rectangles are compared: it may stand among others
+    )
     most_wrong: float = (
         0.2  # share of a face that may be wrong; the edges of a scanned face are never quite sharp
     )
@@ -55,7 +58,16 @@ class FaceTriple:
     groups: tuple[PlaneGroup, ...]  # all groups; where a face was voted for, it is the last and has no sets
     chosen: tuple[int, int, int]  # indices into groups
     score: Array  # (3,) share of the face that has points, less the share that is wrong
+    outline: Outline  # the jig's that fits best; edge i leaves the plane chosen[i]
     wrong: Array  # (3,) area seen through the face, or of points of its plane beyond its edges, as a share of the face
+
+    def is_jig(self, tolerances: SelectionTolerances) -> bool:
+        """Whether the faces all reach the least scores."""
+        best, second, weakest = tolerances.least_scores
+        if self.outline.rectangular:
+            best = tolerances.least_of_box
+        enough = np.all(np.sort(self.score) >= (weakest, second, best))
+        return bool(enough and self.wrong.max() <= tolerances.most_wrong)
 
 
 def face_triples(
@@ -105,7 +117,9 @@ class _Planes:
         self.tolerances = tolerances
         self.members = [self.on_plane(n, d) for n, d in zip(self.normals, self.offsets, strict=True)]
         self.perpendicular = np.abs(self.normals @ self.normals.T) <= np.sin(tolerances.perpendicular_rad)
-        self.edge_mm = jig.edge_mm
+        self.jig = jig
+        self.outlines = jig.outlines()
+        self.face_outlines = {FaceOutline.of(o, face) for o in self.outlines for face in range(3)}
         # Along an edge, away from the apex, the height over the plane that the edge leaves falls on a convex corner.
         self.sign = -1.0 if jig.convex else 1.0
 
@@ -128,27 +142,31 @@ class _Planes:
         """Members of the first plane that could be a face which meets the second: from the edge to its length away."""
         members = self.members[pair[0]]
         along = self.sign * self.heights[members, pair[1]]
-        return members[(along > -0.1 * self.edge_mm) & (along < self.edge_mm)]
+        return members[(along > -0.1 * self.jig.shortest_mm) & (along < self.jig.longest_mm)]
 
     def could_be_face(self, strip: IndexArray) -> bool:
         """Whether the points `strip` are as many as cover the least share of a face that one of two good ones has."""
-        a_face = 0.5 * self.edge_mm**2 / self.around.spacing_mm(strip) ** 2
+        one, other, _ = sorted(self.jig.edges_mm)
+        a_face = 0.5 * one * other / self.around.spacing_mm(strip) ** 2
         return len(strip) > 0.5 * self.tolerances.least_scores[1] * a_face
 
     def candidate(self, groups: tuple[PlaneGroup, ...], chosen: tuple[int, int, int]) -> FaceTriple:
-        """Three planes with the score of each as the face between the edges in which it meets the two others."""
+        """Three planes with the score of each as the face between the edges in which it meets the two others.
+
+        Of several outlines of the jig the one with the highest score is taken.
+        """
         normals = np.array([groups[g].normal for g in chosen])
         offsets = np.array([groups[g].offset_mm for g in chosen])
         apex = intersect(normals, offsets)
         # |p x a|^2 = |p|^2 |a|^2 - (p . a)^2, so near the ray to the apex is:
         along_ray = self.around.points_mm @ apex
-        near = along_ray**2 > (self.squared_mm2 - (1.5 * self.edge_mm) ** 2) * (apex @ apex)
+        near = along_ray**2 > (self.squared_mm2 - (1.5 * self.jig.longest_mm) ** 2) * (apex @ apex)
         points, point_normals = self.around.points_mm[near], self.around.normals[near]
         heights = points @ normals.T - offsets
         # Points of a surface, no stray ones.
         solid = self.around.thickness_mm[near] < self.tolerances.height_mm
         spacing_mm = self.around.spacing_mm(near) if near.any() else 0.0
-        shares = []
+        shares: dict[tuple[int, FaceOutline], tuple[float, float, float]] = {}
         for face in range(3):
             others = [i for i in range(3) if i != face]
             on = np.abs(heights[:, face]) <= self.tolerances.height_mm
@@ -158,30 +176,24 @@ class _Planes:
             way = points[behind] @ normals[face]
             crossing = points[behind] * (offsets[face] / np.where(way < 0, way, -np.inf))[:, None]
             through = crossing @ normals[others].T - offsets[others]
-            shares.append(
-                outline_shares(
-                    self.sign * heights[np.ix_(on, others)],
-                    agrees[on],
-                    self.sign * through,
-                    self.edge_mm,
-                    spacing_mm,
-                )
-            )
-        filled, spilt, seen_through = np.array(shares).T
-        # One face may be mostly broken or cut away, and points be seen through it.
-        seen_through[np.argmin(filled - spilt - seen_through)] = 0.0
-        wrong = spilt + seen_through
-        return FaceTriple(groups, chosen, filled - wrong, wrong)
+            along_mm, through_mm = self.sign * heights[np.ix_(on, others)], self.sign * through
+            for outline in self.face_outlines:
+                shares[face, outline] = outline_shares(along_mm, agrees[on], through_mm, outline, spacing_mm)
+        triples = []
+        for whole in self.outlines:
+            areas = np.array([shares[face, FaceOutline.of(whole, face)] for face in range(3)])
+            filled, spilt, seen_through = areas.T
+            # One face may be mostly broken or cut away, and points be seen through it.
+            seen_through[np.argmin(filled - spilt - seen_through)] = 0.0
+            wrong = spilt + seen_through
+            triples.append(FaceTriple(groups, chosen, filled - wrong, whole, wrong))
+        return max(triples, key=lambda triple: (triple.is_jig(self.tolerances), float(triple.score.sum())))
 
 
 def _like_the_jig(candidates: Sequence[FaceTriple], tolerances: SelectionTolerances) -> list[FaceTriple]:
     """The triples whose faces all reach the least scores, the highest sum of scores first."""
-
-    def is_jig(candidate: FaceTriple) -> bool:
-        enough = np.all(np.sort(candidate.score)[::-1] >= tolerances.least_scores)
-        return bool(enough and candidate.wrong.max() <= tolerances.most_wrong)
-
-    return sorted(filter(is_jig, candidates), key=lambda c: -float(c.score.sum()))
+    like = [candidate for candidate in candidates if candidate.is_jig(tolerances)]
+    return sorted(like, key=lambda c: -float(c.score.sum()))
 
 
 def _vote_third_faces(points_mm: Array, planes: _Planes) -> list[FaceTriple]:
@@ -198,7 +210,7 @@ def _vote(points_mm: Array, planes: _Planes, pair: tuple[int, int]) -> list[Face
     The third normal is n_1 x n_2 on the scanner's side. All points (N, 3) that lie over the third face's triangle
     vote with their height along it, and the fullest bands are tried as its offset.
     """
-    edge_mm, height_mm = planes.edge_mm, planes.tolerances.height_mm
+    edge_mm, height_mm = planes.jig.shortest_mm, planes.tolerances.height_mm
     thinned_mm = planes.around.points_mm
     members = (planes.strip(pair), planes.strip(pair[::-1]))
     strips = [thinned_mm[m] for m in members]
@@ -210,7 +222,8 @@ def _vote(points_mm: Array, planes: _Planes, pair: tuple[int, int]) -> list[Face
     if third @ strips[0].mean(axis=0) > 0:
         third = -third
     along = planes.sign * (points_mm @ normals.T - offsets)
-    over = np.all(along > _CLEAR * edge_mm, axis=1) & (along.sum(axis=1) < (1 - _CLEAR) * edge_mm)
+    over = np.all(along > _CLEAR * edge_mm, axis=1)
+    over &= along.sum(axis=1) < (1 - _CLEAR) * planes.jig.longest_mm
     height = points_mm[over] @ third
     # The two faces end at the third one, which gives its offset to a cell or so; its few points give the rest.
     ends = [float(np.quantile(planes.sign * (strip @ third), 0.02)) * planes.sign for strip in strips]
@@ -255,6 +268,6 @@ def _what_was_found(planes: _Planes, triples: Sequence[FaceTriple], jig: Jig) ->
     best = max(triples, key=lambda c: float(np.sort(c.score)[1]))
     filled = ", ".join(f"{max(w, 0):.0%}" for w in np.sort(best.score))
     return (
-        f"found {len(triples)} triples of perpendicular planes, but none with the outline of a jig of edge "
-        f"{jig.edge_mm:g} mm (the best fills {filled} of its faces); check edge_mm, and that the jig is in full view"
+        f"found {len(triples)} triples of perpendicular planes, but none with the outline of a jig of "
+        f"{jig.edge_words()} (the best fills {filled} of its faces); check edge_mm, and that the jig is in full view"
     )

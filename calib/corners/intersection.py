@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.array_types import Array, ByteArray, IndexArray
 from calib.corners.quality import CornerQuality
+from calib.jig import Outline
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class Corner:
         Array  # (9, 9) of the faces' (h, s_1, s_2) in turn; a correlated scanner error is shared by faces
     )
     quality: CornerQuality
+    outline: Outline  # of the faces in this order
 
     def sigma_mm(self) -> float:
         """Standard deviation of the apex, all three axes together: sqrt(trace of the covariance)."""

@@ -141,13 +141,13 @@ def require_faces(planes: Sequence[PlaneFit], covariance: Array, origin: Array, 
     for plane in planes:
         legs_mm = [np.abs(plane.points_mm @ p.normal - p.offset_mm) for p in planes if p is not plane]
         deep_mm = float(np.quantile(np.min(legs_mm, axis=0), 0.9))
-        if deep_mm < _DEEP * jig.edge_mm:
+        if deep_mm < _DEEP * jig.shortest_mm:
             raise CornerError(
                 f"the {len(plane.indices)} points taken for one of the faces lie within {deep_mm:.2g} mm of its edges, "
                 "as those of a bevel do; turn the jig so that three faces are seen"
             )
     scatter = np.array([plane.sigma_mm for plane in planes])
-    usual_mm = max(float(np.median(scatter)), _ROUGH * jig.edge_mm)
+    usual_mm = max(float(np.median(scatter)), _ROUGH * jig.shortest_mm)
     if scatter.max() > _ROUGHEST * usual_mm:
         rough = planes[int(np.argmax(scatter))]
         raise CornerError(

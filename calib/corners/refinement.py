@@ -16,6 +16,7 @@ from calib.array_types import Array, IndexArray
 from calib.corners.certified_angles import angle_derivative, found_angles_deg, hold_to_angles, turned_normals
 from calib.corners.correlated_noise import PlaneUncertainty, plane_uncertainty
 from calib.corners.face_outline import (
+    FaceOutline,
     along_edges,
     face_points,
     flat_margins_mm,
@@ -25,7 +26,7 @@ from calib.corners.face_outline import (
 from calib.corners.intersection import Corner, Face, intersect, intersection_covariance, packed
 from calib.corners.quality import CornerQuality, FaceQuality, angle_errors, incidence_deg, require_faces
 from calib.errors import CornerError
-from calib.jig import Jig
+from calib.jig import Jig, Outline
 from calib.planes.clustering import PlaneGroup
 from calib.planes.robust_fit import PlaneFit, fit_plane_robustly
 
@@ -53,6 +54,7 @@ def refine(
     groups: Sequence[PlaneGroup],
     chosen: tuple[int, int, int],
     jig: Jig,
+    outline: Outline,
     sigma_mm: float,
     options: RefinementOptions,
     scan_sigma_mm: float | None = None,
@@ -60,7 +62,8 @@ def refine(
     """The corner of three plane groups refined on all inliers.
 
     points_mm  # (N, 3) the whole scan; sigma_mm is the noise along the normals, which sets the first, wide bands;
-    scan_sigma_mm is the scanner's declared noise, for the quality figures only.
+    scan_sigma_mm is the scanner's declared noise, for the quality figures only; outline is that of the faces, in the
+    order of the chosen groups.
 
     Raises CornerError with the reason where the points do not define three planes that meet like the jig's faces.
     """
@@ -68,12 +71,14 @@ def refine(
     start_offsets = np.array([groups[g].offset_mm for g in chosen])
     origin = intersect(normals, start_offsets)
     way = points_mm - origin
-    near = np.flatnonzero(np.einsum("ni,ni->n", way, way) < (1.1 * jig.edge_mm) ** 2)
+    _, middle_mm, longest_mm = sorted(jig.edges_mm)
+    reach_mm = 1.1 * (np.hypot(middle_mm, longest_mm) if outline.rectangular else longest_mm)
+    near = np.flatnonzero(np.einsum("ni,ni->n", way, way) < reach_mm**2)
     local = way[near]  # small numbers: the planes are fitted around the first apex
     planes, margin_mm = _fit_faces(
-        local, near, normals, start_offsets - normals @ origin, jig, sigma_mm, options
+        local, near, normals, start_offsets - normals @ origin, jig, outline, sigma_mm, options
     )
-    known = plane_uncertainty(planes, jig.edge_mm, origin / max(float(np.linalg.norm(origin)), 1e-9))
+    known = plane_uncertainty(planes, jig.shortest_mm, origin / max(float(np.linalg.norm(origin)), 1e-9))
     require_faces(planes, known.covariance, origin, jig)
     covariance, moves = known.covariance, np.zeros(9)
     notes: tuple[str, ...] = ()
@@ -91,7 +96,8 @@ def refine(
                     len(points_mm))
             for i, (p, group) in enumerate(zip(planes, chosen, strict=True))),  # type: ignore[arg-type]
         covariance,
-        _quality(planes, known, covariance, origin, apex, jig, margin_mm, scan_sigma_mm, notes),
+        _quality(planes, known, covariance, origin, apex, jig, outline, margin_mm, scan_sigma_mm, notes),
+        outline,
     )  # fmt: skip
 
 
@@ -101,6 +107,7 @@ def _fit_faces(
     normals: Array,
     offsets: Array,
     jig: Jig,
+    outline: Outline,
     sigma_mm: float,
     options: RefinementOptions,
 ) -> tuple[list[PlaneFit], float]:
@@ -108,8 +115,8 @@ def _fit_faces(
 
     Raises CornerError where a face has too few points, or points along a line.
     """
-    bands = np.full(3, _BAND_SIGMA * max(sigma_mm, jig.edge_mm / 1800))
-    margins_mm = np.full(3, options.edge_margin_mm or jig.edge_mm / 40)
+    bands = np.full(3, _BAND_SIGMA * max(sigma_mm, jig.shortest_mm / 1800))
+    margins_mm = np.full(3, options.edge_margin_mm or jig.shortest_mm / 40)
     planes: list[PlaneFit] = []
     step = max(1, len(local) // _POINTS_AT_FIRST)  # at first some thousands of points are enough
     members = [(local[::step], near[::step])] * 3
@@ -123,11 +130,13 @@ def _fit_faces(
         heights = [points @ normals.T - offsets for points, _ in members]
         if turn == _ROUNDS - 1 and options.edge_margin_mm is None:
             # Not before: planes fitted to a part of the points have rings off the plane by themselves.
-            margins_mm = flat_margins_mm(heights, planes, jig)
+            margins_mm = flat_margins_mm(heights, planes, jig, outline)
         margins_mm = np.maximum(margins_mm, _MARGIN_SIGMA * bands.max() / _BAND_SIGMA)
         planes = []
         for face, (points, indices) in enumerate(members):
-            on = _points_of_face(points, heights[face], face, bands[face], margins_mm[face], jig, options)
+            on = _points_of_face(
+                points, heights[face], face, bands[face], margins_mm[face], jig, outline, options
+            )
             planes.append(fit_plane_robustly(points[on], indices[on], normals[face], offsets[face]))
         normals = np.array([p.normal for p in planes])
         offsets = np.array([p.offset_mm for p in planes])
@@ -142,6 +151,7 @@ def _points_of_face(
     band_mm: float,
     margin_mm: float,
     jig: Jig,
+    outline: Outline,
     options: RefinementOptions,
 ) -> IndexArray:
     """Rows of the points (K, 3) that lie on a face, inside its outline less a margin. heights  # (K, 3) over all faces
@@ -149,7 +159,7 @@ def _points_of_face(
     Where too few are left, as of a narrow strip, the margin is made smaller. Raises CornerError if that does not help.
     """
     for share in _LESS_MARGIN:
-        on = np.flatnonzero(face_points(heights, face, band_mm, jig, share * margin_mm))
+        on = np.flatnonzero(face_points(heights, face, band_mm, jig, outline, share * margin_mm))
         on = on[without_far_points(np.column_stack(along_edges(heights[on], face, jig)))]
         lack = _lack_of_points(points[on], jig, options)
         if not lack:
@@ -176,7 +186,7 @@ def _lack_of_points(points: Array, jig: Jig, options: RefinementOptions) -> str:
     centred = some - some.mean(axis=0)
     # Of points on one line the eigenvalue is zero but for rounding, which may fall below it.
     across = np.sqrt(max(np.linalg.eigvalsh(centred.T @ centred)[1], 0.0) / len(some))
-    if across < _LEAST_SPREAD * jig.edge_mm:
+    if across < _LEAST_SPREAD * jig.shortest_mm:
         return (
             f"the {len(points)} points on one of the faces lie along a line ({across:.2g} mm wide); "
             "turn the jig toward the scanner, or scan it finer"
@@ -214,6 +224,7 @@ def _quality(
     origin: Array,
     apex: Array,
     jig: Jig,
+    outline: Outline,
     margin_mm: float,
     scan_sigma_mm: float | None,
     notes: tuple[str, ...],
@@ -229,7 +240,9 @@ def _quality(
         slopes = known.covariance[3 * index + 1 : 3 * index + 3, 3 * index + 1 : 3 * index + 3]
         others = [p for p in planes if p is not plane]
         along = np.column_stack([np.abs(plane.points_mm @ p.normal - p.offset_mm) for p in others])
-        filled, _, _ = outline_shares(along, np.zeros(len(along), dtype=bool), along[:0], jig.edge_mm)
+        filled, _, _ = outline_shares(
+            along, np.zeros(len(along), dtype=bool), along[:0], FaceOutline.of(outline, index)
+        )
         told = None if not scan_sigma_mm else plane.sigma_mm / scan_sigma_mm
         return FaceQuality(
             len(plane.indices), incidence_deg(plane, origin), filled, plane.sigma_mm, told,

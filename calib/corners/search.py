@@ -166,6 +166,7 @@ def _search_pass(
                 triple.groups,
                 triple.chosen,
                 jig,
+                triple.outline,
                 tolerances.clusters.sigma_mm,
                 options.refinement,
                 scan_sigma_mm,
@@ -189,7 +190,7 @@ class _Tolerances:
 
     @staticmethod
     def of(around: Neighbourhoods, jig: Jig, sigma_mm: float) -> _Tolerances:
-        edge_mm = jig.edge_mm
+        edge_mm = jig.shortest_mm
         normals_rad = float(np.clip(5 * np.median(around.normal_sigma_rad), np.radians(8), np.radians(25)))
         height_mm = max(min(15 * sigma_mm, max(5 * sigma_mm, edge_mm / 24)), edge_mm / 120)
         out_of_square_rad = np.radians(jig.out_of_square_deg())
@@ -217,14 +218,15 @@ def _thinned(points_mm: Array, jig: Jig) -> IndexArray:
         raise CornerError(
             f"the scan holds {len(finite)} points, a corner needs at least {MIN_POINTS}; scan the pose again, finer"
         )
-    extent, edge = extent_of(points_mm), jig.edge_mm
+    extent, edge = extent_of(points_mm), jig.shortest_mm
     if extent < edge / 10:
         raise CornerError(
-            f"the scan spans {extent:.3g} mm only, the jig's edge is {edge:g} mm; scan the pose again"
+            f"the scan spans {extent:.3g} mm only, the jig has {jig.edge_words()}; scan the pose again"
         )
-    if extent > MOST_EDGES * edge:
+    if extent > MOST_EDGES * jig.longest_mm:
         raise CornerError(
-            f"the scan spans {extent:.4g} mm, {extent / edge:.0f} times the jig's edge of {edge:g} mm; "
+            f"the scan spans {extent:.4g} mm, {extent / jig.longest_mm:.0f} times the jig's edge of "
+            f"{jig.longest_mm:g} mm; "
             "check that the scan and edge_mm in dataset.toml are both in millimetres"
         )
     thinned = thin_to_voxels(points_mm, edge / _EDGE_VOXELS)

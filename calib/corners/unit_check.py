@@ -37,15 +37,15 @@ def failure_with_unit(failure: str, points_mm: Array, jig: Jig, is_found: Callab
     `is_found` searches points for the jig. A jig has the outline that edge_mm gives it in one unit only, so where it is
     found that is the unit.
     """
-    extent, edge = extent_of(points_mm), jig.edge_mm
-    if _USUAL_EDGES[0] * edge <= extent <= _USUAL_EDGES[1] * edge or extent <= 0.0:
+    extent, edge, longest = extent_of(points_mm), jig.shortest_mm, jig.longest_mm
+    if _USUAL_EDGES[0] * edge <= extent <= _USUAL_EDGES[1] * longest or extent <= 0.0:
         return failure
     tried = []
     for unit, factor in UNITS_MM.items():
-        if _LEAST_EDGES * edge <= factor * extent <= MOST_EDGES * edge:
+        if _LEAST_EDGES * edge <= factor * extent <= MOST_EDGES * longest:
             if is_found(factor * points_mm):
                 return (
-                    f"the scan spans {extent:.3g} mm, the jig's edge is {edge:g} mm: the scan seems to be in {unit}, "
+                    f"the scan spans {extent:.3g} mm, the jig has {jig.edge_words()}: the scan seems to be in {unit}, "
                     f"for with coordinates times {factor:g} the jig is found; multiply them by {factor:g}, or "
                     "correct edge_mm in dataset.toml"
                 )

@@ -227,7 +227,9 @@ def draw_jig(scene: SceneView, view: View) -> None:
     """The jig's model where the corner was found."""
     corner = None if view.search is None else view.search.corner
     outline = np.zeros((0, 3, 3)) if corner is None else jig_outline(corner, view.session.dataset.jig)
-    scene.draw("jig", lambda api, name: model_nodes.jig(api, name, outline, FACE_COLOURS[: len(outline)]))
+    scene.draw(
+        "jig", lambda api, name: model_nodes.jig(api, name, outline, (FACE_COLOURS * 2)[: len(outline)])
+    )
 
 
 def draw_distance(scene: SceneView, scan: Scan | None, distances_mm: Array | None) -> None:

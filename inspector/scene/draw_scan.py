@@ -47,7 +47,7 @@ def draw_corner(scene: SceneView, view: View) -> None:
             corner.xyz_mm,
             np.array([face.normal for face in corner.faces]),
             np.array([face.centre_mm for face in corner.faces]),
-            view.session.dataset.jig.edge_mm,
+            corner.outline.edges_mm,
         )
     text = view.pose_id
     if covariance is not None:
@@ -69,7 +69,7 @@ def draw_overview(scene: SceneView, view: View, pose: int, scan: Scan) -> None:
         scene.draw_overview(pose, scan.points_mm, colour, scans)
         return
     away = np.linalg.norm(search.voxel_points_mm - search.corner.xyz_mm, axis=1)
-    kept = away < AROUND_JIG * view.session.dataset.jig.edge_mm
+    kept = away < AROUND_JIG * view.session.dataset.jig.longest_mm
     scene.draw_overview(pose, search.voxel_points_mm[kept], colour, scans, search.voxel_normals[kept])
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import viser.transforms
 
@@ -49,15 +51,18 @@ def facing(normals: Array) -> Array:
     return np.array([viser.transforms.SO3.from_matrix(m).wxyz for m in matrices]).reshape(-1, 4)
 
 
-def jig_edges(xyz_mm: Array, normals: Array, centres_mm: Array, edge_mm: float) -> Array:
-    """The three lines (3, 2, 3) in mm in which the faces meet, from the corner `edge_mm` long, along the jig."""
+def jig_edges(xyz_mm: Array, normals: Array, centres_mm: Array, edges_mm: Sequence[float]) -> Array:
+    """The three lines (3, 2, 3) in mm in which the faces meet, from the corner along the jig.
+
+    edges_mm  # three lengths; edge i leaves face i
+    """
     lines = []
-    for i, j in ((0, 1), (1, 2), (2, 0)):
+    for i, j, leaves in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         along = np.cross(normals[i], normals[j])
         along /= np.linalg.norm(along)
         if along @ (centres_mm[i] + centres_mm[j] - 2 * xyz_mm) < 0:
             along = -along
-        lines.append([xyz_mm, xyz_mm + edge_mm * along])
+        lines.append([xyz_mm, xyz_mm + edges_mm[leaves] * along])
     return np.array(lines)
 
 

@@ -52,6 +52,7 @@ def corner(
         start,
         (0, 1, 2),
         told or jig,
+        jig.outlines()[0],
         white_mm,
         RefinementOptions(),
         white_mm,

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calib.corners.face_outline import outline_shares
+from calib.corners.face_outline import FaceOutline, outline_shares
 from calib.corners.intersection import Face, intersect, intersection_covariance, packed
 from calib.corners.refinement import RefinementOptions, refine
 from calib.errors import CornerError
@@ -65,10 +65,11 @@ def filled(width: float, height: float, count: int = 3000) -> np.ndarray:
 
 
 NOTHING = np.zeros((0, 2))
+TRIANGLE = FaceOutline((60.0, 60.0))
 
 
 def worth(on: np.ndarray, behind: np.ndarray = NOTHING) -> float:
-    filled, spilt, seen_through = outline_shares(on, np.ones(len(on), dtype=bool), behind, 60.0)
+    filled, spilt, seen_through = outline_shares(on, np.ones(len(on), dtype=bool), behind, TRIANGLE)
     return filled - spilt - seen_through
 
 
@@ -82,8 +83,8 @@ def test_a_full_triangle_is_worth_one_and_no_square_reaches_what_the_best_face_m
 
 def test_points_beyond_the_outline_cost_unless_they_belong_to_another_surface() -> None:
     square = filled(60, 60)
-    assert 0.4 < outline_shares(square, np.ones(len(square), dtype=bool), NOTHING, 60.0)[1] < 0.8
-    assert outline_shares(square, square.sum(axis=1) < 60, NOTHING, 60.0)[1] == 0
+    assert 0.4 < outline_shares(square, np.ones(len(square), dtype=bool), NOTHING, TRIANGLE)[1] < 0.8
+    assert outline_shares(square, square.sum(axis=1) < 60, NOTHING, TRIANGLE)[1] == 0
     assert worth(filled(90, 90)) < 0.3
     assert worth(NOTHING) == 0
 
@@ -94,7 +95,7 @@ def test_a_hole_that_one_sees_through_costs_and_one_that_nothing_is_known_of_doe
     in_hole = triangle[:, 0] < 20
     whole = np.count_nonzero(in_hole) / len(triangle)
     shares = outline_shares(
-        triangle[~in_hole], np.ones(np.sum(~in_hole), dtype=bool), triangle[in_hole], 60.0
+        triangle[~in_hole], np.ones(np.sum(~in_hole), dtype=bool), triangle[in_hole], TRIANGLE
     )
     assert shares == pytest.approx((1 - whole, 0, whole), abs=0.1)
     assert worth(triangle[~in_hole]) == pytest.approx(1 - whole, abs=0.1)
@@ -128,7 +129,7 @@ def test_exact_points_give_the_exact_apex(seed: int) -> None:
     rng = np.random.default_rng(seed)
     normals = turned(seed)
     points = APEX + faces(normals, 400, rng)
-    corner = refine(points, start(normals, rng), (0, 1, 2), JIG, 0.0, RefinementOptions())
+    corner = refine(points, start(normals, rng), (0, 1, 2), JIG, JIG.outlines()[0], 0.0, RefinementOptions())
     np.testing.assert_allclose(corner.xyz_mm, APEX, atol=1e-7)
     for face, normal in zip(corner.faces, normals, strict=True):
         np.testing.assert_allclose(face.normal, normal, atol=1e-8)
@@ -156,7 +157,9 @@ def mahalanobis_squared(sigma_mm: float, waves_mm: float, stray: float, count: i
         height = sigma_mm * rng.standard_normal(len(points)) + waves_mm * waves
         height[rng.random(len(points)) < stray] += rng.uniform(0.2, 0.3)  # all on one side
         points = APEX + points + np.repeat(normals, 500, axis=0) * height[:, None]
-        corner = refine(points, start(normals, rng), (0, 1, 2), JIG, sigma_mm, RefinementOptions())
+        corner = refine(
+            points, start(normals, rng), (0, 1, 2), JIG, JIG.outlines()[0], sigma_mm, RefinementOptions()
+        )
         error = corner.xyz_mm - APEX
         found.append(error @ np.linalg.solve(corner.covariance_mm2, error))
     return np.array(found)
@@ -191,4 +194,6 @@ def test_too_little_of_a_face_is_told(count: int, squeeze: float, said: str) -> 
     along = 0.4 * edges[0] + 0.3 * edges[1]
     points[800:] = squeeze * third + (1 - squeeze) * along * rng.uniform(0.4, 1, (len(third), 1))
     with pytest.raises(CornerError, match=said):
-        refine(APEX + points, start(normals, rng), (0, 1, 2), JIG, 0.01, RefinementOptions())
+        refine(
+            APEX + points, start(normals, rng), (0, 1, 2), JIG, JIG.outlines()[0], 0.01, RefinementOptions()
+        )

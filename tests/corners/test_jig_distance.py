@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,9 +13,10 @@ from calib import frames
 from calib.corners.intersection import Corner, Face
 from calib.corners.jig_distance import REACH, face_distances, jig_outline, place_jig
 from calib.errors import ScanError
-from calib.jig import Jig, jig_geometry
+from calib.jig import Jig, Outline, jig_geometry
 
 JIG = Jig(edge_mm=60.0)
+OUTLINE = JIG.outlines()[0]
 
 
 def face_at(normal: np.ndarray, apex: np.ndarray, number: int) -> Face:
@@ -29,7 +32,7 @@ def corner_at(motion: np.ndarray, order: tuple[int, ...] = (0, 1, 2)) -> Corner:
     apex = motion[:3, 3]
     normals = motion[:3, :3].T[list(order)]  # face k is spanned by the other two axes
     faces = tuple(face_at(n, apex, number) for number, n in enumerate(normals))
-    return Corner(apex, np.eye(3), faces, np.eye(9), None)  # type: ignore[arg-type]  # how good it is plays no part
+    return Corner(apex, np.eye(3), faces, np.eye(9), None, OUTLINE)  # type: ignore[arg-type]  # how good it is plays no part
 
 
 def motion(seed: int) -> np.ndarray:
@@ -91,11 +94,36 @@ def test_a_jig_with_measured_angles_has_each_face_where_it_was_found() -> None:
     edges, normals = jig_geometry(jig)
     turned, apex = normals[[2, 0, 1]] @ placed[:3, :3].T, placed[:3, 3]
     faces = tuple(face_at(n, apex, i) for i, n in enumerate(turned))
-    corner = Corner(apex, np.eye(3), faces, np.eye(9), None)  # type: ignore[arg-type]
+    corner = Corner(apex, np.eye(3), faces, np.eye(9), None, OUTLINE)  # type: ignore[arg-type]
     transform, order = place_jig(corner, jig)
     assert order == (2, 0, 1)
     np.testing.assert_allclose(transform, placed, atol=1e-9)
     assert len(edges) == 3
+
+
+@pytest.mark.parametrize("told", [(30.0, 50.0, 70.0), (50.0, 70.0, 30.0), (50.0, 30.0, 70.0)])
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (1, 0, 2)])
+@pytest.mark.parametrize("rectangular", [False, True])
+def test_three_different_edges_lie_where_the_scan_shows_them(
+    told: tuple[float, float, float], order: tuple[int, int, int], rectangular: bool
+) -> None:
+    lengths = (30.0, 50.0, 70.0)  # along minus x, y and z of the placed frame; edge i leaves face i
+    i, j, k = order
+    shown = Outline((lengths[i], lengths[j], lengths[k]), rectangular)
+    placed = motion(11)
+    corner = replace(corner_at(placed, order), outline=shown)
+    jig = Jig(edge_mm=told)
+    triangles = jig_outline(corner, jig)
+    assert len(triangles) == (6 if rectangular else 3)
+    for face, triangle in zip(order, triangles, strict=False):
+        ends = frames.apply(frames.invert(placed), triangle[1:])
+        there = [-lengths[axis] * np.eye(3)[axis] for axis in range(3) if axis != face]
+        apart = np.linalg.norm(ends[:, None] - np.array(there), axis=2)
+        assert apart.min(axis=0) == pytest.approx(0.0, abs=1e-9)
+    points = np.array([[0.5, -20.0, -40.0], [0.5, -40.0, -60.0], [0.5, -60.0, -10.0], [0.0, 0.0, 900.0]])
+    distance, nearest = face_distances(frames.apply(placed, points), corner, jig)
+    np.testing.assert_allclose(distance, [0.5, 0.5 if rectangular else np.nan, np.nan, np.nan], atol=1e-9)
+    assert nearest[0] == order.index(0)
 
 
 def test_points_of_another_shape_are_refused() -> None:

@@ -74,7 +74,15 @@ def test_point_and_turn_err_together_as_the_cross_covariance_says():
         found_apex = intersect(np.array([f.normal for f in faces]), np.array([f.offset_mm for f in faces]))
         quality = cast(CornerQuality, None)
         way = candidates(
-            Corner(found_apex, np.eye(3), (faces[0], faces[1], faces[2]), root @ root.T, quality), Jig()
+            Corner(
+                found_apex,
+                np.eye(3),
+                (faces[0], faces[1], faces[2]),
+                root @ root.T,
+                quality,
+                Jig().outlines()[0],
+            ),
+            Jig(),
         )[0]
         lever = np.zeros((3, 9))
         for i, face in enumerate(faces):

@@ -46,6 +46,23 @@ def _sized(edge_mm: float, distance_mm: float) -> Make:
     )
 
 
+_EDGES = (70.0, 110.0, 160.0)
+_THREE_EDGES = Jig(edge_mm=(110.0, 70.0, 160.0))  # as a user measures them, one after the other
+
+
+def _unlike(rectangular: bool, cut_face: float = 1.0) -> Make:
+    return lambda rng, rays: make_scene(
+        rng,
+        rays,
+        edge_mm=110.0,
+        edges_mm=_EDGES,
+        rectangular=rectangular,
+        cut_face=cut_face,
+        distance_mm=1200.0,
+        field_mm=400.0,
+    )
+
+
 CASES: dict[str, Case] = {
     "plain": Case(make_scene),
     "50 % outliers": Case(lambda rng, rays: make_scene(rng, rays, outliers=0.5)),
@@ -70,6 +87,9 @@ CASES: dict[str, Case] = {
     "jig small in view": Case(lambda rng, rays: make_scene(rng, rays, field_mm=400)),
     "edge 30 mm": Case(_sized(30.0, 400.0), Jig(edge_mm=30.0)),
     "edge 120 mm": Case(_sized(120.0, 1400.0), Jig(edge_mm=120.0)),
+    "three edges": Case(_unlike(rectangular=False), _THREE_EDGES),
+    "box 70 x 110 x 160": Case(_unlike(rectangular=True), _THREE_EDGES),
+    "box, face cut": Case(_unlike(rectangular=True, cut_face=0.3), _THREE_EDGES),
     "noise 0.01 untold": Case(lambda rng, rays: make_scene(rng, rays, sigma_mm=0.01), told_sigma_mm=None),
     "noise 0.3 untold": Case(lambda rng, rays: make_scene(rng, rays, sigma_mm=0.3), told_sigma_mm=None),
     "nothing behind": Case(lambda rng, rays: make_scene(rng, rays, background=False)),

@@ -146,6 +146,8 @@ def make_scene(
     rays: int = 12_000,
     *,
     edge_mm: float = 60.0,
+    edges_mm: tuple[float, float, float] | None = None,
+    rectangular: bool = False,
     distance_mm: float = 700.0,
     field_mm: float = 160.0,
     sigma_mm: float = 0.02,
@@ -161,6 +163,7 @@ def make_scene(
 ) -> SceneScan:
     """One scan of a jig some `distance_mm` away among flange, link, wall and table.
 
+    `edges_mm` makes its three edges differ, about `edge_mm` on average; `rectangular` gives it a box's whole faces.
     `outliers` is the share of points thrown anywhere into the scene's volume; `cut_face` keeps that share of the
     third face's area (a strip along one edge); `extras` are further patches in the scanner's frame; `fillet_mm` is the
     radius that rounds the jig's three edges and its apex. `waves_mm` adds an error along the ray that is smooth over
@@ -169,18 +172,21 @@ def make_scene(
     if rotation is None:
         rotation = jig_rotation(rng.uniform(0, 22), rng.uniform(0, 360), rng.uniform(0, 120))
     apex = np.array([rng.uniform(-20, 20), rng.uniform(-20, 20), rng.uniform(-20, 20) + distance_mm])
-    edges = rotation * edge_mm
+    edges = rotation * (edges_mm or edge_mm)
     diagonal = rotation.sum(axis=1) / np.sqrt(3)
+    directions = rotation if convex else -rotation
     if not convex:  # the inside of a box: the edges come toward the scanner
         apex = apex + diagonal * edge_mm / np.sqrt(3)
         edges = -edges
     pieces: list[Patch | Cylinder] = []
     for i in range(3):
         u, v = edges[:, (i + 1) % 3], edges[:, (i + 2) % 3]
-        pieces.append(Patch(apex, u, v * cut_face, "triangle") if i == 2 else Patch(apex, u, v, "triangle"))
-    normals = -np.linalg.inv(edges / edge_mm) if convex else np.linalg.inv(edges / edge_mm)
+        shape = "parallelogram" if rectangular else "triangle"
+        pieces.append(Patch(apex, u, v * cut_face if i == 2 else v, shape))
+    normals = -np.linalg.inv(directions) if convex else np.linalg.inv(directions)
     if background:
-        behind = apex + diagonal * (edge_mm / np.sqrt(3) + 5 if convex else 5)
+        depth = 3 * edge_mm if rectangular else edge_mm
+        behind = apex + diagonal * (depth / np.sqrt(3) + 5 if convex else 5)
         side = np.cross(diagonal, [1.0, 0, 0])
         side /= np.linalg.norm(side)
         other = np.cross(diagonal, side)

@@ -1,4 +1,4 @@
-"""Tables of dataset.toml that tell of the cell: [scanner], its errors and field, and [cell], what is in the way."""
+"""Tables of dataset.toml that tell of the cell: [scanner], its errors and field, [jig], [cell], what is in the way."""
 
 from __future__ import annotations
 
@@ -10,9 +10,13 @@ from calib.dataset.files.points_csv import LEAST_SIGMA_DEG, LEAST_SIGMA_MM, MOST
 from calib.dataset.files.poses_csv import is_one_line
 from calib.dataset.files.toml_table import TomlTable
 from calib.dataset.surroundings import Box, Surroundings
+from calib.errors import CornerError
+from calib.jig import Jig, jig_normals
 
 _FARTHEST_MM = 1e5
 _MOST_BOXES = 1000
+_LONGEST_EDGE_MM = 1e4
+_MOST_UNLIKE_EDGES = 10.0
 MOUNTS = ("room", "flange")
 
 
@@ -74,6 +78,64 @@ def scanner_document(scanner: Scanner) -> dict[str, Any]:
         "max_incidence_deg": scanner.max_incidence_deg,
     }
     return {key: value for key, value in told.items() if value is not None} | dict(scanner.extra)
+
+
+def load_jig(table: TomlTable) -> tuple[Jig, dict[str, Any]]:
+    """[jig], and what it holds besides. Raises DatasetError."""
+    default = Jig()
+    edge_mm = _edges(table) or default.edge_mm
+    angles = table.vector("face_angles_deg") or default.face_angles_deg
+    if not all(10.0 < angle < 170.0 for angle in angles):
+        raise table.error(
+            "face_angles_deg", f"found {list(angles)}", "angles between faces lie between 10 and 170"
+        )
+    try:
+        jig_normals(angles)
+    except CornerError:
+        raise table.error(
+            "face_angles_deg", f"found {list(angles)}", "no corner has such faces, a cube's has [90, 90, 90]"
+        ) from None
+    jig = Jig(
+        shape=table.text("shape", default.shape, choices=(default.shape,)) or default.shape,
+        edge_mm=edge_mm,
+        convex=table.flag("convex", default.convex),
+        face_angles_deg=angles,
+        certified=table.flag("certified", default.certified),
+    )
+    return jig, table.unread()
+
+
+def _edges(table: TomlTable) -> float | tuple[float, float, float] | None:
+    """One length of all edges of the jig, or three; None where none is told."""
+    key, three = "edge_mm", None
+    if isinstance(table.data.get(key), list):
+        three = table.vector(key)
+    one = None if three else table.number(key, positive=True)
+    lengths: tuple[float, ...] = three or (() if one is None else (one,))
+    for length in lengths:
+        if length <= 0:
+            raise table.error(key, f"found {length:g}", "lengths above 0 are needed")
+        if length > _LONGEST_EDGE_MM:
+            raise table.error(key, f"found {length:g} mm", f"an edge has {_LONGEST_EDGE_MM:g} mm at most")
+        if length < 1.0:
+            raise table.error(key, f"found {length:g} mm, which looks like metres", "multiply it by 1000")
+    if three and max(three) > _MOST_UNLIKE_EDGES * min(three):
+        remedy = (
+            f"the longest may be {_MOST_UNLIKE_EDGES:g} times the shortest; give the part that is scanned"
+        )
+        raise table.error(key, f"found edges of {list(three)} mm", remedy)
+    return three or one
+
+
+def jig_document(jig: Jig) -> dict[str, Any]:
+    """[jig] as it is written."""
+    return {
+        "shape": jig.shape,
+        "edge_mm": list(jig.edge_mm) if isinstance(jig.edge_mm, tuple) else jig.edge_mm,
+        "convex": jig.convex,
+        "face_angles_deg": list(jig.face_angles_deg),
+        "certified": jig.certified,
+    }
 
 
 def load_surroundings(table: TomlTable) -> Surroundings:

@@ -12,6 +12,8 @@ import tomli_w
 from calib.dataset.dataset import About, Dataset, Poses
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.cell_tables import (
+    jig_document,
+    load_jig,
     load_mount,
     load_scanner,
     load_surroundings,
@@ -26,12 +28,10 @@ from calib.dataset.files.poses_csv import is_one_line, load_poses, poses_frame
 from calib.dataset.files.robot_toml import load_robot, robot_to_toml
 from calib.dataset.files.toml_table import TomlTable
 from calib.dataset.robot_checks import refuse_beyond
-from calib.errors import CornerError, DatasetError
-from calib.jig import Jig, jig_normals
+from calib.errors import DatasetError
 
 FORMAT = 1
 ABOUT = ("serial", "operator", "site", "date")
-_LONGEST_EDGE_MM = 1e4
 
 
 def find_datasets(folder: Path) -> list[Path]:
@@ -91,15 +91,15 @@ def load_dataset(folder: str | Path) -> Dataset:
                 raise missing
             warnings.append(str(missing))
         _check_scans(folder, scans, poses, poses_path, needed=points is None)
-    jig, jig_extra = _jig(top.table("jig"))
+    jig, jig_extra = load_jig(top.table("jig"))
     about = _about(top.table("about"))
     surroundings = load_surroundings(top.table("cell"))
     scanner = load_scanner(scanner_table)
-    if scanner.scan_sigma_mm is not None and scanner.scan_sigma_mm > jig.edge_mm / 10.0:
+    if scanner.scan_sigma_mm is not None and scanner.scan_sigma_mm > jig.shortest_mm / 10.0:
         raise scanner_table.error(
             "scan_sigma_mm",
             f"found {scanner.scan_sigma_mm:g} mm",
-            f"of a jig whose edge is {jig.edge_mm:g} mm nothing is seen above {jig.edge_mm / 10.0:g} mm",
+            f"of a jig of {jig.edge_words()} nothing is seen above {jig.shortest_mm / 10.0:g} mm",
         )
     return Dataset(
         name=name,
@@ -164,34 +164,6 @@ def _about(table: TomlTable) -> About:
     return About(**told, extra=table.unread())
 
 
-def _jig(table: TomlTable) -> tuple[Jig, dict[str, Any]]:
-    default = Jig()
-    edge_mm = table.number("edge_mm", default.edge_mm, positive=True) or default.edge_mm
-    if edge_mm > _LONGEST_EDGE_MM:
-        raise table.error("edge_mm", f"found {edge_mm:g} mm", f"an edge has {_LONGEST_EDGE_MM:g} mm at most")
-    if edge_mm < 1.0:
-        raise table.error("edge_mm", f"found {edge_mm:g} mm, which looks like metres", "multiply it by 1000")
-    angles = table.vector("face_angles_deg") or default.face_angles_deg
-    if not all(10.0 < angle < 170.0 for angle in angles):
-        raise table.error(
-            "face_angles_deg", f"found {list(angles)}", "angles between faces lie between 10 and 170"
-        )
-    try:
-        jig_normals(angles)
-    except CornerError:
-        raise table.error(
-            "face_angles_deg", f"found {list(angles)}", "no corner has such faces, a cube's has [90, 90, 90]"
-        ) from None
-    jig = Jig(
-        shape=table.text("shape", default.shape, choices=(default.shape,)) or default.shape,
-        edge_mm=edge_mm,
-        convex=table.flag("convex", default.convex),
-        face_angles_deg=angles,
-        certified=table.flag("certified", default.certified),
-    )
-    return jig, table.unread()
-
-
 def _check_scans(folder: Path, scan_folder: Path, poses: Poses, poses_path: Path, *, needed: bool) -> None:
     """Each pose's scan lies below the folder and, where `needed`, is there. Raises DatasetError with its line."""
     for row, name in enumerate(poses.scan_names):
@@ -252,14 +224,6 @@ def _dataset_document(dataset: Dataset) -> dict[str, Any]:
     )
     if about:
         document["about"] = about
-    if not dataset.jig_is_declared:
-        return document
-    jig = dataset.jig
-    document["jig"] = {
-        "shape": jig.shape,
-        "edge_mm": jig.edge_mm,
-        "convex": jig.convex,
-        "face_angles_deg": list(jig.face_angles_deg),
-        "certified": jig.certified,
-    } | dict(jig_extra)
+    if dataset.jig_is_declared:
+        document["jig"] = jig_document(dataset.jig) | dict(jig_extra)
     return document

@@ -70,10 +70,10 @@ def test_jig_edges_are_where_faces_meet_and_point_along_the_jig() -> None:
     apex, edges = np.array([1.0, 2, 700]), np.eye(3)
     normals = -np.eye(3)  # face i is spanned by the other two edges
     centres = np.array([apex + (edges.sum(axis=0) - edges[i]) * 20 for i in range(3)])
-    lines = jig_edges(apex, normals, centres, 60.0)
+    lines = jig_edges(apex, normals, centres, (60.0, 70.0, 80.0))
     np.testing.assert_allclose(lines[:, 0], np.tile(apex, (3, 1)))
-    ends = sorted((lines[:, 1] - apex).tolist())
-    np.testing.assert_allclose(ends, sorted((edges * 60).tolist()), atol=1e-9)
+    ends = lines[[1, 2, 0], 1] - apex  # edge i leaves face i; the lines are those of faces 1-2, 2-3, 3-1
+    np.testing.assert_allclose(ends, edges * [[60.0], [70.0], [80.0]], atol=1e-9)
 
 
 def test_unit_sphere_is_one_and_looks_outward() -> None:
