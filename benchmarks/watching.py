@@ -221,7 +221,7 @@ def run(
     print(
         f"  {'':18} found (alone, shared)   named (shared)   named or among those said   sigmas: fixed, free"
     )
-    for change in changes:
+    for change in changes if each else ():
         c, b = counts[change.name], np.mean(bounds[change.name], axis=0)
         share = {k: 100.0 * c[k] / c["total"] for k in ("found", "named", "doubt")}
         print(
