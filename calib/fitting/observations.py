@@ -196,7 +196,8 @@ def room_placement(robot: Robot, observed: Observations) -> RoomPlacement:
     poses, row = observed.used_poses
     chain = kinematics.forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first)
     points = observed.points
-    return place_in_room(chain.base_T_flange[row], points.xyz_mm, observed.setup, points.target)
+    turns = None if points.orientations is None else points.orientations.scanner_R_jig
+    return place_in_room(chain.base_T_flange[row], points.xyz_mm, observed.setup, points.target, turns)
 
 
 def nominal_state(dataset: Dataset) -> RobotState:

@@ -7,6 +7,9 @@ the flange (X, t) of each setup, and the place p of each target in the base fram
 numbers of X, in t and in p. With t and p eliminated, what is left is a quadratic form of X: its minimum is brought to
 a rotation, and from there, and from rotations all over SO(3) in case the points tell less than nine numbers, the least
 squares on rotations are found. Then all unknowns are refined together. No first guess is needed.
+
+Where the orientation O_i of the jig was measured as well, R_i X O_i = Y is the jig's in the room, the same at all poses
+(A X = Y B): linear in X too, and part of the same quadratic form.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calib import frames
-from calib.array_types import Array
+from calib.array_types import Array, BoolArray
 from calib.kinematics.robot import Robot, Target, Vector
 
 PLACE_SIGMA_MM = 1000.0
@@ -81,13 +84,20 @@ def _vector(place_mm: Array) -> Vector:
 
 
 def place_in_room(
-    base_T_flange: Array, scanner_mm: Array, setup: NDArray[np.str_], target: NDArray[np.str_]
+    base_T_flange: Array,
+    scanner_mm: Array,
+    setup: NDArray[np.str_],
+    target: NDArray[np.str_],
+    scanner_R_jig: Array | None = None,
 ) -> RoomPlacement:
     """The placement with the least squared error at M points.
 
     base_T_flange  # (M, 4, 4); scanner_mm  # (M, 3); setup, target  # (M,) names
+    scanner_R_jig  # (M, 3, 3) of the jig where it was measured, else nan
     """
     problem = _Problem.of(base_T_flange, scanner_mm, setup, target)
+    if scanner_R_jig is not None and np.isfinite(scanner_R_jig).all(axis=(1, 2)).any():
+        problem = replace(problem, scanner_R_jig=scanner_R_jig)
     turns = np.stack([problem.best_turn(k) for k in range(len(problem.setups))])
     turns, shifts, places = problem.refined(turns)
     open_turns, open_shifts = problem.left_open(turns)
@@ -111,6 +121,7 @@ class _Problem:
     setups: tuple[str, ...]
     targets: tuple[str, ...]
     centre_mm: Array  # (3,)
+    scanner_R_jig: Array | None = None  # (M, 3, 3), nan where it is not known
 
     @classmethod
     def of(
@@ -151,11 +162,25 @@ class _Problem:
         u, s, _ = np.linalg.svd(apart, full_matrices=False)
         basis = u[:, s > _OPEN * s[0]]
         both = np.column_stack([by_turn, self.origin_mm[rows].ravel()])
-        both = np.asarray(np.linalg.qr(both - basis @ (basis.T @ both), mode="r"))
+        both = np.concatenate([both - basis @ (basis.T @ both), self._attitude_rows(rows)])
+        both = np.asarray(np.linalg.qr(both, mode="r"))
         form, right = both[:, :9], both[:, 9]
         linear = np.linalg.lstsq(form, -right, rcond=1e-9)[0].reshape(3, 3)
         starts = np.concatenate([_nearest_rotation(linear)[None], _ALL_OVER])
         return _least_on_rotations(form, right, starts)
+
+    def _attitude_rows(self, rows: BoolArray) -> Array:
+        """(9 K, 10) of R X O less its mean, by X, at the K of these points (M,) where O is known; and zeros.
+
+        A radian counts as `_MM_PER_RADIAN`.
+        """
+        if self.scanner_R_jig is None:
+            return np.zeros((0, 10))
+        known = rows & np.isfinite(self.scanner_R_jig).all(axis=(1, 2))
+        by_turn = np.einsum("mai,mjb->mabij", self.rotation[known], self.scanner_R_jig[known])
+        by_turn = by_turn.reshape(-1, 9, 9)
+        apart = _MM_PER_RADIAN * (by_turn - by_turn.mean(axis=0)) if len(by_turn) else by_turn
+        return np.column_stack([apart.reshape(-1, 9), np.zeros(9 * len(by_turn))])
 
     def _residual(self, turns: Array, shifts: Array, places: Array) -> tuple[Array, Array]:
         """R (X s + t) + b - p (M, 3), and the turned points R X s."""
@@ -192,12 +217,23 @@ class _Problem:
         count = len(self.setups)
         turned = self._residual(turns, np.zeros((count, 3)), np.zeros((len(self.targets), 3)))[1]
         every = np.concatenate([self._turn_columns(turned), self._shift_columns], axis=1)
+        every = np.concatenate([every, self._attitude_changes()])
         _, s, vt = np.linalg.svd(every, full_matrices=True)
         size = np.concatenate([s, np.zeros(len(vt) - len(s))])
         open_turns = bool(np.any(np.abs(vt[size <= _OPEN * size[0], : 3 * count]) > 1e-3))
         along = vt[size <= _HARDLY_KNOWN * size[0], 6 * count :].reshape(-1, 3)
         _, s, vt = np.linalg.svd(along, full_matrices=False)
         return open_turns, vt[s > 0.1]
+
+    def _attitude_changes(self) -> Array:
+        """(3 K, 6 S + 3 T): how small turns of the scanners turn the jig's attitude in the room, less the mean turn."""
+        width = 6 * len(self.setups) + 3 * len(self.targets)
+        if self.scanner_R_jig is None:
+            return np.zeros((0, width))
+        known = np.isfinite(self.scanner_R_jig).all(axis=(1, 2))
+        turns = np.einsum("ms,mij->misj", self.setup[known], self.rotation[known])
+        turns = (turns - turns.mean(axis=0)).reshape(3 * np.count_nonzero(known), -1)
+        return np.concatenate([turns, np.zeros((len(turns), width - turns.shape[1]))], axis=1)
 
 
 def _nearest_rotation(matrix: Array) -> Array:

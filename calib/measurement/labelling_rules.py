@@ -17,7 +17,7 @@ from calib.dataset.dataset import Dataset, points_from_corners
 from calib.effects.link_errors import LinkErrors
 from calib.errors import FitError
 from calib.fitting.model import geometric_model
-from calib.fitting.observations import Observations, predict_points, with_nominal_scanner_frames
+from calib.fitting.observations import Observations, in_room, predict_points, with_nominal_scanner_frames
 from calib.fitting.tool_point.far_off import search_tool_point
 from calib.kinematics import chain as kinematics
 from calib.measurement.labels import LEAST_MARGIN_DEG, LEAST_MISFIT_MARGIN, FaceLabels
@@ -54,7 +54,9 @@ def predicted_attitudes(
         observed = Observations.of(dataset.with_points(points), np.ones(len(dataset.poses), dtype=bool))
     except FitError as error:
         return {}, dict.fromkeys(corners, str(error))
-    robot = search_tool_point(observed, LinkErrors(dataset.robot), ()) or dataset.robot
+    robot = in_room(dataset.robot, observed)
+    if not robot.carries_scanner:
+        robot = search_tool_point(observed, LinkErrors(robot), ()) or robot
     model = geometric_model(robot)
     x = np.zeros(len(model.parameters))
     observed = with_nominal_scanner_frames(observed, robot)
@@ -87,10 +89,12 @@ def predicted_attitudes(
 
 
 def _nominal_attitudes(dataset: Dataset) -> Array:
-    """base_R_tool (N, 3, 3) of all poses."""
+    """base_R_tool (N, 3, 3) of all poses; flange_R_base where the arm carries the scanner."""
     chain = kinematics.forward(
         dataset.robot.table, dataset.poses.q, dataset.robot.is_revolute, dataset.robot.base_T_first
     )
+    if dataset.robot.carries_scanner:
+        return np.swapaxes(chain.base_T_flange[:, :3, :3], 1, 2)
     return np.asarray(chain.base_T_frame[:, -1, :3, :3])
 
 

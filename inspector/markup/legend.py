@@ -19,6 +19,11 @@ from inspector.session.view import View, corner_of
 
 EMPTY = "Nothing is on show: choose a view above, or tick a layer below."
 
+ON_FLANGE = (
+    "The arm carries the scanner, and all is drawn as that sees it: each point is a jig in the room, seen at one "
+    "pose, and the base moves from pose to pose."
+)
+
 
 def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> str:
     """The meaning of the layers on show that have something in them. distances_mm  # (N,) of the scan to the jig"""
@@ -50,6 +55,8 @@ def legend_html(view: View, visible: set[str], distances_mm: Array | None) -> st
         parts.append(elements.legend(models, before=f"residuals × {view.arrows:g} to"))
     if view.version is not None and visible & {"arm", "floor"}:
         parts.append(_of_the_base(visible))
+    if view.session.dataset.robot.carries_scanner and visible & {"corners", "arm", "overview"}:
+        parts.append(elements.note(ON_FLANGE))
     # The margin keeps it clear of the folder below.
     return f'<div style="margin-bottom:14px">{"".join(parts)}</div>' if parts else ""
 

@@ -62,3 +62,20 @@ def test_points_in_a_plane_place_the_scanner_too(seed: int) -> None:
     np.testing.assert_allclose(base_mm, np.broadcast_to(found.place_mm["jig"], base_mm.shape), atol=1e-6)
     np.testing.assert_allclose(np.abs(found.open_shifts), [[0.0, 0.0, 1.0]], atol=1e-9)
     assert not found.open_turns
+
+
+def test_orientations_tell_what_points_at_one_place_do_not() -> None:
+    """The scanner circles about the jig and sees it always at the same place: A X = Y B tells how it is mounted."""
+    rng = np.random.default_rng(4)
+    mounted, jig = random_transform(rng), random_transform(rng)
+    flange = np.tile(np.eye(4), (12, 1, 1))
+    flange[:, :3, :3] = Rotation.random(12, rng=rng).as_matrix()
+    flange[:, :3, 3] = jig[:3, 3] - np.einsum("mij,j->mi", flange[:, :3, :3], [100.0, -50.0, 300.0])
+    seen = np.linalg.inv(flange @ mounted) @ jig
+    names = np.full(12, "A"), np.full(12, "jig")
+    alone = place_in_room(flange, seen[:, :3, 3], *names)
+    assert alone.open_turns
+    found = place_in_room(flange, seen[:, :3, 3], *names, seen[:, :3, :3])
+    assert not found.open_turns
+    np.testing.assert_allclose(found.flange_T_scanner["A"], mounted, atol=1e-6)
+    np.testing.assert_allclose(found.place_mm["jig"], jig[:3, 3], atol=1e-6)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from calib import frames
@@ -9,8 +11,11 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.model_versions import versions
 from calib.calibration.pose_errors import pose_errors_of
 from inspector.export.glb_scene import scene_glb
+from inspector.markup.legend import legend_html
 from inspector.report.arm_drawing import arm_drawing
 from inspector.scene.arm_shape import arm_of
+from inspector.session.session import Session
+from inspector.session.view import View
 from tests.support.arms import flange_dataset_of, perturbed, random_arm
 
 RNG = np.random.default_rng(2)
@@ -42,3 +47,10 @@ def test_report_and_glb_draw_it() -> None:
     nominal, fitted = versions(CALIBRATION)
     assert arm_drawing(nominal, fitted, ("before", "after"), 3).startswith("<svg")
     assert scene_glb(CALIBRATION, 3, 100.0)[:4] == b"glTF"
+
+
+def test_the_legend_says_from_where_it_is_drawn() -> None:
+    session = Session(CALIBRATION.dataset)
+    assert "The arm carries the scanner" in legend_html(View(session), {"corners"}, None)
+    in_room = replace(CALIBRATION.dataset, robot=ARM)
+    assert "carries" not in legend_html(View(Session(in_room)), {"corners"}, None)
