@@ -68,7 +68,7 @@ class Fleet:
         if len(by_arm) > _TOLD:
             lines.append(f"{len(by_arm) - _TOLD} further arms changed")
         lines += [
-            f"worst: {row.path}: {length_text(row.error_mm)}, {row.words}"
+            f"worst: {row.path}: {length_text(row.error_mm)}, {row.headline}"
             for row in self.worst(3)
             if row.error_mm is not None
         ]

@@ -62,6 +62,12 @@ class Row:
         return self.robot, self.serial or f"({self.path})"
 
     @property
+    def headline(self) -> str:
+        """The verdict's first sentence, which stands without what a full diagnosis says before it."""
+        first, dot, _ = self.words.partition(". ")
+        return first + dot.strip()
+
+    @property
     def error_mm(self) -> float | None:
         """The last error: of the test poses, or of the training poses where there are none."""
         return self.train.final_mm if self.test.final_mm is None else self.test.final_mm

@@ -35,7 +35,10 @@ def fleet_errors(
     low, high = (min(shown), max(shown)) if shown else (0.1, 1.0)
     return figure(
         traces,
-        xaxis={"title": "datasets, by their last error", "zeroline": False, "range": [0.5, len(names) + 0.5]},
+        xaxis={
+            "title": "datasets, by their last error", "zeroline": False, "range": [0.5, len(names) + 0.5],
+            "tickvals": list(range(1, len(names) + 1, max(1, len(names) // 8))),
+        },
         yaxis={"title": "3D RMSE, mm", **log_axis(low, high)},
         margin=(56, 14, 30, 10),
         dark=False,

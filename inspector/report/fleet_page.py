@@ -197,7 +197,7 @@ def _drift_table(fleet: Fleet, drifts: Sequence[Drift], links: _Links, caption: 
 def _worst(fleet: Fleet, links: _Links) -> list[Block]:
     rows = [
         (
-            links.of(row.path), row.serial, row.robot, _mm(row.error_mm), _ratio(row), row.words,
+            links.of(row.path), row.serial, row.robot, _mm(row.error_mm), _ratio(row), row.headline,
             links.command(row.path),
         )
         for row in fleet.worst()

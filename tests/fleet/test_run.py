@@ -7,6 +7,7 @@ import os
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from calib.fleet.cluster import cluster_workers, local_workers
 from calib.fleet.discovery import discover
 from calib.fleet.judge import FleetOptions
 from calib.fleet.result import Fleet
+from calib.fleet.row import Row
 from calib.fleet.run import Workers, run_fleet
 from calib.fleet.table import table_bytes
 from tests.support.fleet import ENOUGH, write_cell
@@ -221,3 +223,11 @@ def test_the_kept_file_says_what_it_is(folder: Path) -> None:
     documents = [json.loads(p.read_text()) for p in (folder.parent / "fleet.results").glob("*.json")]
     assert {document["row"]["path"] for document in documents} == {"a", "b", "deep/er/c"}
     assert all(np.isfinite(document["seconds"]) and len(document["key"]) == 64 for document in documents)
+
+
+def test_a_row_tells_its_verdict_in_one_sentence() -> None:
+    row = Row(
+        "a", "a", "", "", "", {}, "RB5", 6, 50, 50, words="unexplained: 1.13 mm at p9. It is told above."
+    )
+    assert row.headline == "unexplained: 1.13 mm at p9."
+    assert replace(row, words="adequate").headline == "adequate"
