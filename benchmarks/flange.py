@@ -3,7 +3,7 @@
     python benchmarks/flange.py [--arms 1000] [--poses 64] [--noise-mm 0.05] [--seed 1]
 
 Each arm has 5 to 7 joints with axes at right angles, parallel or anyhow, links of up to half a metre, and link errors
-drawn from the tolerances that the fit takes for its prior (1 mm, 0.5 deg). The scanner sits on the flange anyhow, the
+from the tolerances that the fit takes for its prior (1 mm, 0.5 deg). The scanner sits on the flange anyhow, the
 jig stands anywhere within 1.5 m; 50 poses are for the fit and 13 for testing. No first guess is given. The simulator is
 `calib.simulation.truth`, which shares no code with the fit; so is the bound, by differences of it: the covariance of
 the predicted points at the test poses for the best unbiased estimate (with the tolerances as prior: van Trees 1968), of
@@ -51,7 +51,7 @@ class Outcome:
 
 
 def random_arm(rng: np.random.Generator, joints: int) -> Robot:
-    """Any serial arm: a third of its twists are right angles or none, each."""
+    """Any serial arm: of four twists one is none, two are right angles, one is anything."""
 
     def twist() -> float:
         return float(rng.choice([0.0, np.pi / 2, -np.pi / 2, rng.uniform(-np.pi, np.pi)]))
