@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from calib.planes.normals import Neighbourhoods
 
 _MOST_GROUPS = 60
 _MOST_PEAKS = 4
+# Of the triples, those whose faces have the most points; a jig in clutter is among the first few.
+_MOST_SCORED = 60
+_MOST_PAIRS = 20  # for which a third face is voted
 _SETS_TO_COUNT = 3  # a group of fewer sets is mostly a part of another plane
 _CLEAR = 0.015  # of the edge: voters keep this distance from the other two faces and the far edge
 _NEAR_END = 0.12  # of the edge: how far from where the two other faces end the third may be
@@ -70,38 +74,29 @@ class FaceTriple:
         return bool(enough and self.wrong.max() <= tolerances.most_wrong)
 
 
-def face_triples(
-    points_mm: Array,
-    groups: Sequence[PlaneGroup],
-    around: Neighbourhoods,
-    jig: Jig,
-    tolerances: SelectionTolerances,
-) -> Iterator[FaceTriple]:
+def face_triples(points_mm: Array, planes: Planes) -> Iterator[FaceTriple]:
     """The triples of planes with the outline of the jig, the highest score first; those with a voted face come last.
 
-    points_mm  # (N, 3) the whole scan; `around` its thinned points with normals.
+    points_mm  # (N, 3) the whole scan
     """
-    planes = _Planes(groups, around, jig, tolerances)
-    yield from _like_the_jig(planes.triples(), tolerances)
-    yield from _like_the_jig(_vote_third_faces(points_mm, planes), tolerances)
+    yield from _like_the_jig(planes.triples, planes.tolerances)
+    yield from _like_the_jig(_vote_third_faces(points_mm, planes), planes.tolerances)
 
 
-def why_no_triple(
-    groups: Sequence[PlaneGroup], around: Neighbourhoods, jig: Jig, tolerances: SelectionTolerances
-) -> str:
+def why_no_triple(planes: Planes) -> str:
     """Why no three planes are the jig's faces, with numbers and what would help."""
-    mirrored = _Planes(groups, around, replace(jig, convex=not jig.convex), tolerances)
-    if _like_the_jig(mirrored.triples(), tolerances):
+    jig = planes.jig
+    mirrored = Planes(planes.groups, planes.around, replace(jig, convex=not jig.convex), planes.tolerances)
+    if _like_the_jig(mirrored.triples, planes.tolerances):
         seen, said = ("away from", "true") if jig.convex else ("toward", "false")
         return (
             f"found a corner of the jig's size whose apex points {seen} the scanner, but the jig is described with "
             f"convex = {said}; check convex in dataset.toml, and that the scanner is the origin of the scan's frame"
         )
-    planes = _Planes(groups, around, jig, tolerances)
-    return _what_was_found(planes, planes.triples(), jig)
+    return _what_was_found(planes, planes.triples, jig)
 
 
-class _Planes:
+class Planes:
     """The groups' planes with every thinned point's height over each, which is all that the scoring needs."""
 
     def __init__(
@@ -129,14 +124,44 @@ class _Planes:
         agree = self.around.normals @ normal >= np.cos(self.tolerances.member_normal_rad)
         return np.flatnonzero(near & agree)
 
+    @cached_property
     def triples(self) -> list[FaceTriple]:
-        """All triples of perpendicular planes with their scores."""
+        """The triples of perpendicular planes with their scores; of very many those that have the most points."""
+        return [self.candidate(self.groups, (i, j, k)) for i, j, k in self.likeliest_triples().tolist()]
+
+    @cached_property
+    def perpendicular_triples(self) -> IndexArray:
+        """(T, 3) indices of perpendicular planes, in ascending order."""
         found = []
         for i, j in np.argwhere(np.triu(self.perpendicular)).tolist():
-            for k in np.flatnonzero(self.perpendicular[i] & self.perpendicular[j]).tolist():
-                if k > j:
-                    found.append(self.candidate(self.groups, (i, j, k)))
-        return found
+            both = np.flatnonzero(self.perpendicular[i] & self.perpendicular[j])
+            found += [(i, j, k) for k in both[both > j].tolist()]
+        return np.array(found, dtype=np.int64).reshape(-1, 3)
+
+    def likeliest_triples(self) -> IndexArray:
+        """(T, 3) the triples worth a score: of many those with the most points on their three faces."""
+        triples = self.perpendicular_triples
+        if len(triples) <= _MOST_SCORED:
+            return triples
+        along = self.sign * self.heights
+        in_reach = ((along >= 0) & (along < self.jig.longest_mm)).astype(np.float32)
+        on = np.abs(self.heights) <= self.tolerances.height_mm
+        points = np.zeros(len(triples))
+        for face in range(3):
+            one, other = np.delete(triples, face, axis=1).T
+            for plane in np.unique(triples[:, face]):
+                reach = in_reach[on[:, plane]]
+                of_plane = triples[:, face] == plane
+                points[of_plane] += np.sqrt((reach.T @ reach)[one[of_plane], other[of_plane]])
+        return triples[np.argsort(-points, kind="stable")[:_MOST_SCORED]]
+
+    @cached_property
+    def likeliest_pairs(self) -> list[tuple[int, int]]:
+        """Perpendicular planes that may be two of the faces: of many those whose weaker face has the most points."""
+        pairs = [(i, j) for i, j in np.argwhere(np.triu(self.perpendicular)).tolist()]
+        if len(pairs) > _MOST_PAIRS:
+            pairs.sort(key=lambda pair: -min(len(self.strip(pair)), len(self.strip(pair[::-1]))))
+        return pairs[:_MOST_PAIRS]
 
     def strip(self, pair: tuple[int, int]) -> IndexArray:
         """Members of the first plane that could be a face which meets the second: from the edge to its length away."""
@@ -196,15 +221,15 @@ def _like_the_jig(candidates: Sequence[FaceTriple], tolerances: SelectionToleran
     return sorted(like, key=lambda c: -float(c.score.sum()))
 
 
-def _vote_third_faces(points_mm: Array, planes: _Planes) -> list[FaceTriple]:
+def _vote_third_faces(points_mm: Array, planes: Planes) -> list[FaceTriple]:
     """Triples of two perpendicular planes each, whose third face all points of the scan vote for."""
     found = []
-    for i, j in np.argwhere(np.triu(planes.perpendicular)).tolist():
-        found += _vote(points_mm, planes, (i, j))
+    for pair in planes.likeliest_pairs:
+        found += _vote(points_mm, planes, pair)
     return found
 
 
-def _vote(points_mm: Array, planes: _Planes, pair: tuple[int, int]) -> list[FaceTriple]:
+def _vote(points_mm: Array, planes: Planes, pair: tuple[int, int]) -> list[FaceTriple]:
     """Triples with the two planes `pair`.
 
     The third normal is n_1 x n_2 on the scanner's side. All points (N, 3) that lie over the third face's triangle
@@ -251,7 +276,7 @@ def _fullest_bands(height_mm: Array, width_mm: float, min_votes: int) -> list[fl
     return bands
 
 
-def _what_was_found(planes: _Planes, triples: Sequence[FaceTriple], jig: Jig) -> str:
+def _what_was_found(planes: Planes, triples: Sequence[FaceTriple], jig: Jig) -> str:
     """Which planes and triples there were, and what would help."""
     count = sum(len(g.sets) >= _SETS_TO_COUNT for g in planes.groups) or len(planes.groups)
     sizes = [f"{len(m)}" for m in planes.members[: min(count, 3)]]
@@ -267,7 +292,8 @@ def _what_was_found(planes: _Planes, triples: Sequence[FaceTriple], jig: Jig) ->
         )
     best = max(triples, key=lambda c: float(np.sort(c.score)[1]))
     filled = ", ".join(f"{max(w, 0):.0%}" for w in np.sort(best.score))
+    count = len(planes.perpendicular_triples)
     return (
-        f"found {len(triples)} triples of perpendicular planes, but none with the outline of a jig of "
+        f"found {count} triples of perpendicular planes, but none with the outline of a jig of "
         f"{jig.edge_words()} (the best fills {filled} of its faces); check edge_mm, and that the jig is in full view"
     )

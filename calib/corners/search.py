@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
-from calib.corners.face_selection import SelectionTolerances, face_triples, why_no_triple
+from calib.corners.face_selection import Planes, SelectionTolerances, face_triples, why_no_triple
 from calib.corners.intersection import Corner
 from calib.corners.refinement import RefinementOptions, refine
 from calib.corners.unit_check import MOST_EDGES, extent_of, failure_with_unit
@@ -122,15 +122,21 @@ def _search(
     except CornerError as error:
         return failed_search(scan.name, str(error))
     searches: list[CornerSearch] = []
+    planes: list[Planes] = []
     for neighbours, times in _SEARCH_PASSES:
         around = estimate_normals(scan.points_mm[thinned], neighbours)
         more = replace(options, sample_sets=times * options.sample_sets)
-        searches.append(_search_pass(scan, around, jig, scan_sigma_mm, rng, more))
+        search, found = _search_pass(scan, around, jig, scan_sigma_mm, rng, more)
+        searches.append(search)
+        planes.append(found)
         if searches[-1].corner is not None:
             break
     # Of failed passes the first is reported, unless a later one came as far as three planes.
-    reported = max(searches, key=lambda search: (search.corner is not None, len(search.chosen)))
-    return replace(reported, search_passes=len(searches))
+    best = max(range(len(searches)), key=lambda k: (searches[k].corner is not None, len(searches[k].chosen)))
+    reported = replace(searches[best], search_passes=len(searches))
+    if reported.corner is None and not reported.failure:
+        return replace(reported, failure=why_no_triple(planes[best]))
+    return reported
 
 
 def _search_pass(
@@ -140,10 +146,10 @@ def _search_pass(
     scan_sigma_mm: float | None,
     rng: np.random.Generator,
     options: CornerOptions,
-) -> CornerSearch:
+) -> tuple[CornerSearch, Planes]:
     """One pass over the scan's thinned points: sample sets, plane groups, the three faces and their refinement.
 
-    Of triples that all fail in the refinement the likeliest is reported.
+    Of triples that all fail in the refinement the likeliest is reported; where there is none no reason is given yet.
     """
     tolerances = _Tolerances.of(around, jig, max(scan_sigma_mm or 0.0, around.noise_mm()))
     drawn = draw_sample_sets(
@@ -156,9 +162,9 @@ def _search_pass(
     sets = apply_filters(around.points_mm[drawn], around.normals[drawn], tolerances.filters)
     groups = cluster(sets, tolerances.clusters)
     search = CornerSearch(scan.name, around.points_mm, around.normals, sets, groups, (), None, "", 0.0)
-    triples = face_triples(scan.points_mm, groups, around, jig, tolerances.selection)
+    planes = Planes(groups, around, jig, tolerances.selection)
     failed: list[CornerSearch] = []
-    for triple in islice(triples, MOST_TRIPLES):
+    for triple in islice(face_triples(scan.points_mm, planes), MOST_TRIPLES):
         search = replace(search, groups=triple.groups, chosen=triple.chosen)
         try:
             corner = refine(
@@ -174,10 +180,8 @@ def _search_pass(
         except CornerError as error:
             failed.append(replace(search, failure=str(error)))
         else:
-            return replace(search, corner=corner)
-    if failed:
-        return failed[0]
-    return replace(search, failure=why_no_triple(groups, around, jig, tolerances.selection))
+            return replace(search, corner=corner), planes
+    return (failed or [search])[0], planes
 
 
 @dataclass(frozen=True)
