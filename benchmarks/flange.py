@@ -5,7 +5,7 @@
 Each arm has 5 to 7 joints with axes at right angles, parallel or anyhow, links of up to half a metre, and link errors
 from the tolerances that the fit takes for its prior (1 mm, 0.5 deg). The scanner sits on the flange anyhow, the
 jig stands anywhere within 1.5 m; 51 poses are for the fit and 13 for testing. No first guess is given. The simulator is
-`calib.simulation.truth`, which shares no code with the fit; so does the bound, by differences of it: the covariance of
+`calib.simulation.truth`, which shares no code with the fit; nor does the bound, by differences of it: the covariance of
 the predicted points at the test poses for the best unbiased estimate (with the tolerances as prior: van Trees 1968), of
 link errors, the scanner's six and the jig's three unknowns together.
 """
