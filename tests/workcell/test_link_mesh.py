@@ -12,8 +12,8 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import DatasetError
 from calib.simulation.simulate import simulate_dataset
+from calib.workcell.bodies import link_mesh
 from calib.workcell.bodies.link_mesh import load_link_mesh
-from inspector.scene import link_mesh
 from tests.support.tiny_dataset import box_stl
 
 
