@@ -223,10 +223,7 @@ def _like_the_jig(candidates: Sequence[FaceTriple], tolerances: SelectionToleran
 
 def _vote_third_faces(points_mm: Array, planes: Planes) -> list[FaceTriple]:
     """Triples of two perpendicular planes each, whose third face all points of the scan vote for."""
-    found = []
-    for pair in planes.likeliest_pairs:
-        found += _vote(points_mm, planes, pair)
-    return found
+    return [triple for pair in planes.likeliest_pairs for triple in _vote(points_mm, planes, pair)]
 
 
 def _vote(points_mm: Array, planes: Planes, pair: tuple[int, int]) -> list[FaceTriple]:
@@ -247,8 +244,9 @@ def _vote(points_mm: Array, planes: Planes, pair: tuple[int, int]) -> list[FaceT
     if third @ strips[0].mean(axis=0) > 0:
         third = -third
     along = planes.sign * (points_mm @ normals.T - offsets)
-    over = np.all(along > _CLEAR * edge_mm, axis=1)
-    over &= along.sum(axis=1) < (1 - _CLEAR) * planes.jig.longest_mm
+    over = np.all(along > _CLEAR * edge_mm, axis=1) & (
+        along.sum(axis=1) < (1 - _CLEAR) * planes.jig.longest_mm
+    )
     height = points_mm[over] @ third
     # The two faces end at the third one, which gives its offset to a cell or so; its few points give the rest.
     ends = [float(np.quantile(planes.sign * (strip @ third), 0.02)) * planes.sign for strip in strips]
@@ -281,9 +279,10 @@ def _what_was_found(planes: Planes, triples: Sequence[FaceTriple], jig: Jig) -> 
     count = sum(len(g.sets) >= _SETS_TO_COUNT for g in planes.groups) or len(planes.groups)
     sizes = [f"{len(m)}" for m in planes.members[: min(count, 3)]]
     if count < 3:
-        found = f"found {count} plane{'s' * (count != 1)}" + (
-            f" ({' and '.join(sizes)} points)" if sizes else ""
-        )
+        found = f"found {count} plane{'s' * (count != 1)}" + f" ({' and '.join(sizes)} points)" * bool(sizes)
+        if count == 2:
+            cosine = min(abs(float(planes.normals[0] @ planes.normals[1])), 1.0)
+            found = f"two faces only, at {np.degrees(np.arccos(cosine)):.0f} deg to each other: {found}"
         return f"{found}, a corner needs 3; turn the jig so that three faces are seen, or scan it finer"
     if not triples:
         return (
@@ -292,8 +291,8 @@ def _what_was_found(planes: Planes, triples: Sequence[FaceTriple], jig: Jig) -> 
         )
     best = max(triples, key=lambda c: float(np.sort(c.score)[1]))
     filled = ", ".join(f"{max(w, 0):.0%}" for w in np.sort(best.score))
-    count = len(planes.perpendicular_triples)
     return (
-        f"found {count} triples of perpendicular planes, but none with the outline of a jig of "
-        f"{jig.edge_words()} (the best fills {filled} of its faces); check edge_mm, and that the jig is in full view"
+        f"found {len(planes.perpendicular_triples)} triples of perpendicular planes, but none with the outline of "
+        f"a jig of {jig.edge_words()} (the best fills {filled} of its faces); check edge_mm, and that the jig is in "
+        "full view"
     )

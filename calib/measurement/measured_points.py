@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -13,6 +14,8 @@ from calib.dataset.dataset import Dataset, Orientations, points_from_corners
 from calib.errors import CornerError, ScanError
 from calib.measurement.face_labels import label_corners
 from calib.measurement.labels import FaceLabels
+
+_NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")
 
 
 def with_corners(
@@ -74,7 +77,33 @@ def require_corners(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> N
             raise ScanError(search.failure)
     failed = failed_searches(searches)
     if len(failed) == len(searches):
-        first, reason = next(iter(failed.items()))
         raise CornerError(
-            f"dataset {dataset.name}: no corner in any of {len(failed)} scans; the first, {first}: {reason}"
+            f"dataset {dataset.name}: no corner in any of {len(failed)} scans: {counted_reasons(failed)}"
         )
+
+
+def counted_reasons(reasons: Mapping[str, str]) -> str:
+    """Why poses have no corner, the most frequent reason first, each with its count and its numbers' ranges.
+
+    Such as: 41 of 54: two faces only, at 84 to 90 deg to each other ...; 13 of 54: ... What would help is said of the
+    most frequent one.
+    """
+    alike: dict[str, list[str]] = {}
+    for pose_id, reason in reasons.items():
+        alike.setdefault(_NUMBER.sub("#", reason.partition("; ")[0]), []).append(pose_id)
+    said: list[str] = []
+    for poses in sorted(alike.values(), key=len, reverse=True):
+        told = [reasons[pose_id].partition("; ") for pose_id in poses]
+        numbers = zip(*(_NUMBER.findall(what) for what, _, _ in told), strict=True)
+        ranges = [_range(column) for column in numbers]
+        words = _NUMBER.split(told[0][0])
+        text = words[0] + "".join(f"{number}{word}" for number, word in zip(ranges, words[1:], strict=True))
+        remedy = f" ({told[0][2]})" if told[0][2] and not said else ""
+        said.append(f"{len(poses)} of {len(reasons)}: {text}{remedy}")
+    return "; ".join(said)
+
+
+def _range(numbers: Sequence[str]) -> str:
+    """The least and the largest of some numbers, as they are written; one where they are equal."""
+    least, largest = min(numbers, key=float), max(numbers, key=float)
+    return least if float(least) == float(largest) else f"{least} to {largest}"

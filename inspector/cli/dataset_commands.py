@@ -24,7 +24,13 @@ from calib.dataset.robot_checks import refuse_beyond
 from calib.effects.catalogue import descriptions
 from calib.errors import DatasetError
 from calib.identifiability.structural import free_frame_rank, redundancy
-from calib.measurement.measured_points import failed_searches, label_faces, require_corners, with_corners
+from calib.measurement.measured_points import (
+    counted_reasons,
+    failed_searches,
+    label_faces,
+    require_corners,
+    with_corners,
+)
 from calib.options import BUILTIN_ROBOTS
 from calib.strict_json import to_json
 from inspector.cli.options import (
@@ -75,6 +81,8 @@ def run_corners(options: CornersOptions) -> int:
     failed = failed_searches(searches)
     lines = [f"{search.summary()}{_left_out(search)}" for search in searches.values()]
     lines.append(f"{len(searches) - len(failed)} of {len(searches)} corners found")
+    if failed:
+        lines.append(f"no corner: {counted_reasons(failed)}")
     lines.append(labels.summary())
     show(options, documents.corners_document(searches, labels), "\n".join(lines))
     return 0

@@ -242,8 +242,9 @@ class ReviewPanel:
         *,
         running: bool,
         seconds: float | None = None,
+        why: str = "",
     ) -> None:
-        """How far the search through the scans has come; ids of poses whose corner failed or has doubts."""
+        """How far the search through the scans has come; ids of poses that failed or have doubts; why all failed."""
         if total == 0:
             self.progress_text.content = elements.note(
                 "Nothing to search: the points were measured (points.csv)."
@@ -258,9 +259,10 @@ class ReviewPanel:
             text = f"Stopped: {done} of {total} scans searched{failures}"
         else:
             took = f" in {seconds:.0f} s" if seconds is not None else ""
-            text = f"{done - len(failed)} of {total} corners found{took}{failures}"
+            reasons = f": {elements.text(why)}" if why else ""
+            text = f"{done - len(failed)} of {total} corners found{took}{failures}{reasons}"
         colour = FAILED if failed else DOUBT if doubtful else ""
-        said = elements.Html(text)  # of numbers and links alone
+        said = elements.Html(text)  # of numbers, links and escaped text
         self.progress_text.content = (
             elements.alert(said, colour=colour) if colour and not running else elements.note(said)
         )
@@ -290,10 +292,7 @@ class ReviewPanel:
 
 def few(names: Sequence[str], most: int = 3) -> str:
     """ "p1, p2, p3 …": the first of many, each short and a link to its pose, as HTML."""
-    shown = [
-        elements.pose_link(
-            name, name if len(name) <= elements.LONG_NAME else f"{name[: elements.LONG_NAME - 1]}…"
-        )
-        for name in names[:most]
-    ]
+    limit = elements.LONG_NAME
+    short = [name if len(name) <= limit else f"{name[: limit - 1]}…" for name in names[:most]]
+    shown = [elements.pose_link(name, text) for name, text in zip(names, short, strict=False)]
     return ", ".join(shown) + (" …" if len(names) > most else "")

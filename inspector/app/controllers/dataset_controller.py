@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from calib.errors import CalibError
+from calib.measurement.measured_points import counted_reasons
 from inspector.app.controllers.model_controller import ModelController
 from inspector.app.controllers.stage import Stage
 from inspector.app.page.page_state import PageState
@@ -146,15 +147,17 @@ class DatasetController:
         session = self._state.session
         searches = session.searches
         known = [(i, searches[i]) for i in session.dataset.poses.ids if i in searches]
+        failed = {i: search.failure for i, search in known if search.failure}
         measured = session.dataset.points is not None
         self._panels.headline.doing(searching=running and bool(session.needed))
         self._panels.review.show_progress(
             len(searches),
             0 if measured else session.scans,
-            [i for i, search in known if search.failure],
+            list(failed),
             [i for i, search in known if search.corner is not None and search.corner.quality.doubts()],
             running=running,
             seconds=self._search_s or None,
+            why=counted_reasons(failed) if len(failed) == session.scans else "",
         )
 
     # ---- poses ------------------------------------------------------------------------------------------------------
