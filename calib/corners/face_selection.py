@@ -143,8 +143,7 @@ class Planes:
         triples = self.perpendicular_triples
         if len(triples) <= _MOST_SCORED:
             return triples
-        along = self.sign * self.heights
-        in_reach = ((along >= 0) & (along < self.jig.longest_mm)).astype(np.float32)
+        in_reach = (np.abs(self.sign * self.heights / self.jig.longest_mm - 0.5) <= 0.5).astype(np.float32)
         on = np.abs(self.heights) <= self.tolerances.height_mm
         points = np.zeros(len(triples))
         for face in range(3):
@@ -202,8 +201,11 @@ class Planes:
             crossing = points[behind] * (offsets[face] / np.where(way < 0, way, -np.inf))[:, None]
             through = crossing @ normals[others].T - offsets[others]
             along_mm, through_mm = self.sign * heights[np.ix_(on, others)], self.sign * through
+            beside = np.all(np.abs(along_mm / self.jig.longest_mm - 0.75) < 1.25, axis=1)
+            over = np.all(np.abs(through_mm / self.jig.longest_mm - 0.5) < 0.6, axis=1)
+            along_mm, agree, through_mm = along_mm[beside], agrees[on][beside], through_mm[over]
             for outline in self.face_outlines:
-                shares[face, outline] = outline_shares(along_mm, agrees[on], through_mm, outline, spacing_mm)
+                shares[face, outline] = outline_shares(along_mm, agree, through_mm, outline, spacing_mm)
         triples = []
         for whole in self.outlines:
             areas = np.array([shares[face, FaceOutline.of(whole, face)] for face in range(3)])
