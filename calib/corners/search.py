@@ -25,6 +25,8 @@ from calib.scans.scan import PointCount, Scan
 MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
 MOST_TRIPLES = 4  # of planes, that are refined in one search pass
 _EDGE_VOXELS = 28  # voxels along the jig's edge
+# Share of loose points, beyond which passes after the first go without them: stray points hide a jig of few points.
+_MOST_LOOSE = 0.3
 _POINTS_A_SET = 8  # thinned points a sample set; a wide scene needs more sets for some to fall on the jig
 # (neighbours of a normal, factor on the number of sample sets) of the search passes, until one finds the jig. Few
 # neighbours fit into a narrow or sparsely seen face, many sets meet a jig that is a small part of the scan.
@@ -131,6 +133,9 @@ def _search(
         planes.append(found)
         if searches[-1].corner is not None:
             break
+        loose = around.loose()
+        if len(searches) == 1 and len(loose) * _MOST_LOOSE < loose.sum() < len(loose) - NEIGHBOURS:
+            thinned = thinned[~loose]
     # Of failed passes the first is reported, unless a later one came as far as three planes.
     best = max(range(len(searches)), key=lambda k: (searches[k].corner is not None, len(searches[k].chosen)))
     reported = replace(searches[best], search_passes=len(searches))

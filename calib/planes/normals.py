@@ -24,6 +24,7 @@ _ENOUGH_A_VOXEL = 6
 _AT_A_TIME = 16_384
 _BLOCK = 4
 _MOST_OF_USUAL = 20
+_LOOSE = 0.25
 _SURFACE_SHARE = 0.9  # so that up to nine of ten points may be stray
 _STRAY_SHARE = 0.04  # a face at 78 deg incidence has a twelfth of the points of one seen squarely
 
@@ -42,6 +43,13 @@ class Neighbourhoods:
     def spacing_mm(self, some: IndexArray | BoolArray) -> float:
         """Median distance between neighbouring points on the surfaces, of `some` of the points (indices or mask)."""
         return float(np.median(self.radius_mm[some]) * np.sqrt(np.pi / self.neighbours.shape[1]))
+
+    def loose(self) -> BoolArray:
+        """Mask (V,) of points about which others fill space instead of a surface.
+
+        Uniform stray points have a thickness of 0.2 to 0.4 of the radius, points of a surface one of some hundredths.
+        """
+        return np.asarray(self.thickness_mm > _LOOSE * self.radius_mm)
 
     def noise_mm(self) -> float:
         """Noise along the normals in the flat parts of the scene.

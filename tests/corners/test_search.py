@@ -94,6 +94,18 @@ def test_stray_points_are_left_out_of_the_thinning(count: int, most: float) -> N
 
 
 @pytest.mark.slow
+def test_a_jig_of_200_points_is_found_among_as_many_stray_points_as_all_others() -> None:
+    rng = np.random.default_rng([2, 400])
+    scene = make_scene(rng, 12_000, field_mm=400)
+    points = scene.scan.points_mm
+    stray = scene.apex_mm + rng.uniform(-80, 80, points.shape)
+    crowded = replace(scene, scan=Scan("crowded", np.vstack([points, stray])))
+    ratios, mahalanobis = errors([crowded])
+    assert ratios.max() < 3
+    assert mahalanobis.max() < 25
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [30, 38, 46, 60])
 @pytest.mark.parametrize("seed", range(2))
 def test_a_box_alone_is_not_taken_for_the_jig(size: float, seed: int) -> None:
