@@ -24,9 +24,9 @@ settings.load_profile("project")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Browser tests are slow: a browser takes seconds to start and to draw."""
+    """Browser tests are slow: a browser takes seconds to start and to draw. So is what is thorough."""
     for item in items:
-        if item.get_closest_marker("browser"):
+        if item.get_closest_marker("browser") or item.get_closest_marker("thorough"):
             item.add_marker(pytest.mark.slow)
 
 

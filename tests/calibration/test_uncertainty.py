@@ -71,6 +71,7 @@ def test_pairs_that_blur_each_other_are_named() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("range_rad", [np.pi, 0.6])
+@pytest.mark.thorough
 def test_predictions_err_as_much_as_they_say(range_rad: float) -> None:
     """Mean squared Mahalanobis distance of predicted points, over arms drawn from the prior: 3."""
     robot = jang_arm()

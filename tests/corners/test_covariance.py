@@ -80,6 +80,7 @@ def test_white_noise_is_taken_for_white(free: list[Corner]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("length_mm", [5.0, 15.0])
+@pytest.mark.thorough
 def test_the_covariance_holds_under_a_smooth_error(length_mm: float) -> None:
     """Within a factor of 2 of 3; counting points as independent gives 20 and more."""
     scans = (np.random.default_rng(seed) for seed in range(24))
@@ -112,6 +113,7 @@ def test_plane_covariance_is_what_repeats_show(free: list[Corner]) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_a_certified_jig_gains_what_its_covariance_says(free: list[Corner]) -> None:
     rigid = [corner(np.random.default_rng(s), Jig(certified=True)) for s in range(len(free))]
     assert all(r.quality.rigid for r in rigid)

@@ -275,6 +275,7 @@ def test_a_scan_without_a_corner_fails_with_a_reason(case: str) -> None:
     kind=st.sampled_from(["grid", "cloud", "few values"]),
     seed=st.integers(0, 10**6),
 )
+@pytest.mark.thorough
 def test_any_small_scan_gets_an_answer(count: int, kind: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     points = rng.uniform(-60, 60, (count, 3))

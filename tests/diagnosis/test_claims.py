@@ -72,6 +72,7 @@ class Expansion:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_a_clear_first_effect_stays_claimed_beside_a_tied_second() -> None:
     dataset = simulated([("joint_compliance", 8.0), ("thermal_growth", 3.0)])
     found = diagnose(dataset, user_effects=families_from((Expansion(),)))

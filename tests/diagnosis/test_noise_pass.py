@@ -43,6 +43,7 @@ def test_a_clean_arm_is_adequate_and_the_noise_is_told(kind: str, seed: int, wor
 
 
 @pytest.mark.parametrize("kind", ["deep", "growing", "wandering"])
+@pytest.mark.thorough
 def test_an_effect_stays_named_in_such_noise(kind: str) -> None:
     found = diagnose(odd_arm(kind, 2, ["transmission_error"], sigmas=4.0))
     assert (found.verdict, found.missing) == ("named", ("transmission_error",))
@@ -52,6 +53,7 @@ def test_an_effect_stays_named_in_such_noise(kind: str) -> None:
 
 @pytest.mark.parametrize("effect", ["scanner_drift", "thermal_growth"])
 @pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.thorough
 def test_a_true_drift_is_no_wander(effect: str, seed: int) -> None:
     found = diagnose(odd_arm("white", seed, [effect], sigmas=3.0))
     assert found.missing == (effect,)

@@ -47,6 +47,7 @@ def by_hand(dataset: Dataset) -> Dataset:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "rounds"), [(0, False), (1, True), (2, False)])
+@pytest.mark.thorough
 def test_evidence_is_that_of_the_means(seed: int, rounds: bool) -> None:
     shots = repeated(
         unmodelled(seed, rough_rad=5e-4),
@@ -120,6 +121,7 @@ def test_noise_comes_from_the_shots() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_a_clean_arm_gives_no_name() -> None:
     found = [found_in_clean_arm(seed) for seed in range(20)]
     assert sum(bool(one.missing) for one in found) <= 1  # 0.2 are to be expected at the level of 1 %

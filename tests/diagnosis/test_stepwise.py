@@ -106,6 +106,7 @@ def bumped(dataset: Dataset) -> Dataset:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_a_cause_outside_the_catalogue_is_not_called_adequate_nor_named() -> None:
     found = [diagnose(simulated(["hose_pull"], seed=s, poses=100)) for s in range(2)]
     assert {result.verdict for result in found} <= {"unexplained", "ambiguous"}
@@ -113,6 +114,7 @@ def test_a_cause_outside_the_catalogue_is_not_called_adequate_nor_named() -> Non
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_a_damaged_tooth_made_by_hand_is_named() -> None:
     for seed in range(3):
         found = diagnose(bumped(simulated(seed=seed, poses=100)))
@@ -412,6 +414,7 @@ def test_an_ambiguous_set_comes_with_poses_that_split_it() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_where_tied_effects_cannot_be_fitted_no_pose_is_recommended(monkeypatch: pytest.MonkeyPatch) -> None:
     def too_few(*_: object, **__: object) -> None:
         raise FitError("measure more poses")

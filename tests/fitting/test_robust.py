@@ -239,6 +239,7 @@ def test_wrong_points_leave_no_trace(
     "effects",
     [(), ("joint_compliance",), ("backlash", "base_compliance"), ("transmission_error", "joint_compliance")],
 )
+@pytest.mark.thorough
 def test_what_the_model_lacks_is_no_outlier(effects: tuple[str, ...]) -> None:
     left_out = []
     for seed in range(6):

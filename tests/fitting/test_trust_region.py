@@ -218,6 +218,7 @@ def test_steps_that_shrink_slowly_are_followed_to_their_limit() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_estimates_lie_within_their_sigmas() -> None:
     """What the data can know: normalised errors of parameters that are not redundant, over 40 arms."""
     robot = park_arm("rb5")

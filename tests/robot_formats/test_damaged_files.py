@@ -99,6 +99,7 @@ LONG = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LONG)
+@pytest.mark.thorough
 def test_long_files_are_no_hang(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_text(LONG[name])
@@ -110,6 +111,7 @@ def test_long_files_are_no_hang(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("count", COUNTS)
+@pytest.mark.thorough
 def test_a_damaged_table_is_imported_or_refused_whole(tmp_path: Path, count: int) -> None:
     rng, robot = np.random.default_rng(2), builtin_robot("rb5")
     rows = [

@@ -47,6 +47,7 @@ def stated(candidate: Candidate) -> tuple[ShapedEffect, float]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("robot", "seed"), [("rb5", 1), ("panda", 2), ("rb5", 3)])
+@pytest.mark.thorough
 def test_a_dent_is_named_at_its_joint_and_place_and_no_harmonic_in_its_stead(robot: str, seed: int) -> None:
     simulation = simulated(("joint_dent",), seed=seed, robot=robot)
     (true,) = simulation.truth.effects

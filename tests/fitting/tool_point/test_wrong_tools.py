@@ -144,6 +144,7 @@ def test_what_the_user_asks_for_wins() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_every_further_fit_has_the_same_tool() -> None:
     dataset = simulated(builtin_robot("rb5"), effects=["transmission_error"])
     wrong = with_wrong_tool(dataset, (-90.0, 40.0, 120.0))

@@ -155,6 +155,7 @@ def test_the_first_page_tells_the_customer_what_it_is_about(written: Path, folde
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["rb5_repeats", "hidden_effect_b"])
+@pytest.mark.thorough
 def test_it_is_small_enough_to_send(name: str, tmp_path: Path) -> None:
     assert main(["report", str(ROOT / "sample_data" / name), "--out", str(tmp_path / "r.html")]) == 0
     assert (tmp_path / "r.html").stat().st_size < 2_000_000

@@ -92,6 +92,7 @@ def case(name: str) -> Dataset:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
+@pytest.mark.thorough
 def test_the_advice_followed_to_its_end_is_the_diagnosis(name: str) -> None:
     dataset = case(name)
     assert_same_end(followed(dataset), diagnose(dataset))

@@ -173,6 +173,7 @@ def test_a_real_arm_ends_near_what_its_data_can_give() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 4])
+@pytest.mark.thorough
 def test_fifty_poses_of_a_real_arm_end_with_curves_although_names_are_tied(seed: int) -> None:
     """Effects that explain a tenth of what all joints' curves do are no reason to leave those out."""
     dataset = load_dataset(ROOT / "sample_data" / "ur10_ipa")
