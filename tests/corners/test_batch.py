@@ -88,6 +88,7 @@ EXECUTORS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", EXECUTORS)
+@pytest.mark.thorough
 def test_the_same_to_the_bit_on_any_executor(dataset: Any, alone: dict[str, CornerSearch], kind: str) -> None:
     steps: list[tuple[int, int, str]] = []
     with EXECUTORS[kind]() as executor:
@@ -217,6 +218,7 @@ def test_an_early_end_cancels_what_waits(how: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_the_command_finds_the_same_with_any_number_of_processes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -430,6 +430,7 @@ def test_where_tied_effects_cannot_be_fitted_no_pose_is_recommended(monkeypatch:
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["rb5", "panda"])
 @pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.thorough
 def test_without_masses_gravity_is_still_fitted_and_left_open(robot: str, seed: int) -> None:
     """Unknown mass moments in place of masses; payloads, which are known, vary in one of the two.
 

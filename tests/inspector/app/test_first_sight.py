@@ -89,6 +89,7 @@ CUT_OFF = """() => [...document.querySelectorAll('#inspector-headline *, [data-i
 }).map(e => e.tagName + ' ' + e.className + ': ' + e.textContent.slice(0, 40))"""
 
 
+@pytest.mark.thorough
 def test_on_a_phone_headline_view_and_tabs_are_all_there(chromium: Any, app: App) -> None:
     with open_page(chromium, url_of(app.server), 390, 844) as phone:
         headline = phone.locator(f"{BAR} .headline-stage strong").first

@@ -15,7 +15,7 @@ from tests.support.app import IDLE_S, idle_app
 from tests.support.browser import MS, browser, open_page, open_tab, says
 from tests.support.hidden_dataset import write_hidden
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.thorough
 POSE = "p05"
 
 

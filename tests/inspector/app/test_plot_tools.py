@@ -17,7 +17,7 @@ from tests.support.browser import browser, open_page, open_tab
 from tests.support.clicks import selected
 from tests.support.hidden_dataset import write_hidden
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.thorough
 WILD, OFF_MM = 9, 12.0  # a row of points.csv, and how far its point is off
 
 

@@ -248,6 +248,7 @@ DROP = """(files) => {
 
 
 @pytest.mark.browser
+@pytest.mark.thorough
 def test_in_a_browser_by_drop_and_by_the_file_dialog(
     chromium: Any, app: App, given: dict[str, bytes], tmp_path: Path
 ) -> None:

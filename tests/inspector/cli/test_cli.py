@@ -322,6 +322,7 @@ def test_corners_has_the_promised_keys_and_finds_the_truth(
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_a_scan_without_three_planes_is_told_and_the_others_are_used(
     capsys: pytest.CaptureFixture[str], own_scans: Path
 ) -> None:

@@ -384,7 +384,7 @@ def test_a_browser_downloads_its_picture_and_the_report(chromium: Any, app: App,
                 page.get_by_role("button", name=what).click()
             download.value.save_as(tmp_path / name)
             assert download.value.suggested_filename.endswith(name)
-        picture = Image.open(tmp_path / "view.png")
+        picture = Image.open(io.BytesIO((tmp_path / "view.png").read_bytes()))
         assert picture.mode == "RGB"
         assert picture.width > 200
         assert colours_in((tmp_path / "view.png").read_bytes()) > 20

@@ -64,6 +64,7 @@ def test_another_model_is_shown_with_its_own_arrows_and_those_that_were_ticked(
     page.set("Model shown", NOMINAL)
     page.wait(lambda _: colours() == {rgb(MODEL_COLOURS[NOMINAL])})
     page.wait(lambda p: p.scene[f"{ROOT}/arm/label"]["props"]["text"].endswith(NOMINAL))
+    assert app.worker.wait_idle(IDLE_S)  # what goes with a model is ticked last
     page.set(LINKS, True)
     page.wait(lambda _: len(colours()) == 2)
     page.set("Model shown", LINKS)

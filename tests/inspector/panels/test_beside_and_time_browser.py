@@ -16,7 +16,7 @@ from tests.support.app import idle_app
 from tests.support.browser import MS, browser, open_page, open_tab, says
 from tests.support.checked_cell import measured_twice
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.thorough
 
 
 @pytest.fixture(scope="module")

@@ -102,6 +102,7 @@ def test_the_report_has_them_in_a_section_and_no_row_for_each_mode(folder: Path)
 
 
 @pytest.mark.browser
+@pytest.mark.thorough
 def test_find_shows_the_curve(chromium: Any, app: App) -> None:
     from inspector.panels.learn.missing_effects import FIND
     from inspector.server.viser_server import url_of

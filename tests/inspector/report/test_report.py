@@ -209,6 +209,7 @@ def test_data_without_test_poses_or_declared_noise_make_a_report_too(folder: Pat
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_only_a_report_is_replaced(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "robot.toml"
     out.write_text("precious")

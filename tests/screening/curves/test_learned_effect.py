@@ -147,6 +147,7 @@ def test_nothing_is_written_where_nothing_was_learned(tmp_path: Path, capsys) ->
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_a_session_with_learned_curves_opens_again(ripple: Dataset, tmp_path: Path) -> None:
     write_dataset(ripple, tmp_path / "cell")
     session = sessions.with_screening(sessions.with_calibration(measuring.open_session(tmp_path / "cell")))
@@ -164,6 +165,7 @@ def test_a_session_with_learned_curves_opens_again(ripple: Dataset, tmp_path: Pa
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_a_real_arm_ends_near_what_its_data_can_give() -> None:
     """A UR10 under a tracker; an independent fit reached 0.139 mm, the five-parameter model alone 0.43 mm."""
     found = diagnose(load_dataset(ROOT / "sample_data" / "ur10_ipa"))
