@@ -27,8 +27,7 @@ _SETTINGS = {
     "distributed.worker.http.routes": [],
 }
 
-
-# A second try is asked for anew, not answered by what is known of the first: hence `pure=False`.
+_PURE = False  # of a submission: Dask would answer a second try with the failure of the first
 
 
 @contextmanager
@@ -52,7 +51,7 @@ def local_workers(count: int) -> Iterator[Workers]:
             preload=["calib.fleet.worker_start"],
         )
         with cluster, distributed.Client(cluster) as client:
-            yield Workers(client.get_executor(pure=False), count, own_processes=True)
+            yield Workers(client.get_executor(pure=_PURE), count, own_processes=True)
 
 
 @contextmanager
@@ -86,7 +85,7 @@ def cluster_workers(address: str, folder: Path) -> Iterator[Workers]:
                 )
             if not seen["folder"]:
                 raise CalibError(f"--scheduler {address}: worker {worker} does not see {place}; share it")
-        yield Workers(client.get_executor(pure=False), sum(threads.values()))
+        yield Workers(client.get_executor(pure=_PURE), sum(threads.values()))
 
 
 def seen_by_worker(folder: str) -> dict[str, object]:

@@ -128,7 +128,7 @@ def _judged_twice(
 def _done(
     function: Callable[[Asked], Answer], items: Iterable[Asked], workers: Workers
 ) -> Iterator[tuple[int, Future[Answer]]]:
-    """The futures of items as they are done. No more are given out than run: who dies takes no waiting one along."""
+    """The futures of items as they are done. No more are submitted than run: a dead worker loses one."""
     executor = _Here() if workers.executor is None else workers.executor
     return futures_as_completed(function, items, executor, workers.count)
 

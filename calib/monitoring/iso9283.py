@@ -89,12 +89,11 @@ def pose_figures(sessions: Sequence[Visits]) -> tuple[PoseFigures, ...]:
     """Of every pose that was visited more than once, within a session or over several."""
     found: dict[tuple[object, ...], list[SessionFigures]] = {}
     for visits in sessions:
-        keys = [
-            (target, *np.round(q / _SAME).astype(np.int64).tolist())
-            for target, q in zip(visits.target, visits.q, strict=True)
-        ]
-        for key in dict.fromkeys(keys):
-            rows = [k for k, other in enumerate(keys) if other == key]
+        rows_of: dict[tuple[object, ...], list[int]] = {}
+        places = np.round(visits.q / _SAME).astype(np.int64).tolist()
+        for row, (target, place) in enumerate(zip(visits.target, places, strict=True)):
+            rows_of.setdefault((target, *place), []).append(row)
+        for key, rows in rows_of.items():
             off_mm = visits.off_mm[rows]
             rp_mm = repeatability_mm(off_mm) if len(rows) > 1 else None
             figures = SessionFigures(

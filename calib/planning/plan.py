@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
-from calib.dataset.dataset import Dataset, Poses
+from calib.dataset.dataset import Poses
 from calib.effects.catalogue import family_of
 from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError
@@ -58,11 +58,6 @@ class Plan:
     model: tuple[str, ...]  # families beside the link errors
     told: tuple[str, ...]  # what the plan does for its purpose
     notes: tuple[str, ...]  # what was assumed, and what the prediction cannot know
-
-    @property
-    def to_measure(self) -> Dataset:
-        """The dataset's robot, jig and scanner with the planned poses."""
-        return replace(self.start.dataset, poses=self.poses, points=None, scan_folder=None, left_out=())
 
 
 @one_blas_thread()

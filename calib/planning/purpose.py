@@ -82,8 +82,27 @@ class Purpose(Protocol):
         ...
 
 
+class PlainPurpose:
+    """What most purposes have in common: poses measured once, as they were offered, that settle nothing."""
+
+    def prepared(self, start: Start, offered: Poses) -> Poses:
+        return offered
+
+    def settles(self, situation: Situation, chosen: IndexArray) -> float | None:
+        return None
+
+    def shots(self, situation: Situation, chosen: IndexArray) -> int:
+        return 1
+
+    def why(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
+        return ()
+
+    def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
+        return ()
+
+
 @dataclass(frozen=True)
-class ForCalibration:
+class ForCalibration(PlainPurpose):
     """The model right over a region (I-optimal), or its parameters known (D-optimal)."""
 
     criterion: str = "I"
@@ -94,24 +113,12 @@ class ForCalibration:
         """Under conditions that vary as the measured ones do, where the model has effects that these may show."""
         return with_varied_conditions(start, offered)
 
-    def shots(self, situation: Situation, chosen: IndexArray) -> int:
-        return 1
-
-    def why(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
-        return ()
-
     def choose(self, situation: Situation, count: int) -> IndexArray:
         unknowns = situation.unknowns
         if self.criterion == "D":
             known = Question(situation.rows, unknowns.known, unknowns.of_parameters(), VOLUME)
             return best_poses([known], count).rows
         return best_poses([situation.right_at_region], count).rows
-
-    def settles(self, situation: Situation, chosen: IndexArray) -> float | None:
-        return None
-
-    def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
-        return ()
 
 
 def with_varied_conditions(start: Start, offered: Poses, needs: Sequence[str] = ()) -> Poses:

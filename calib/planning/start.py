@@ -123,6 +123,14 @@ class FromFit:
         return (*out, *self.cell.notes)
 
     def unknowns(self, effects: Sequence[Effect] = ()) -> Unknowns:
+        return self._unknowns_with(effects) if effects else self._unknowns
+
+    @cached_property
+    def _unknowns(self) -> Unknowns:
+        """Of the fit alone, which a plan asks for several times."""
+        return self._unknowns_with(())
+
+    def _unknowns_with(self, effects: Sequence[Effect]) -> Unknowns:
         further = None if self.scanner_place is None else {self.setup: frames.invert(self.scanner_place)}
         return unknowns_of_fit(self.calibration, effects=effects, scanner_T_base=further)
 

@@ -36,7 +36,7 @@ from calib.workcell.workcell import Workcell
 
 CUBE_CORNER = Jig()
 NOTHING_KNOWN = Surroundings()
-_MOST_REFUSED = 0.1  # of the measured poses: a rule that refuses more is none of this cell's
+_MOST_REFUSED = 0.1  # of the measured poses: a rule that refuses more is left out
 _THINNER = (1.0, 0.8, 0.6)  # shares of the guessed radii
 _FEW = 0.03  # of the measured poses may be refused by bodies of the right thickness
 _UNSEEN_DEG = 85.0  # a face that is measured is not steeper

@@ -11,7 +11,8 @@ from calib.errors import CalibError
 from calib.fleet.cluster import cluster_workers, local_workers
 from calib.fleet.discovery import discover
 from calib.fleet.judge import FleetOptions as JudgeOptions
-from calib.fleet.run import Fleet, Workers, run_fleet
+from calib.fleet.result import Fleet
+from calib.fleet.run import Workers, run_fleet
 from calib.fleet.table import is_table, require_table_kind, write_table
 from inspector.cli.dataset_commands import show
 from inspector.cli.options import FleetOptions

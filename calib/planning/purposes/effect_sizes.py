@@ -11,7 +11,7 @@ from calib.dataset.dataset import Poses
 from calib.effects.catalogue import descriptions
 from calib.errors import CalibError
 from calib.planning.exchange import best_poses
-from calib.planning.purpose import Situation, with_varied_conditions
+from calib.planning.purpose import PlainPurpose, Situation, with_varied_conditions
 from calib.planning.question import Question, inverse
 from calib.planning.start import Start
 from calib.planning.unknowns import Unknowns
@@ -22,7 +22,7 @@ _TOLD = 8  # coefficients
 
 
 @dataclass(frozen=True)
-class ForEffects:
+class ForEffects(PlainPurpose):
     """The coefficients of suspected effects known: the sum of their variances, each in units of its usual size."""
 
     effects: tuple[str, ...]
@@ -55,12 +55,6 @@ class ForEffects:
             poses = replace(poses, temperature_c=rng.choice(wanted.temperatures_c, len(poses)))
         return poses
 
-    def shots(self, situation: Situation, chosen: IndexArray) -> int:
-        return 1
-
-    def why(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
-        return ()
-
     def choose(self, situation: Situation, count: int) -> IndexArray:
         wanted = situation.unknowns.of_parameters()[:, self._mine(situation.unknowns)]
         if not np.any(situation.rows @ wanted):
@@ -68,9 +62,6 @@ class ForEffects:
                 f"{self.name} shows at no pose that can be measured, so none can be planned for it"
             )
         return best_poses([Question(situation.rows, situation.unknowns.known, wanted)], count).rows
-
-    def settles(self, situation: Situation, chosen: IndexArray) -> float | None:
-        return None
 
     def told(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
         unknowns = situation.unknowns

@@ -20,9 +20,8 @@ from calib.fitting.scanner_frame import whitener
 from calib.monitoring.change_tests import SEEN_Z
 from calib.monitoring.kinds import JOINT_ZERO, TOOL, Kind, kind_words, kinds_of_the_arm, size_words
 from calib.planning.exchange import ALL, best_poses
-from calib.planning.purpose import WATCH, Situation
+from calib.planning.purpose import WATCH, PlainPurpose, Situation
 from calib.planning.question import Question, inverse
-from calib.planning.start import Start
 from calib.planning.unknowns import Unknowns
 
 CHECK_POSES = 8
@@ -49,7 +48,7 @@ class CheckedKind:
 
 
 @dataclass(frozen=True)
-class ForWatch:
+class ForWatch(PlainPurpose):
     """Check poses against an earlier calibration."""
 
     name = WATCH
@@ -57,15 +56,6 @@ class ForWatch:
 
     def choose(self, situation: Situation, count: int) -> IndexArray:
         return check_poses(_kinds_of(situation), count)
-
-    def prepared(self, start: Start, offered: Poses) -> Poses:
-        return offered
-
-    def shots(self, situation: Situation, chosen: IndexArray) -> int:
-        return 1
-
-    def settles(self, situation: Situation, chosen: IndexArray) -> float | None:
-        return None
 
     def why(self, situation: Situation, chosen: IndexArray) -> tuple[str, ...]:
         kinds = _kinds_of(situation)

@@ -67,10 +67,7 @@ def scanner_place(text: str) -> tuple[float, ...]:
 
 def rmse_mm(text: str) -> float:
     """A root mean square error in mm, above 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = _number(text)
     if not 0.0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"{text} is not an error to ask for; a number of mm above 0")
     return value
@@ -78,10 +75,7 @@ def rmse_mm(text: str) -> float:
 
 def mass_kg(text: str) -> float:
     """A mass in kg, above 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = _number(text)
     if not 0.0 < value < _HEAVIEST_KG:
         raise argparse.ArgumentTypeError(f"{text} is not a mass; kg above 0, such as 3")
     return value
@@ -89,15 +83,20 @@ def mass_kg(text: str) -> float:
 
 def seconds(text: str) -> float:
     """A time that something may take, above 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = _number(text)
     if not 0.0 < value <= _LONGEST_S:
         raise argparse.ArgumentTypeError(
             f"{text} is not a time to wait; seconds above 0, {_LONGEST_S:g} at most"
         )
     return value
+
+
+def _number(text: str) -> float:
+    """nan where the text is none, which no range holds."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def _whole(text: str, low: int, high: int, what: str) -> int:
