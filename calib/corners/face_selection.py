@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.array_types import Array, IndexArray
-from calib.corners.face_outline import FaceOutline, outline_shares
+from calib.corners.faces.face_outline import FaceOutline, outline_shares
 from calib.corners.intersection import intersect
 from calib.jig import Jig, Outline
 from calib.planes.clustering import PlaneGroup

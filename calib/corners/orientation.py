@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from calib import frames
 from calib.array_types import Array
-from calib.corners.certified_angles import MOST_MISFIT
+from calib.corners.faces.certified_angles import MOST_MISFIT
 from calib.corners.intersection import Corner
 from calib.jig import Jig, jig_normals
 

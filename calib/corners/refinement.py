@@ -13,9 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, IndexArray
-from calib.corners.certified_angles import angle_derivative, found_angles_deg, hold_to_angles, turned_normals
-from calib.corners.correlated_noise import PlaneUncertainty, plane_uncertainty
-from calib.corners.face_outline import (
+from calib.corners.faces.certified_angles import (
+    angle_derivative,
+    found_angles_deg,
+    hold_to_angles,
+    turned_normals,
+)
+from calib.corners.faces.face_outline import (
     FaceOutline,
     along_edges,
     face_points,
@@ -24,6 +28,7 @@ from calib.corners.face_outline import (
     without_far_points,
 )
 from calib.corners.intersection import Corner, Face, intersect, intersection_covariance, packed
+from calib.corners.noise.correlated_noise import PlaneUncertainty, plane_uncertainty
 from calib.corners.quality import CornerQuality, FaceQuality, angle_errors, incidence_deg, require_faces
 from calib.errors import CornerError
 from calib.jig import Jig, Outline

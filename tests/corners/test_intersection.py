@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calib.corners.face_outline import FaceOutline, outline_shares
+from calib.corners.faces.face_outline import FaceOutline, outline_shares
 from calib.corners.intersection import Face, intersect, intersection_covariance, packed
 from calib.corners.refinement import RefinementOptions, refine
 from calib.errors import CornerError
