@@ -37,6 +37,12 @@ class Scanner:
     field_mm: tuple[float, float, float] | None = None  # width and height at that distance, and depth
     distance_mm: float | None = None  # from the scanner to the middle of its field; known where the field is
     max_incidence_deg: float | None = None  # the steepest face that it measures
+    correlated_sigma_mm: float | None = (
+        None  # of a scan point's error that its neighbours share, along the ray
+    )
+    correlation_length_mm: float | None = (
+        None  # l of its correlation exp(-r^2 / 2 l^2); known where its size is
+    )
 
 
 @dataclass(frozen=True)

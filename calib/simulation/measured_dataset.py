@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -67,11 +67,12 @@ class Simulation:
         visible = {
             effect.name: cell.visible_rms_mm(effect) for effect in self.truth.effects if not effect.is_absent
         }
-        return truth_document(self.truth, self.dataset.robot) | {
+        document = truth_document(self.truth, self.dataset.robot) | {
             "visible_rms_mm": visible,
             "dataset": self.dataset.name,
             "apex_mm": dict(zip(poses.ids, self.apex_mm.tolist(), strict=True)),
         }
+        return document if self.scan_model is None else document | {"scanner_errors": asdict(self.scan_model)}
 
 
 def measure(
@@ -112,17 +113,30 @@ def measure(
         poses=poses,
         points=points,
         scan_folder=None if scan_model is None else "scans",
-        scanner=Scanner(
-            point_sigma_mm=noise_mm or None,
-            scan_sigma_mm=None if scan_model is None else scan_model.scan_sigma_mm,
-            orientation_sigma_rad=orientation_sigma_rad or None,
-        ),
+        scanner=_known_of_scanner(noise_mm, scan_model, orientation_sigma_rad),
         jig=jig,
     )
     seeds = (
         tuple(int(seed) for seed in rng.integers(2**63, size=len(poses))) if scan_model is not None else ()
     )
     return Simulation(dataset, truth, apex_mm, scanner_T_jig, scan_model, seeds)
+
+
+def _known_of_scanner(
+    noise_mm: float | None, model: ScanModel | None, orientation_sigma_rad: float | None
+) -> Scanner:
+    """What dataset.toml tells of the scanner: the sizes of its errors and the reach of the smooth part."""
+    scanner = Scanner(point_sigma_mm=noise_mm or None, orientation_sigma_rad=orientation_sigma_rad or None)
+    if model is None:
+        return scanner
+    scanner = replace(scanner, scan_sigma_mm=model.scan_sigma_mm or None)
+    if model.correlated_sigma_mm > 0:
+        scanner = replace(
+            scanner,
+            correlated_sigma_mm=model.correlated_sigma_mm,
+            correlation_length_mm=model.correlation_length_mm,
+        )
+    return scanner
 
 
 def write_simulation(

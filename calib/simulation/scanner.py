@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import gaussian_filter
 
 from calib.array_types import Array, BoolArray
 from calib.errors import ScanError
 from calib.jig import Jig, jig_geometry
 from calib.scans.scan import Scan
 from calib.simulation.scene import CUBE_CORNER, SCENE, scene_triangles
+from calib.simulation.smooth_noise import smooth_noise
 
 FLYING = -1
 """Label of a point that lies on no surface: a flying pixel or an outlier. Others: see `calib.simulation.scene`."""
@@ -35,7 +35,8 @@ class ScanModel:
     depth edge report a range between foreground and background. Pixels fade out between the two incidences of
     `grazing_deg`, and where the projector, `baseline_mm` to the side, is shaded. `outlier_share` of the points are
     replaced by points anywhere in the view. `correlated_sigma_mm` adds range noise that is correlated over
-    `correlation_length_mm` and drawn anew for each scan; a face's average keeps it.
+    `correlation_length_mm` across the view, `short_share` of its variance over a quarter of that
+    (`calib.simulation.smooth_noise`), and drawn anew for each scan; a face's average keeps it.
     """
 
     points: int = 12_000
@@ -47,11 +48,22 @@ class ScanModel:
     outlier_share: float = 0.0
     correlated_sigma_mm: float = 0.0
     correlation_length_mm: float = 15.0
+    short_share: float = 0.0
     wall_z_mm: float = 1150.0
     table_y_mm: float = 280.0
 
 
 PLAIN_MODEL = ScanModel()
+"""White noise only: what a bound can be computed for, and no scanner has."""
+
+STRUCTURED_LIGHT = ScanModel(
+    scan_sigma_mm=0.01, correlated_sigma_mm=0.06, correlation_length_mm=30.0, short_share=0.2
+)
+"""A structured-light scanner's: almost wholly smooth, 97 % of the variance of a sheet that faces it shared at 1.5 mm.
+
+Shape: see `SHORT_WAVES`. Size: corners of a jig of 60 mm that stands still scatter by some 0.06 to 0.1 mm (3D), as in
+Table 1 of Jang 2025.
+"""
 
 
 @dataclass(frozen=True)
@@ -118,7 +130,10 @@ def simulate_scan(
     noise_sigma_mm = model.scan_sigma_mm * (0.5 + 0.5 / cos_incidence**2)
     range_mm = view.range_mm + noise_sigma_mm * rng.standard_normal(view.range_mm.shape)
     if model.correlated_sigma_mm > 0:
-        range_mm += model.correlated_sigma_mm * _smooth_noise(view, model, apex_mm, rng)
+        across_mm = view.direction[..., :2] / view.direction[..., 2:] * apex_mm[2]
+        range_mm += model.correlated_sigma_mm * smooth_noise(
+            across_mm, model.correlation_length_mm, model.short_share, rng=rng
+        )
     fade = (np.degrees(np.arccos(cos_incidence)) - model.grazing_deg[0]) / np.ptp(model.grazing_deg)
     keep = _lit(view, scene, model) & (rng.random(range_mm.shape) >= fade)
 
@@ -232,10 +247,3 @@ def _depth_edges(view: _View) -> tuple[BoolArray, Array]:
         other_mm = np.where(jump_mm > largest_mm, neighbour, other_mm)
         largest_mm = np.maximum(largest_mm, jump_mm)
     return largest_mm > limit_mm, other_mm
-
-
-def _smooth_noise(view: _View, model: ScanModel, apex_mm: Array, rng: np.random.Generator) -> Array:
-    """(H, W) of unit variance, correlation exp(-r^2 / (2 l^2)) with the correlation length l at the jig's distance."""
-    width = model.correlation_length_mm / (view.pitch * apex_mm[2]) / np.sqrt(2.0)
-    field = gaussian_filter(rng.standard_normal(view.range_mm.shape), width, mode="wrap")
-    return np.asarray(field * 2.0 * np.sqrt(np.pi) * width)

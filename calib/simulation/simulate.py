@@ -30,7 +30,7 @@ from calib.simulation.pose_design import (
     scan_poses,
     spread_poses,
 )
-from calib.simulation.scanner import PLAIN_MODEL, ScanModel
+from calib.simulation.scanner import STRUCTURED_LIGHT, ScanModel
 from calib.simulation.scene import CUBE_CORNER
 from calib.simulation.truth.arm_sampling import (
     NEED_CONDITIONS,
@@ -60,7 +60,7 @@ def simulate_dataset(
     description: str = "",
     jig: Jig = CUBE_CORNER,
     tolerances: Tolerances = TYPICAL,
-    scan_model: ScanModel = PLAIN_MODEL,
+    scan_model: ScanModel = STRUCTURED_LIGHT,
     payloads_kg: Sequence[float] = (),
     repeats: int = 1,
     setups: int = 1,

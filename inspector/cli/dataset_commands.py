@@ -5,11 +5,8 @@ Those that fit a model are in `inspector.cli.fit_commands`.
 
 from __future__ import annotations
 
-import shutil
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +15,7 @@ from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import load_dataset
-from calib.dataset.files.points_csv import LEAST_SIGMA_MM, MOST_SIGMA_MM
-from calib.dataset.files.robot_toml import builtin_robot, load_robot
-from calib.dataset.robot_checks import refuse_beyond
 from calib.effects.catalogue import descriptions
-from calib.errors import DatasetError
 from calib.identifiability.structural import free_frame_rank, redundancy
 from calib.measurement.measured_points import (
     counted_reasons,
@@ -31,14 +24,12 @@ from calib.measurement.measured_points import (
     require_corners,
     with_corners,
 )
-from calib.options import BUILTIN_ROBOTS
 from calib.strict_json import to_json
 from inspector.cli.options import (
     CornersOptions,
     Output,
     RedundancyOptions,
     ServeOptions,
-    SimulateOptions,
 )
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import processes, progress
@@ -117,65 +108,6 @@ def run_effects(options: Output) -> int:
     ]
     show(options, documents.effects_document(), "\n".join(lines))
     return 0
-
-
-def run_simulate(options: SimulateOptions) -> int:
-    """Simulate a dataset with known truth."""
-    import numpy as np
-
-    from calib.simulation.measured_dataset import write_simulation
-    from calib.simulation.simulate import simulate_dataset
-
-    if options.path.exists() and (not options.path.is_dir() or any(options.path.iterdir())):
-        raise DatasetError(f"{options.path}: exists and is not empty; name a new folder")
-    if options.seed < 0:
-        raise DatasetError(f"--seed {options.seed}: a seed is 0 or more")
-    least, most = LEAST_SIGMA_MM, MOST_SIGMA_MM
-    if options.noise_mm != 0.0 and not least <= options.noise_mm <= most:  # such a dataset could not be read
-        raise DatasetError(f"--noise-mm {options.noise_mm:g}: give 0, or {least:g} to {most:g} mm")
-    if options.robot not in BUILTIN_ROBOTS and not Path(options.robot).is_file():
-        known = ", ".join(BUILTIN_ROBOTS)
-        raise DatasetError(f"--robot {options.robot}: no such file; give one of {known}, or a robot.toml")
-    if options.robot in BUILTIN_ROBOTS:
-        robot = builtin_robot(options.robot)
-    else:
-        robot = load_robot(Path(options.robot))
-        refuse_beyond(robot, Path(options.robot))
-    simulation = simulate_dataset(
-        replace(robot, carries_scanner=options.mount == "flange"),
-        rng=np.random.default_rng(options.seed),
-        effects=options.effect,
-        poses=options.poses,
-        noise_mm=options.noise_mm,
-        scans=options.scans,
-        name=options.path.resolve().name,
-        description=f"simulated {robot.name}, seed {options.seed}",
-    )
-    with progress("scans") as on_progress, _whole_or_nothing(options.path):
-        write_simulation(simulation, options.path, on_progress=on_progress)
-    truth = options.path / "truth.json"
-    document = {
-        "dataset": str(options.path),
-        "truth": str(truth),
-        "poses": options.poses,
-        "effects": options.effect,
-    }
-    show(options, document, f"{options.path}: {options.poses} poses of {robot.name}; the truth is in {truth}")
-    return 0
-
-
-@contextmanager
-def _whole_or_nothing(folder: Path) -> Iterator[None]:
-    """Leave an empty or missing folder as it was where what fills it fails or is stopped."""
-    was_there = folder.exists()
-    try:
-        yield
-    except BaseException:
-        for path in list(folder.iterdir()) if folder.is_dir() else ():
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
-        if folder.is_dir() and not was_there:
-            folder.rmdir()
-        raise
 
 
 def load(path: Path, leave_out: Sequence[str] = ()) -> Dataset:

@@ -172,6 +172,9 @@ class SimulateOptions(Output):
     poses: int
     effect: Sequence[str]
     scans: bool
+    smooth_noise_mm: float | None
+    correlation_mm: float | None
+    white: bool
     mount: str
     seed: int
     noise_mm: float

@@ -100,6 +100,22 @@ def _simulate(sub: ArgumentParser) -> None:
         "--effect", action="append", default=[], metavar="NAME", help="may be given several times"
     )
     sub.add_argument("--scans", action="store_true", help="cast scans of the jig instead of points")
+    noise = sub.add_mutually_exclusive_group()
+    noise.add_argument(
+        "--smooth-noise-mm",
+        type=float,
+        metavar="X",
+        help="of a scan point, along its ray: the error that it shares with its neighbours (default 0.06)",
+    )
+    noise.add_argument(
+        "--white", action="store_true", help="scans whose points have an error each for itself, of 0.02 mm"
+    )
+    sub.add_argument(
+        "--correlation-mm",
+        type=float,
+        metavar="L",
+        help="how far the smooth error reaches across the view (default 30)",
+    )
     sub.add_argument(
         "--mount",
         choices=("room", "flange"),
@@ -207,7 +223,7 @@ SUBCOMMANDS = (
     ),
     Subcommand(
         "simulate",
-        "dataset_commands.run_simulate",
+        "robots.simulate_command.run_simulate",
         options.SimulateOptions,
         _simulate,
         "make a dataset with known truth",

@@ -28,6 +28,7 @@ min_mm = [0, 0, 1500]
 max_mm = [1, 1, 1501]
 """
 FIELD = "[scanner]\nfield_mm = [450, 360, 280]\ndistance_mm = 700\nmax_incidence_deg = 65\n"
+SMOOTH = "correlated_sigma_mm = 0.06\ncorrelation_length_mm = 30\n"
 
 
 def folder_with(tmp_path: Path, text: str) -> Path:
@@ -40,12 +41,13 @@ def folder_with(tmp_path: Path, text: str) -> Path:
 
 
 def test_what_the_file_tells_is_read_and_written_again(tmp_path: Path) -> None:
-    read = load_dataset(folder_with(tmp_path / "a", FIELD + CELL))
+    read = load_dataset(folder_with(tmp_path / "a", FIELD + SMOOTH + CELL))
     table = Box("table", (300.0, -400.0, -500.0), (900.0, 400.0, -10.0))
     nameless = Box("box 2", (0.0, 0.0, 1500.0), (1.0, 1.0, 1501.0))
     assert read.surroundings == Surroundings(-12.5, (table, nameless), 0.05, {"wall": "painted"})
     assert read.scanner.field_mm == (450.0, 360.0, 280.0)
     assert (read.scanner.distance_mm, read.scanner.max_incidence_deg) == (700.0, 65.0)
+    assert (read.scanner.correlated_sigma_mm, read.scanner.correlation_length_mm) == (0.06, 30.0)
     write_dataset(read, tmp_path / "b")
     again = load_dataset(tmp_path / "b")
     assert (again.surroundings, again.scanner) == (read.surroundings, read.scanner)
@@ -76,6 +78,18 @@ def test_what_the_file_tells_is_read_and_written_again(tmp_path: Path) -> None:
         ),
         ("[scanner]\nfield_mm = [450, -1, 280]\ndistance_mm = 700", r"field_mm: .* above 0"),
         ("[scanner]\nfield_mm = [450, 360, 2800]\ndistance_mm = 700", r"half the depth is less"),
+        (
+            "[scanner]\ncorrelated_sigma_mm = 0.06",
+            r"\[scanner\].correlation_length_mm: the key is missing; give",
+        ),
+        (
+            "[scanner]\ncorrelation_length_mm = 30",
+            r"\[scanner\].correlated_sigma_mm: the key is missing; give",
+        ),
+        (
+            "[scanner]\ncorrelated_sigma_mm = 0.06\ncorrelation_length_mm = 1e6",
+            r"correlation_length_mm: found 1e\+06; a length between 0.01 and 100000 mm",
+        ),
         ("[scanner]\nmax_incidence_deg = 95", r"max_incidence_deg: found 95; an angle below 90"),
     ],
 )

@@ -14,6 +14,7 @@ from calib.errors import CornerError
 from calib.jig import Jig, jig_normals
 
 _FARTHEST_MM = 1e5
+_SHORTEST_WAVE_MM = 0.01
 _MOST_BOXES = 1000
 _LONGEST_EDGE_MM = 1e4
 _MOST_UNLIKE_EDGES = 10.0
@@ -38,6 +39,15 @@ def load_scanner(table: TomlTable) -> Scanner:
     incidence_deg = table.number("max_incidence_deg", positive=True)
     if incidence_deg is not None and incidence_deg >= 90.0:
         raise table.error("max_incidence_deg", f"found {incidence_deg:g}", "an angle below 90 is needed")
+    correlated_mm = _sigma(table, "correlated_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm")
+    length_mm = table.number("correlation_length_mm", positive=True)
+    if (correlated_mm is None) != (length_mm is None):
+        missing = "correlated_sigma_mm" if correlated_mm is None else "correlation_length_mm"
+        remedy = "give the size of the smooth error and how far it reaches across the view, or neither"
+        raise table.error(missing, "the key is missing", remedy)
+    if length_mm is not None and not _SHORTEST_WAVE_MM <= length_mm <= _FARTHEST_MM:
+        remedy = f"a length between {_SHORTEST_WAVE_MM:g} and {_FARTHEST_MM:g} mm is needed"
+        raise table.error("correlation_length_mm", f"found {length_mm:g}", remedy)
     return Scanner(
         orientation_sigma_rad=None if sigma_deg is None else math.radians(sigma_deg),
         point_sigma_mm=_sigma(table, "point_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
@@ -45,6 +55,8 @@ def load_scanner(table: TomlTable) -> Scanner:
         field_mm=field_mm,
         distance_mm=distance_mm,
         max_incidence_deg=incidence_deg,
+        correlated_sigma_mm=correlated_mm,
+        correlation_length_mm=length_mm,
         extra=table.unread(),
     )
 
@@ -72,6 +84,8 @@ def scanner_document(scanner: Scanner) -> dict[str, Any]:
     told = {
         "point_sigma_mm": scanner.point_sigma_mm,
         "scan_sigma_mm": scanner.scan_sigma_mm,
+        "correlated_sigma_mm": scanner.correlated_sigma_mm,
+        "correlation_length_mm": scanner.correlation_length_mm,
         "orientation_sigma_deg": None if sigma_rad is None else math.degrees(sigma_rad),
         "field_mm": None if scanner.field_mm is None else list(scanner.field_mm),
         "distance_mm": scanner.distance_mm,

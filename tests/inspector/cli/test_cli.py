@@ -378,6 +378,27 @@ def test_simulate_is_reproducible_and_says_where_the_truth_is(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ([], (0.01, 0.06, 30.0)),
+        (["--smooth-noise-mm", "0.1", "--correlation-mm", "12"], (0.01, 0.1, 12.0)),
+        (["--smooth-noise-mm", "0"], (0.01, None, None)),
+        (["--white"], (0.02, None, None)),
+    ],
+)
+def test_simulated_scans_tell_how_noisy_they_are(
+    tmp_path: Path, arguments: list[str], told: tuple[float | None, ...]
+) -> None:
+    folder = tmp_path / "cell"
+    assert main(["simulate", str(folder), "--robot", "rb5", "--poses", "2", "--scans", *arguments]) == 0
+    scanner = load_dataset(folder).scanner
+    assert (scanner.scan_sigma_mm, scanner.correlated_sigma_mm, scanner.correlation_length_mm) == told
+    hidden = json.loads((folder / "truth.json").read_text())["scanner_errors"]
+    assert (hidden["scan_sigma_mm"], hidden["correlated_sigma_mm"]) == (told[0], told[1] or 0.0)
+
+
+@pytest.mark.slow
 def test_check_passes_or_says_why_not(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
     good = run_json(capsys, "check", points_folder)
     assert good["passed"] is True

@@ -1,0 +1,109 @@
+"""`simulate`: a dataset with known truth, its points or its scans with the errors of a scanner."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from calib.dataset.files.points_csv import LEAST_SIGMA_MM, MOST_SIGMA_MM
+from calib.dataset.files.robot_toml import builtin_robot, load_robot
+from calib.dataset.robot_checks import refuse_beyond
+from calib.errors import DatasetError
+from calib.options import BUILTIN_ROBOTS
+from calib.simulation.measured_dataset import write_simulation
+from calib.simulation.scanner import PLAIN_MODEL, STRUCTURED_LIGHT, ScanModel
+from calib.simulation.simulate import simulate_dataset
+from inspector.cli.dataset_commands import show
+from inspector.cli.options import SimulateOptions
+from inspector.cli.progress import progress
+
+_MOST_SMOOTH_MM = 5.0
+_SHORTEST_WAVE_MM, _LONGEST_WAVE_MM = 1.0, 1000.0
+
+
+def run_simulate(options: SimulateOptions) -> int:
+    """Simulate a dataset with known truth."""
+    if options.path.exists() and (not options.path.is_dir() or any(options.path.iterdir())):
+        raise DatasetError(f"{options.path}: exists and is not empty; name a new folder")
+    if options.seed < 0:
+        raise DatasetError(f"--seed {options.seed}: a seed is 0 or more")
+    least, most = LEAST_SIGMA_MM, MOST_SIGMA_MM
+    if options.noise_mm != 0.0 and not least <= options.noise_mm <= most:  # such a dataset could not be read
+        raise DatasetError(f"--noise-mm {options.noise_mm:g}: give 0, or {least:g} to {most:g} mm")
+    if options.robot not in BUILTIN_ROBOTS and not Path(options.robot).is_file():
+        known = ", ".join(BUILTIN_ROBOTS)
+        raise DatasetError(f"--robot {options.robot}: no such file; give one of {known}, or a robot.toml")
+    if options.robot in BUILTIN_ROBOTS:
+        robot = builtin_robot(options.robot)
+    else:
+        robot = load_robot(Path(options.robot))
+        refuse_beyond(robot, Path(options.robot))
+    simulation = simulate_dataset(
+        replace(robot, carries_scanner=options.mount == "flange"),
+        rng=np.random.default_rng(options.seed),
+        effects=options.effect,
+        poses=options.poses,
+        noise_mm=options.noise_mm,
+        scans=options.scans,
+        scan_model=_scan_model(options),
+        name=options.path.resolve().name,
+        description=f"simulated {robot.name}, seed {options.seed}",
+    )
+    with progress("scans") as on_progress, _whole_or_nothing(options.path):
+        write_simulation(simulation, options.path, on_progress=on_progress)
+    truth = options.path / "truth.json"
+    document = {
+        "dataset": str(options.path),
+        "truth": str(truth),
+        "poses": options.poses,
+        "effects": options.effect,
+    }
+    show(options, document, f"{options.path}: {options.poses} poses of {robot.name}; the truth is in {truth}")
+    return 0
+
+
+def _scan_model(options: SimulateOptions) -> ScanModel:
+    """The errors of the scans that are asked for. Raises DatasetError."""
+    given = [options.smooth_noise_mm is not None, options.correlation_mm is not None, options.white]
+    if any(given) and not options.scans:
+        name = ("--smooth-noise-mm", "--correlation-mm", "--white")[given.index(True)]
+        raise DatasetError(f"{name}: tells of scans; add --scans, or leave it out")
+    if options.white and options.correlation_mm is not None:
+        raise DatasetError(
+            "--correlation-mm: white noise reaches no further than its point; leave out --white"
+        )
+    size, length = options.smooth_noise_mm, options.correlation_mm
+    if size is not None and size != 0.0 and not LEAST_SIGMA_MM <= size <= _MOST_SMOOTH_MM:
+        raise DatasetError(
+            f"--smooth-noise-mm {size:g}: give 0, or {LEAST_SIGMA_MM:g} to {_MOST_SMOOTH_MM:g} mm"
+        )
+    if length is not None and not _SHORTEST_WAVE_MM <= length <= _LONGEST_WAVE_MM:
+        raise DatasetError(
+            f"--correlation-mm {length:g}: give {_SHORTEST_WAVE_MM:g} to {_LONGEST_WAVE_MM:g} mm"
+        )
+    if options.white:
+        return PLAIN_MODEL
+    return replace(
+        STRUCTURED_LIGHT,
+        correlated_sigma_mm=STRUCTURED_LIGHT.correlated_sigma_mm if size is None else size,
+        correlation_length_mm=length or STRUCTURED_LIGHT.correlation_length_mm,
+    )
+
+
+@contextmanager
+def _whole_or_nothing(folder: Path) -> Iterator[None]:
+    """Leave an empty or missing folder as it was where what fills it fails or is stopped."""
+    was_there = folder.exists()
+    try:
+        yield
+    except BaseException:
+        for path in list(folder.iterdir()) if folder.is_dir() else ():
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        if folder.is_dir() and not was_there:
+            folder.rmdir()
+        raise
