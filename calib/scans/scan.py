@@ -12,6 +12,7 @@ import numpy as np
 from calib.array_types import Array, BoolArray
 from calib.errors import ScanError
 from calib.scans.readers.by_suffix import READERS
+from calib.scans.readers.e57 import split_part
 from calib.scans.readers.ply import write_ply
 
 _MOST_BYTES = 2**32  # a hundred times the size of a structured-light scan
@@ -42,22 +43,24 @@ class PointCount:
 
 
 def load_scan(path: str | Path) -> Scan:
-    """Read a scan: .ply, .pcd, .xyz, .csv, .txt, .npz, or the vertices of an .stl or .obj. Lengths are millimetres.
+    """Read a scan: .ply, .pcd, .e57, .xyz, .asc, .pts, .csv, .txt, .npz, or the vertices of an .stl or .obj.
 
     Rows without a value are left out and counted in `dropped`: NaN, infinity or a number beyond any length (FLT_MAX is
-    used so), and several points at the scanner's own place, (0, 0, 0). Nothing is scaled: whether the scan is in
-    metres is checked by `find_corner`, which knows the jig's size.
+    used so), and several points at the scanner's own place, (0, 0, 0). Lengths are millimetres and nothing is scaled
+    but .e57, whose standard says metres: whether another scan is in metres is checked by `find_corner`, which knows
+    the jig's size. Of an .e57 with several scans the path names one: `cell.e57#left` or, by its number, `cell.e57#2`.
 
     Raises ScanError: missing, empty, too large, truncated or not of its kind, or without a single point.
     """
     path = Path(path)
-    reader = READERS.get(path.suffix.lower())
+    file = scan_file(path)
+    reader = READERS.get(file.suffix.lower())
     if reader is None:
         raise ScanError(
             f"{path}: '{path.suffix}' is not a kind of scan; a scan is one of {', '.join(READERS)}"
         )
     try:
-        points, normals = reader(path, _content(path))
+        points, normals = reader(path, _content(file))
     except OSError as error:
         raise ScanError(f"{path}: {error.strerror or error}; check that the file can be read") from None
     except MemoryError:
@@ -68,11 +71,16 @@ def load_scan(path: str | Path) -> Scan:
             f"{path}: no usable point, {len(points)} in the file, none with three finite coordinates"
         )
     return Scan(
-        path.stem,
+        path.stem if file == path else path.name,
         np.ascontiguousarray(points[usable], dtype=np.float64),
         None if normals is None else np.ascontiguousarray(normals[usable], dtype=np.float64),
         int(np.count_nonzero(~usable)),
     )
+
+
+def scan_file(path: Path) -> Path:
+    """The file that holds a scan: the path itself, but for one scan of an .e57 with several."""
+    return split_part(path)[0]
 
 
 def _content(path: Path) -> bytes:

@@ -113,7 +113,7 @@ def test_rows_without_depth_are_dropped_and_counted(tmp_path: Path) -> None:
         ("a.ply", ply("ascii", POINTS).replace(b"\n1", b"\nx"), "not three numbers"),
         ("a.ply", ply("ascii", POINTS, promised=10**12), "promises 1000000000000 points, it holds 1000"),
         ("a.ply", ply("ascii", POINTS).replace(b"1000\n", b"9" * 5000 + b"\n"), "number of points"),
-        ("a.ply", ply("ascii", POINTS).replace(b"float y", b"list uchar float y"), "hold lists"),
+        ("a.ply", ply("ascii", POINTS).replace(b"float y", b"list uchar float y"), "coordinates are lists"),
         ("a.ply", ply("ascii", POINTS).replace(b"ascii", b"binary"), "format 'binary'"),
         ("a.ply", b"\x00\x01\x02 not a scan", "not a .ply"),
         ("a.pcd", b"not a cloud\n" * 9, "not a .pcd"),

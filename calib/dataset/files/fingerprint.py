@@ -9,6 +9,7 @@ from pathlib import Path
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.toml_table import TomlTable
 from calib.errors import DatasetError
+from calib.scans.scan import scan_file
 
 _CHUNK = 1 << 20
 
@@ -42,7 +43,8 @@ def fingerprint(dataset: Dataset) -> dict[str, str]:
     if dataset.points is not None and points is not None:
         names.append(points)
     elif dataset.scan_folder is not None:
-        names += [f"{dataset.scan_folder}/{name}" for name in dataset.poses.scan_names]
+        scans = [scan_file(Path(name)).as_posix() for name in dataset.poses.scan_names]
+        names += [f"{dataset.scan_folder}/{name}" for name in scans]
     return {name: content_hash(dataset.folder / name) for name in dict.fromkeys(names)}
 
 

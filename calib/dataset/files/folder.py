@@ -29,6 +29,7 @@ from calib.dataset.files.robot_toml import load_robot, robot_to_toml
 from calib.dataset.files.toml_table import TomlTable
 from calib.dataset.robot_checks import refuse_beyond
 from calib.errors import DatasetError
+from calib.scans.scan import scan_file
 
 FORMAT = 1
 ABOUT = ("serial", "operator", "site", "date")
@@ -126,11 +127,11 @@ def dataset_files(dataset: Dataset) -> tuple[Path, ...]:
         return ()
     top = TomlTable.load(dataset.folder / "dataset.toml")
     names = [top.text("robot", "robot.toml"), top.text("poses", "poses.csv"), top.text("points")]
-    scans = [dataset.scan_path(i) for i in range(len(dataset.poses))]
+    scans = [dataset.scan_path(i) for i in range(len(dataset.poses))]  # several may lie in one file
     return (
         dataset.folder / "dataset.toml",
         *(dataset.folder / name for name in names if name),
-        *(path for path in scans if path is not None),
+        *dict.fromkeys(scan_file(path) for path in scans if path is not None),
     )
 
 
@@ -169,7 +170,7 @@ def _check_scans(folder: Path, scan_folder: Path, poses: Poses, poses_path: Path
     for row, name in enumerate(poses.scan_names):
         path = scan_folder / name
         outside = not _is_below(folder, path)
-        if not outside and (not needed or path.is_file()):
+        if not outside and (not needed or scan_file(path).is_file()):
             continue
         file = TableFile.load(poses_path)  # once more, for the line
         column = "scan" if "scan" in file else "pose"
@@ -188,9 +189,9 @@ def write_dataset(dataset: Dataset, folder: str | Path) -> None:
         (folder / dataset.scan_folder).mkdir(exist_ok=True)
         if dataset.folder is not None and dataset.folder.resolve() != folder.resolve():
             for i, name in enumerate(dataset.poses.scan_names):
-                source = dataset.scan_path(i)
-                if source is not None and source.is_file():
-                    shutil.copyfile(source, folder / dataset.scan_folder / name)
+                source, copy = dataset.scan_path(i), scan_file(folder / dataset.scan_folder / name)
+                if source is not None and scan_file(source).is_file():
+                    shutil.copyfile(scan_file(source), copy)
     write_text_atomically(folder / "robot.toml", robot_to_toml(dataset.robot))
     write_text_atomically(
         folder / "poses.csv",

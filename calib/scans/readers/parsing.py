@@ -6,6 +6,7 @@ compared with the bytes of the file before an array of that size is made.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -19,6 +20,10 @@ PointsAndNormals = tuple[Array, Array | None]
 """Points (N, 3), rows without a value included, and normals (N, 3) or None."""
 Reader = Callable[[Path, bytes], PointsAndNormals]
 
+NO_VALUE = re.compile(r"[-+]?nan\(\w*\)|[-+]?1\.#\w+|#?n/?a\b|\bnull\b|-nan\b", re.IGNORECASE)
+"""How the printf of some C libraries and spreadsheets write NaN."""
+
+_ODD_VALUE = re.compile(r"[(#]")
 _NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 
 
@@ -37,8 +42,9 @@ def numbers(
     """(len(lines), len(columns)) float64. Raises ScanError where a line has no number in one of the columns."""
     if not lines:
         return np.zeros((0, len(columns)))
+    plain = [NO_VALUE.sub("nan", line) if _ODD_VALUE.search(line) else line for line in lines]
     try:
-        return np.loadtxt(lines, ndmin=2, usecols=columns, delimiter=delimiter, comments=None)
+        return np.loadtxt(plain, ndmin=2, usecols=columns, delimiter=delimiter, comments=None)
     except (ValueError, OverflowError) as error:
         raise ScanError(
             f"{path}: not three numbers a line ({one_line(error)}); write x y z in each line"

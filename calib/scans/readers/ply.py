@@ -8,6 +8,8 @@ face of a mesh in Python; the tests compare whole files with it.
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
@@ -34,6 +36,8 @@ _TYPES = {
     "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
     "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
+_END = re.compile(rb"[\r\n]end_header[^\r\n]*\r?\n")
+_OLD_MAC_END = re.compile(rb"\rend_header[^\r\n]*\r")
 _BYTE_ORDER = {"binary_little_endian": "<", "binary_big_endian": ">"}
 
 
@@ -59,24 +63,28 @@ class _Element:
 def read_ply(path: Path, content: bytes) -> PointsAndNormals:
     """The vertices of a .ply, with normals where it has them. Raises ScanError."""
     kind, elements, body = _header(path, content)
-    at = next((i for i, element in enumerate(elements) if element.name == "vertex"), None)
+    at = next((i for i, element in enumerate(elements) if element.name.lower() == "vertex"), None)
     if at is None:
         raise ScanError(f"{path}: the .ply header names no vertices; export the scan as a point cloud")
     vertex = elements[at]
     if vertex.rows == 0:
         raise ScanError(f"{path}: the scan holds no points (element vertex 0); scan the pose again")
     columns, has_normals = columns_of(path, vertex.names)
-    if vertex.has_lists():
-        raise ScanError(f"{path}: its vertices hold lists; export the scan as a plain point cloud")
+    if any(len(vertex.types[i]) > 1 for i in columns):
+        raise ScanError(f"{path}: its coordinates are lists; export the scan as a plain point cloud")
     if kind == "ascii":
         lines = text_lines(content[body:])
         lines = lines[sum(element.rows for element in elements[:at]) :][: vertex.rows]
         if len(lines) < vertex.rows:
             raise truncated(path, vertex.rows, len(lines))
+        if vertex.has_lists():
+            lines = [_without_lists(line.split(), vertex) for line in lines]
         return split(numbers(path, lines, columns), has_normals)
     order = _BYTE_ORDER[kind]
     for element in elements[:at]:
-        body = _end_of(element, content, body, order)
+        body = _row_starts(element, content, body, order)[-1]
+    if vertex.has_lists():
+        return split(_stack_by_rows(path, vertex, content, body, order, columns), has_normals)
     row = vertex.row_type(order)
     held = max(0, len(content) - body) // row.itemsize
     if held < vertex.rows:
@@ -102,17 +110,19 @@ def _stack(table: np.ndarray, columns: list[int]) -> Array:
 def _header(path: Path, content: bytes) -> tuple[str, list[_Element], int]:
     """The format, the elements, and where the body starts."""
     head = content[:MOST_HEADER_BYTES]
-    line_end = next((e for e in (b"\r\n", b"\n", b"\r") if head.startswith(b"ply" + e)), None)
-    if line_end is None:
+    line_end = next((e for e in (b"\r\n", b"\n", b"\r") if head.startswith(b"ply" + e)), b"")
+    if not line_end:
         raise ScanError(f"{path}: not a .ply file (it starts with {head[:8]!r}); export the scan as .ply")
-    last = head.find(line_end + b"end_header")
-    body = head.find(line_end, last + len(line_end)) + len(line_end)
-    if last < 0 or body < last + len(line_end):
+    # A file whose first line ends in \r has no \n in its header: one behind end_header belongs to the body.
+    end = _OLD_MAC_END if line_end == b"\r" else _END
+    last = end.search(head)
+    if last is None:
         raise ScanError(f"{path}: the .ply header has no end_header line; export the scan again")
     kind = ""
     elements: list[_Element] = []
-    for line in head[:last].decode("ascii", "replace").splitlines():
-        match line.split():
+    for line in head[: last.start()].decode("ascii", "replace").splitlines():
+        keyword, *rest = line.split() or [""]
+        match [keyword.lower(), *rest]:
             case ["format", word, *_]:
                 kind = word
             case ["element", name, rows]:
@@ -123,7 +133,7 @@ def _header(path: Path, content: bytes) -> tuple[str, list[_Element], int]:
             case ["property", word, name] if elements:
                 elements[-1].names.append(name)
                 elements[-1].types.append((_type(path, word),))
-            case ["ply"] | ["comment" | "obj_info", *_] | []:
+            case ["ply" | ""] | ["comment" | "obj_info", *_]:
                 pass
             case _:
                 raise ScanError(
@@ -133,7 +143,7 @@ def _header(path: Path, content: bytes) -> tuple[str, list[_Element], int]:
         raise ScanError(
             f"{path}: the .ply header has format {kind!r}; export as ascii or binary_little_endian"
         )
-    return kind, elements, body
+    return kind, elements, last.end()
 
 
 def _type(path: Path, word: str) -> str:
@@ -142,18 +152,50 @@ def _type(path: Path, word: str) -> str:
     return _TYPES[word]
 
 
-def _end_of(element: _Element, content: bytes, start: int, order: str) -> int:
-    """Where the rows of an element before the vertices end; past the content where they are cut."""
+def _row_starts(element: _Element, content: bytes, start: int, order: str) -> Sequence[int]:
+    """Where the rows of an element start, and behind the last the end of all; fewer where the content is cut before."""
     if not element.has_lists():
-        return start + element.rows * sum(int(types[0][1:]) for types in element.types)
+        size = sum(int(types[0][1:]) for types in element.types)
+        return range(start, start + (element.rows + 1) * size, size) if size else [start]
+    starts = [start]
     for _ in range(element.rows):
         for types in element.types:
+            size = int(types[0][1:])
             if len(types) > 1:
-                size = int(types[0][1:])
                 counted = np.frombuffer(content[start : start + size].ljust(size, b"\0"), order + types[0])[0]
-                start += size + max(0, int(counted)) * int(types[1][1:])
-            else:
-                start += int(types[0][1:])
+                start += max(0, int(counted)) * int(types[1][1:])
+            start += size
+        starts.append(start)
         if start > len(content):
             break
-    return start
+    return starts
+
+
+def _stack_by_rows(
+    path: Path, vertex: _Element, content: bytes, start: int, order: str, columns: list[int]
+) -> Array:
+    """The columns of vertices that hold lists too: clouds of photogrammetry name the views of each point."""
+    first_list = next(i for i, types in enumerate(vertex.types) if len(types) > 1)
+    if max(columns) > first_list:
+        raise ScanError(
+            f"{path}: its vertices hold lists before x, y, z; export the scan as a plain point cloud"
+        )
+    starts = np.array(_row_starts(vertex, content, start, order))
+    held = int(np.count_nonzero(starts[1:] <= len(content)))
+    if held < vertex.rows:
+        raise truncated(path, vertex.rows, held)
+    before = _Element("", 0, vertex.names[:first_list], vertex.types[:first_list]).row_type(order)
+    content_bytes = np.frombuffer(content, np.uint8)
+    rows = content_bytes[starts[:-1, None] + np.arange(before.itemsize)]
+    return _stack(rows.view(before)[:, 0], columns)
+
+
+def _without_lists(words: list[str], vertex: _Element) -> str:
+    """A line of text with one word for each property: of a list, its count."""
+    out: list[str] = []
+    at = 0
+    for types in vertex.types:
+        out += words[at : at + 1]
+        counted = words[at] if at < len(words) and len(types) > 1 else "0"
+        at += 1 + (int(counted) if counted.isascii() and counted.isdigit() and len(counted) < 9 else 0)
+    return " ".join(out)

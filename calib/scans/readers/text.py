@@ -1,4 +1,4 @@
-"""Points as text (.xyz, .csv, .txt): one a line, with any of the usual delimiters, header lines and comments."""
+"""Points as text (.xyz, .asc, .pts, .csv, .txt): one a line, any usual delimiter, header lines, comments, a count."""
 
 from __future__ import annotations
 
@@ -8,14 +8,21 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import ScanError
-from calib.scans.readers.parsing import PointsAndNormals, columns_of, numbers, split, text_lines
+from calib.scans.readers.parsing import (
+    NO_VALUE,
+    PointsAndNormals,
+    columns_of,
+    numbers,
+    split,
+    text_lines,
+    truncated,
+)
 
 _COMMENTS = ("#", "//", "%", "!")
 _DELIMITERS = (";", "\t", ",", "|")
 _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?|[-+]?(nan|inf(inity)?)", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-# How the printf of some C libraries and spreadsheets write NaN.
-_NO_VALUE = re.compile(r"[-+]?nan\(\w*\)|[-+]?1\.#\w+|#?n/?a\b|\bnull\b|-nan\b", re.IGNORECASE)
+_WHOLE_NUMBER = re.compile(r"\d{1,18}", re.ASCII)
 _WORD = re.compile(r"[a-df-zA-DF-Z#]")  # some character that no number has
 _UNIT = re.compile(r"^(n?[xyz]|normal_[xyz])[ _]*[\[(]?(mm|m|cm|um|µm|in|inch)?[\])]?$", re.IGNORECASE)
 
@@ -26,7 +33,7 @@ def read_text(path: Path, content: bytes) -> PointsAndNormals:
     Lines that start with #, //, % or ! are comments. A header line, or a comment right above the points, may name the
     columns (x, y, z and nx, ny, nz, in any order, x_mm or "X [mm]" too); without one the first three columns are x y z.
     The delimiter is ; or a tab, a comma, |, or white space, the decimal sign a point, or a comma where no comma can
-    delimit. Empty cells are points without a value.
+    delimit. Empty cells are points without a value. A line of one whole number above the points is how many they are.
     """
     if b"\0" in content:
         raise ScanError(
@@ -36,8 +43,9 @@ def read_text(path: Path, content: bytes) -> PointsAndNormals:
     comments = [i for i, line in enumerate(lines) if line.lstrip().startswith(_COMMENTS)]
     skip = set(comments)
     rows = [line for i, line in enumerate(lines) if i not in skip]
+    promised, rows = _counted(rows)
     if not rows:
-        return np.zeros((0, 3)), None
+        return _none(path, promised)
     header = ""
     delimiter = _delimiter(rows[min(1, len(rows) - 1)])
     if _is_header(rows[0], delimiter):
@@ -50,12 +58,31 @@ def read_text(path: Path, content: bytes) -> PointsAndNormals:
         if {"x", "y", "z"} <= {_bare(path, name) for name in _cells(comment, _delimiter(comment))}:
             header = comment
     columns, has_normals = [0, 1, 2], False
+    if promised is None:
+        promised, rows = _counted(rows)  # below the names
     if not rows:
-        return np.zeros((0, 3)), None
+        return _none(path, promised)
+    if promised is not None and len(rows) < promised:
+        raise truncated(path, promised, len(rows))
     if header:
         names = _cells(header, _delimiter(header))
         columns, has_normals = columns_of(path, [_bare(path, name) for name in names])
     return split(numbers(path, _plain(rows, delimiter), columns, delimiter=delimiter), has_normals)
+
+
+def _none(path: Path, promised: int | None) -> PointsAndNormals:
+    """What a file without rows gives. Raises ScanError where it promises some."""
+    if promised:
+        raise truncated(path, promised, 0)
+    return np.zeros((0, 3)), None
+
+
+def _counted(rows: list[str]) -> tuple[int | None, list[str]]:
+    """The number of points where the first line is nothing else, and the rows below."""
+    first, second = ([line.strip() for line in rows[:2]] + ["", ""])[:2]
+    if not _WHOLE_NUMBER.fullmatch(first) or _WHOLE_NUMBER.fullmatch(second):
+        return None, rows
+    return int(first), rows[1:]
 
 
 def _delimiter(line: str) -> str | None:
@@ -77,7 +104,7 @@ def _cells(line: str, delimiter: str | None) -> list[str]:
 def _is_header(line: str, delimiter: str | None) -> bool:
     """Whether a line names columns: none of its first three cells is a number."""
     cells = _cells(line, delimiter if delimiter and delimiter in line else _delimiter(line))
-    return not any(_NUMBER.fullmatch(cell) or not cell or _NO_VALUE.fullmatch(cell) for cell in cells[:3])
+    return not any(_NUMBER.fullmatch(cell) or not cell or NO_VALUE.fullmatch(cell) for cell in cells[:3])
 
 
 def _bare(path: Path, name: str) -> str:
@@ -97,7 +124,7 @@ def _plain(rows: list[str], delimiter: str | None) -> list[str]:
     """The rows in the form that numpy parses: no quotes, NaN spelt nan, a value in each cell, decimal points."""
     text = "\n".join(rows).replace('"', "")
     if _WORD.search(text):
-        text = _NO_VALUE.sub("nan", text)
+        text = NO_VALUE.sub("nan", text)
     if delimiter is not None:
         dense = "\n" + text.replace(" ", "") + "\n"
         if any(blank in dense for blank in (2 * delimiter, delimiter + "\n", "\n" + delimiter)):

@@ -1,0 +1,126 @@
+"""E57 files (.e57), by pye57, the Python face of libE57Format: the extra `e57`.
+
+Source: ASTM E2807-11. Lengths are metres there. One file may hold several scans, each in the frame of its own scanner,
+with a pose that leads to a frame of the file. The points are given in the scanner's frame, as the search for the corner
+wants them; the pose is not applied.
+"""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.array_types import Array
+from calib.errors import ScanError
+from calib.scans.readers.parsing import PointsAndNormals, one_line, truncated
+
+SUFFIX = ".e57"
+_SIGNATURE = b"ASTM-E57"
+_LENGTH = slice(16, 24)  # of the header: how many bytes the file has
+_MM = 1000.0  # a metre
+_MOST_NAMED = 8
+_CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
+_SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+
+
+def split_part(path: Path) -> tuple[Path, str]:
+    """`cell.e57#left` as the file and what is named in it; every other path as it is, and no name."""
+    start = path.name.lower().find(SUFFIX + "#")
+    if start < 0:
+        return path, ""
+    end = start + len(SUFFIX)
+    return path.with_name(path.name[:end]), path.name[end + 1 :]
+
+
+def read_e57(path: Path, content: bytes) -> PointsAndNormals:
+    """The points of one scan of an .e57, mm, without normals; what is marked invalid is NaN. Raises ScanError.
+
+    Where the file holds several scans the path names one behind a #: `cell.e57#left`, or its number, `cell.e57#2`.
+    """
+    file, wanted = split_part(path)
+    if not content.startswith(_SIGNATURE):
+        raise ScanError(f"{path}: not an .e57 file (it starts with {content[:8]!r}); export the scan again")
+    promised = int.from_bytes(content[_LENGTH], "little")
+    if promised > len(content):
+        raise ScanError(
+            f"{path}: the file is truncated: its header promises {promised} bytes, it holds {len(content)}; "
+            "copy or export the scan again"
+        )
+    try:
+        from pye57 import ScanHeader, libe57
+    except ImportError:
+        raise ScanError(
+            f"{path}: .e57 is read by pye57, which is not installed: "
+            "pip install 'robot-calibration-inspector[e57]', or export the scan as .ply"
+        ) from None
+    try:
+        with closing(libe57.ImageFile(str(file), "r")) as image:
+            scans = [ScanHeader(node) for node in image.root()["data3D"]]
+            return _points(path, libe57, image, scans[_chosen(path, file, scans, wanted)], len(content)), None
+    except ScanError:
+        raise
+    except Exception as error:  # libE57's own, or whatever pybind11 makes of what is not there
+        said = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ScanError(
+            f"{path}: not a readable .e57 ({one_line(ValueError(said))}); copy or export the scan again"
+        ) from None
+
+
+def _chosen(path: Path, file: Path, scans: list[Any], wanted: str) -> int:
+    """Which of the scans. Raises ScanError where that is not said, or not there."""
+    names = [str(scan["name"].value()) if scan.node.isDefined("name") else "" for scan in scans]
+    numbers = [str(i + 1) for i in range(len(scans))]
+    if not scans:
+        raise ScanError(f"{path}: the .e57 holds no scan (pictures, perhaps); export the point cloud")
+    if not wanted and len(scans) == 1:
+        return 0
+    for held in (names, numbers):
+        if held.count(wanted) == 1:
+            return held.index(wanted)
+    listed = ", ".join(f"{number} {name!r}" for number, name in zip(numbers, names, strict=True))
+    if len(scans) > _MOST_NAMED:
+        listed = (
+            ", ".join(f"{i} {name!r}" for i, name in zip(numbers[:_MOST_NAMED], names, strict=False)) + " ..."
+        )
+    found = f"none of them is {wanted[:60]!r}" if wanted else "which one is not said"
+    raise ScanError(
+        f"{path}: the .e57 holds {len(scans)} scans ({listed}), {found}; write {file.name}#1, or its name"
+    )
+
+
+def _points(path: Path, libe57: Any, image: Any, scan: Any, file_bytes: int) -> Array:
+    """(N, 3) mm in the frame of the scan's scanner."""
+    fields = next((kind for kind in (_CARTESIAN, _SPHERICAL) if set(kind) <= set(scan.point_fields)), None)
+    if fields is None:
+        raise ScanError(
+            f"{path}: its points have neither {', '.join(_CARTESIAN)} nor {', '.join(_SPHERICAL)} "
+            f"(found: {', '.join(scan.point_fields[:12]) or 'nothing'}); export the coordinates too"
+        )
+    rows = scan.point_count
+    if rows > 8 * file_bytes:  # a coordinate takes a bit at least
+        raise truncated(path, rows, 0)
+    invalid = fields[0].removesuffix("X").removesuffix("Range") + "InvalidState"
+    read = [*fields, invalid] if invalid in scan.point_fields else [*fields]
+    values = np.zeros((len(read), rows))
+    buffers = libe57.VectorSourceDestBuffer()
+    for name, column in zip(read, values, strict=True):
+        buffers.append(libe57.SourceDestBuffer(image, name, column, rows, True, True))
+    if rows:
+        with closing(scan.points.reader(buffers)) as reader:
+            held = reader.read()
+        if held < rows:
+            raise truncated(path, rows, held)
+    points = values[:3].T if fields is _CARTESIAN else _cartesian(*values[:3])
+    measured = np.all(values[3:] == 0, axis=0, keepdims=True).T  # (N, 1); 1 is a direction alone, 2 nothing
+    return _MM * np.where(measured, points, np.nan)
+
+
+def _cartesian(range_m: Array, azimuth_rad: Array, elevation_rad: Array) -> Array:
+    """ASTM E2807: azimuth from x towards y, elevation up from the plane of both.  # (N,) each -> (N, 3)"""
+    level = range_m * np.cos(elevation_rad)
+    return np.stack(
+        [level * np.cos(azimuth_rad), level * np.sin(azimuth_rad), range_m * np.sin(elevation_rad)], axis=1
+    )
