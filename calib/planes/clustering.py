@@ -75,37 +75,68 @@ def cluster(sets: SampleSets, tolerances: ClusterTolerances) -> tuple[PlaneGroup
     """
     passed = sets.passed()
     size = np.linalg.norm(sets.points_mm[passed] - sets.centroids_mm[passed, None], axis=2).min(axis=1)
-    free = passed[np.argsort(-size, kind="stable")]
+    free = _FreeSets.of(sets, passed[np.argsort(-size, kind="stable")])
     groups = []
-    while len(free):
-        group = _found_group(sets, free, tolerances)
-        groups.append(group)
-        free = free[~np.isin(free, group.sets)]
+    while len(free.sets):
+        joins, centre, normal = _found_group(free, tolerances)
+        groups.append(PlaneGroup(np.sort(free.sets[joins]), centre, normal, float(normal @ centre)))
+        free = free.without(joins)
     return tuple(sorted(groups, key=lambda g: -len(g.sets)))
 
 
-def _found_group(sets: SampleSets, free: IndexArray, tolerances: ClusterTolerances) -> PlaneGroup:
-    founder = free[0]
-    centre, normal = sets.centroids_mm[founder], sets.normals[founder]
+@dataclass(frozen=True)
+class _FreeSets:
+    """Sets in no group yet. A plane through some of them is fitted to the sums of their moments."""
+
+    sets: IndexArray  # (K,) the next founder first
+    centroids_mm: Array  # (K, 3)
+    normals: Array  # (K, 3)
+    moments: Array  # (K, 12) of the four points, x from `origin_mm`: the means of x and of all nine of x x^T
+    origin_mm: Array  # (3,)
+
+    @staticmethod
+    def of(sets: SampleSets, order: IndexArray) -> _FreeSets:
+        centroids = sets.centroids_mm[order]
+        origin = np.median(centroids, axis=0) if len(order) else np.zeros(3)
+        points = sets.points_mm[order] - origin
+        second = np.matmul(points.transpose(0, 2, 1), points).reshape(-1, 9) / points.shape[1]
+        return _FreeSets(
+            order, centroids, sets.normals[order], np.hstack([centroids - origin, second]), origin
+        )
+
+    def without(self, joins: IndexArray) -> _FreeSets:
+        """Those that stay free."""
+        stay = np.ones(len(self.sets), dtype=bool)
+        stay[joins] = False
+        return _FreeSets(
+            self.sets[stay], self.centroids_mm[stay], self.normals[stay], self.moments[stay], self.origin_mm
+        )
+
+    def plane(self, members: IndexArray, toward: Array) -> tuple[Array, Array]:
+        """Centre and unit normal of the total-least-squares plane through the members' points, on that side."""
+        mean = np.full(len(members), 1 / len(members)) @ self.moments.take(members, axis=0)
+        middle = mean[:3]
+        normal = np.linalg.eigh(mean[3:].reshape(3, 3) - np.outer(middle, middle))[1][:, 0]
+        return self.origin_mm + middle, normal if normal @ toward >= 0 else -normal
+
+
+def _found_group(free: _FreeSets, tolerances: ClusterTolerances) -> tuple[IndexArray, Array, Array]:
+    """The first free set's group: indices of its members among the free sets, its centre and normal."""
+    centre, normal = free.centroids_mm[0], free.normals[0]
     heights = [tolerances.height_mm, *(k * tolerances.sigma_mm for k in _NARROWING)]
-    members = free[:1]
+    members = np.zeros(1, dtype=np.int64)
     for height_mm in heights:
-        centroids, normals = sets.centroids_mm[free], sets.normals[free]
-        joins = process_1(normal, normals, tolerances.parallel_rad)
-        joins &= process_2(centre, normal, centroids, normals, tolerances.in_plane_rad, height_mm)
-        joins &= process_3(centre, normal, centroids, height_mm)
-        if not joins.any():
+        joins = np.flatnonzero(process_1(normal, free.normals, tolerances.parallel_rad))
+        centroids = free.centroids_mm.take(joins, axis=0)
+        near = np.flatnonzero(process_3(centre, normal, centroids, height_mm))
+        joins, centroids = joins[near], centroids.take(near, axis=0)
+        normals = free.normals.take(joins, axis=0)
+        joins = joins[process_2(centre, normal, centroids, normals, tolerances.in_plane_rad, height_mm)]
+        if not len(joins):
             break
-        members = free[joins]
-        centre, normal = fit_plane(sets.points_mm[members].reshape(-1, 3), toward=normal)
+        members = joins
+        centre, normal = free.plane(members, toward=normal)
+        if len(members) == 1:
+            break  # narrower tolerances add nothing
     # The founder stays a member even where it is off the fitted plane, or it would found the same group again.
-    members = np.union1d(members, founder)
-    return PlaneGroup(members, centre, normal, float(normal @ centre))
-
-
-def fit_plane(points_mm: Array, toward: Array) -> tuple[Array, Array]:
-    """Centre and unit normal of the total-least-squares plane through (N, 3) points, on the side of `toward`."""
-    centre = points_mm.mean(axis=0)
-    centred = points_mm - centre
-    normal = np.linalg.eigh(centred.T @ centred)[1][:, 0]
-    return centre, normal if normal @ toward >= 0 else -normal
+    return members if members[0] == 0 else np.r_[0, members], centre, normal

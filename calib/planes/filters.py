@@ -28,7 +28,8 @@ class SampleSets:
 
     points_mm: Array  # (M, 4, 3)
     centroids_mm: Array  # (M, 3)
-    normals: Array  # (M, 3) unit: mean of the four triangles' normals, on the side of the points' own normals
+    # (M, 3) of sets that passed, unit: mean of the four triangles' normals, on the side of the points' own normals
+    normals: Array
     rejected_by: ByteArray  # (M,) 0 = passed, 1, 2, 3 = the filter that rejected it
 
     def __len__(self) -> int:
@@ -87,7 +88,7 @@ def walk_for(distance_mm: float, step_mm: float) -> int:
 
 def filter_1(points_mm: Array, distance_mm: tuple[float, float]) -> BoolArray:
     """True where each point's distance from the set's centroid lies inside the range. points_mm  # (M, 4, 3)."""
-    distance = np.linalg.norm(points_mm - points_mm.mean(axis=1, keepdims=True), axis=2)
+    distance = _length(points_mm - _middle(points_mm)[:, None])
     return np.all((distance >= distance_mm[0]) & (distance <= distance_mm[1]), axis=1)
 
 
@@ -103,15 +104,14 @@ def filter_3(triangles: Array, point_normals: Array, tolerance_rad: float) -> Bo
 
     It rejects points on two parallel faces, whose own normals agree. triangles, point_normals  # (M, 4, 3) unit.
     """
-    mean = _unit(point_normals.mean(axis=1))
-    dots = np.matmul(triangles, mean[:, :, None])[:, :, 0]
+    dots = np.einsum("mtc,mc->mt", triangles, _unit(_middle(point_normals)))
     return np.all(np.abs(dots) >= np.cos(tolerance_rad), axis=1)
 
 
 def triangle_normals(points_mm: Array) -> Array:
     """Unit normals (M, 4, 3) of the four triangles that each set's points form; zero for a triangle without area."""
-    corners = [points_mm[:, list(t)] for t in _TRIANGLES]
-    return _unit(np.stack([np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]) for c in corners], axis=1))
+    corners = [[points_mm[:, corner] for corner in triangle] for triangle in _TRIANGLES]
+    return _unit(np.stack([np.cross(b - a, c - a) for a, b, c in corners], axis=1))
 
 
 def apply_filters(points_mm: Array, point_normals: Array, tolerances: FilterTolerances) -> SampleSets:
@@ -119,22 +119,37 @@ def apply_filters(points_mm: Array, point_normals: Array, tolerances: FilterTole
 
     points_mm, point_normals  # (M, 4, 3)
     """
-    triangles = triangle_normals(points_mm)
-    passes = (
-        filter_1(points_mm, tolerances.distance_mm),
-        filter_2(point_normals, tolerances.point_normals_rad),
-        filter_3(triangles, point_normals, tolerances.triangle_normals_rad),
-    )
     rejected_by = np.zeros(len(points_mm), dtype=np.uint8)
-    for number, passed in reversed(list(enumerate(passes, start=1))):
-        rejected_by[~passed] = number
-    mean = _unit(point_normals.mean(axis=1))
-    side = np.sign(np.matmul(triangles, mean[:, :, None]))  # a triangle's normal may point to either side
-    normals = _unit((triangles * side).mean(axis=1))
-    return SampleSets(points_mm, points_mm.mean(axis=1), normals, rejected_by)
+    left = np.arange(len(points_mm))
+
+    def reject(number: int, passed: BoolArray) -> None:
+        nonlocal left
+        rejected_by[left[~passed]] = number
+        left = left[passed]
+
+    reject(1, filter_1(points_mm, tolerances.distance_mm))
+    reject(2, filter_2(point_normals.take(left, axis=0), tolerances.point_normals_rad))
+    triangles, own = triangle_normals(points_mm.take(left, axis=0)), point_normals.take(left, axis=0)
+    passed = filter_3(triangles, own, tolerances.triangle_normals_rad)
+    reject(3, passed)
+    triangles, mean = triangles[passed], _middle(own[passed])
+    side = np.sign(np.einsum("mtc,mc->mt", triangles, mean))  # a triangle's normal may point to either side
+    normals = np.zeros((len(points_mm), 3))
+    normals[left] = _unit(np.einsum("mtc,mt->mc", triangles, side))
+    return SampleSets(points_mm, _middle(points_mm), normals, rejected_by)
+
+
+def _middle(of_four: Array) -> Array:
+    """Mean (M, 3) of the four in each set. of_four  # (M, 4, 3)"""
+    return np.asarray(0.25 * np.einsum("mkc->mc", of_four))
+
+
+def _length(vectors: Array) -> Array:
+    """Lengths (M, K) of vectors (M, K, 3), or (M,) of (M, 3)."""
+    return np.asarray(np.sqrt(np.einsum("...c,...c->...", vectors, vectors)))
 
 
 def _unit(vectors: Array) -> Array:
     """Vectors of length 1 along the last axis; those of no length stay zero."""
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    length = _length(vectors)[..., None]
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 1e-12)

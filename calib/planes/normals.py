@@ -6,6 +6,7 @@ needs some hundreds of normals, not a hundred thousand.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,7 +20,8 @@ TRIM_KEPT = 0.7  # share of the neighbours that the second and third PCA see
 _TRIMMED_VARIANCE = 0.310  # of a normal variable cut to its central 70 %
 _VOXELS_AN_AXIS = 2**20
 _UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-_ENOUGH_POINTS = 150_000
+_ENOUGH_POINTS = 75_000
+_GOLDEN = 0.618
 _ENOUGH_A_VOXEL = 6
 _AT_A_TIME = 16_384
 _BLOCK = 4
@@ -67,47 +69,53 @@ def thin_to_voxels(points_mm: Array, voxel_mm: float) -> IndexArray:
     surfaces hold, and where it has itself far fewer than the median, if that is four or more. Of a scan so fine that a
     part of it fills the voxels as well, only every n-th point is used.
     """
-    step = len(points_mm) // _ENOUGH_POINTS
-    if step > 1:
-        first, count = _occupied(points_mm[::step], voxel_mm)
+    step = len(points_mm) / _ENOUGH_POINTS
+    if step > 2:
+        # A step that fits into no row of a scan: otherwise whole columns would be left out.
+        some = np.arange(0, len(points_mm) - 1, np.floor(step) + _GOLDEN).astype(np.int64)
+        first, count = _occupied(points_mm.take(some, axis=0), voxel_mm)
         if len(first) and np.median(count) >= _ENOUGH_A_VOXEL:
-            return first * step
+            return np.asarray(some[first])
     return _occupied(points_mm, voxel_mm)[0]
 
 
 def _occupied(points_mm: Array, voxel_mm: float) -> tuple[IndexArray, IndexArray]:
     """Index of the first point of each voxel that holds no stray points, and how many points the voxel holds."""
-    finite = np.flatnonzero(finite_rows(points_mm))
-    if not len(finite):
-        return finite, finite
-    if len(finite) < len(points_mm):
-        points_mm = points_mm[finite]
-    cells = (points_mm - np.median(points_mm[:: max(1, len(finite) // 10_000)], axis=0)) / voxel_mm
-    if max(-cells.min(), cells.max()) >= _VOXELS_AN_AXIS / 2 - 1:
-        inside = np.abs(cells).max(axis=1) < _VOXELS_AN_AXIS / 2 - 1
-        finite, cells = finite[inside], cells[inside]
-    if not len(finite):
-        return finite, finite
-    cell = np.floor(cells).astype(np.int64)
-    cell -= cell.min(axis=0)
+    kept = np.flatnonzero(finite_rows(points_mm))
+    if len(kept) < len(points_mm):
+        points_mm = points_mm[kept]
+    if not len(kept):
+        return kept, kept
+    columns = np.ascontiguousarray(points_mm.T)
+    if max(np.ptp(x) for x in columns) >= (_VOXELS_AN_AXIS / 2 - 1) * voxel_mm:
+        middle = np.median(points_mm[:: max(1, len(kept) // 10_000)], axis=0)
+        inside = np.abs(points_mm - middle).max(axis=1) < (_VOXELS_AN_AXIS / 2 - 1) * voxel_mm
+        kept, columns = kept[inside], columns[:, inside]
+        if not len(kept):
+            return kept, kept
+    cell = [((x - x.min()) / voxel_mm).astype(np.int64) for x in columns]
     first, count = _first_of_each(_keys(cell))
     # Thousands of points in one place are no surface, but for example pixels without depth at the scanner's origin.
     count = np.minimum(count, _MOST_OF_USUAL * np.median(count))
-    block = np.unique(_keys(cell[first] // _BLOCK), return_inverse=True)[1].ravel()
+    block = np.unique(_keys([x[first] // _BLOCK for x in cell]), return_inverse=True)[1].ravel()
     around = np.bincount(block, count)[block]
     dense = np.argsort(around)
     surface = around[dense[np.searchsorted(np.cumsum(count[dense]), _SURFACE_SHARE * count.sum())]]
-    kept = around >= _STRAY_SHARE * surface
-    usual = np.median(count[kept])
+    solid = around >= _STRAY_SHARE * surface
+    usual = np.median(count[solid])
     if usual >= 4:
-        kept &= count >= 0.25 * usual
-    return finite[first[kept]], count[kept]
+        solid &= count >= 0.25 * usual
+    return kept[first[solid]], count[solid]
 
 
-def _keys(cell: IndexArray) -> IndexArray:
-    """One integer a cell. cell  # (N, 3) from 0"""
-    size = cell.max(axis=0) + 1
-    return np.asarray((cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2])
+def _keys(cell: Sequence[IndexArray]) -> IndexArray:
+    """One integer a cell. cell  # (3, N) from 0"""
+    x, y, z = cell
+    key = x * (int(y.max()) + 1)
+    key += y
+    key *= int(z.max()) + 1
+    key += z
+    return key
 
 
 def _first_of_each(key: IndexArray) -> tuple[IndexArray, IndexArray]:
