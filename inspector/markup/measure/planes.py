@@ -55,7 +55,7 @@ def _rejected(number: int, why: str) -> elements.Html:
 
 def passes_note(search: CornerSearch) -> str:
     """That a scan was looked at more than once, where it was: it is at the edge of what can be searched."""
-    if search.search_passes < 2:
+    if search.search_passes <= _USUAL_PASSES:
         return ""
     if search.corner is None:
         said = (
