@@ -70,7 +70,7 @@ class CornerSearch:
     unreadable: bool = False  # the scan's file could not be read at all
     count: PointCount | None = None  # of the scan's file, where it was read from one
     search_passes: int = (
-        1  # through the scan, each with other neighbours or more sample sets than the one before
+        1  # through the scan, a coarse one, then finer ones with other neighbours or more sample sets
     )
 
     def filter_counts(self) -> dict[str, int]:

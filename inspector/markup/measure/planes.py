@@ -14,6 +14,7 @@ WHY_NOT = (
 WHY_NONE = "None was chosen: no three groups are mutually perpendicular and fill the outline of the jig."
 NOT_SEARCHED = "No planes were looked for in this scan, for the reason above."
 SHOWN_GROUPS = 15
+_USUAL_PASSES = 2  # a coarse one, a fine one
 
 
 def planes_html(view: View) -> str:
@@ -54,7 +55,7 @@ def _rejected(number: int, why: str) -> elements.Html:
 
 
 def passes_note(search: CornerSearch) -> str:
-    """That a scan was looked at more than once, where it was: it is at the edge of what can be searched."""
+    """That a scan was looked at more often than usual, where it was: it is at the edge of what can be searched."""
     if search.search_passes <= _USUAL_PASSES:
         return ""
     if search.corner is None:
