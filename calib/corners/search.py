@@ -38,8 +38,8 @@ class _Pass:
     sets: float  # factor on the number of sample sets
 
 
-# Until one finds the jig. The first, coarse one finds most jigs in a third of the time of the second. Few neighbours fit
-# into a narrow or sparsely seen face, many sets meet a jig that is a small part of the scan.
+# Until one finds the jig. The first, coarse one finds most jigs in a third of the time of the second. Few neighbours
+# fit into a narrow or sparsely seen face, many sets meet a jig that is a small part of the scan.
 _SEARCH_PASSES = (_Pass(20, 12, 0.4), _Pass(28, NEIGHBOURS, 1), _Pass(28, 9, 4), _Pass(28, NEIGHBOURS, 12))
 
 
@@ -150,7 +150,8 @@ def _search(
             thinned[way.voxels] = thinned[way.voxels][~loose]
     # Of failed passes the first fine one is reported, unless another came as far as three planes.
     best = max(
-        range(len(searches)), key=lambda k: (searches[k].corner is not None, len(searches[k].chosen), k == 1, -k)
+        range(len(searches)),
+        key=lambda k: (searches[k].corner is not None, len(searches[k].chosen), k == 1, -k),
     )
     reported = replace(searches[best], search_passes=len(searches))
     if reported.corner is None and not reported.failure:
