@@ -24,7 +24,7 @@ from calib.simulation.scene import CUBE_CORNER
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target, truth_document
 from calib.simulation.truth.mechanism import Conditions
 from calib.simulation.truth.visibility import SimulatedCell
-from calib.workcell.jig_frames import target_T_jig
+from calib.workcell.jig_frames import JIG_HEIGHT_MM, target_T_jig
 
 _WINDOW_RASTER_MM = 30.0
 
@@ -48,6 +48,7 @@ class Simulation:
             )
         # Rounded to a raster over the field, so that repeated scans of a pose have the same window.
         apex_mm = self.apex_mm[pose, :2]
+        in_room = self.truth.base_T_jig is not None
         offset_mm = _WINDOW_RASTER_MM * np.round(apex_mm / _WINDOW_RASTER_MM) - apex_mm
         return simulate_scan(
             self.scanner_T_jig[pose],
@@ -55,8 +56,9 @@ class Simulation:
             rng=np.random.default_rng(self.scan_seeds[pose]),
             name=self.dataset.poses.ids[pose],
             model=self.scan_model,
-            flange_mm=abs(self.dataset.robot.tool.d_mm),
+            flange_mm=JIG_HEIGHT_MM if in_room else abs(self.dataset.robot.tool.d_mm),
             arm_turn_rad=float(-self.dataset.poses.q[pose, -1]),
+            in_room=in_room,
             window_offset_mm=(float(offset_mm[0]), float(offset_mm[1])),
         )
 

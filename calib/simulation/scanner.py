@@ -88,13 +88,15 @@ def simulate_scan(
     model: ScanModel = PLAIN_MODEL,
     flange_mm: float = 88.0,
     arm_turn_rad: float = 0.0,
+    in_room: bool = False,
     window_offset_mm: tuple[float, float] = (0.0, 0.0),
 ) -> SimulatedScan:
     """Scan a jig that stands at `scanner_T_jig` (4, 4).
 
     Args:
-        flange_mm: from the flange's front to the apex.
+        flange_mm: from the flange's front to the apex, or from the plate's where the jig stands in the room.
         arm_turn_rad: turn of the arm behind the flange about the jig's axis.
+        in_room: the jig stands on a plate in the room, for a scanner that moves; it is on an arm's flange otherwise.
         window_offset_mm: shift of the window's middle from the apex, across the view.
 
     Raises:
@@ -111,8 +113,7 @@ def simulate_scan(
         jig,
         flange_mm=flange_mm,
         arm_turn_rad=arm_turn_rad,
-        wall_z_mm=model.wall_z_mm,
-        table_y_mm=model.table_y_mm,
+        room=None if in_room else (model.wall_z_mm, model.table_y_mm),
     )
     scene = _Scene(triangles, triangle_label)
 
@@ -140,7 +141,8 @@ def simulate_scan(
     label = view.label.copy()
     at_edge, other_mm = _depth_edges(view)
     flying = at_edge & (rng.random(range_mm.shape) < model.flying_share)
-    mixed_mm = view.range_mm + rng.random(range_mm.shape) * (other_mm - view.range_mm)
+    beyond_mm = np.subtract(other_mm, view.range_mm, where=flying, out=np.zeros_like(range_mm))
+    mixed_mm = view.range_mm + rng.random(range_mm.shape) * beyond_mm
     range_mm = np.where(flying, mixed_mm, range_mm)
     keep &= np.isfinite(range_mm)
     outlier = rng.random(range_mm.shape) < model.outlier_share
@@ -148,7 +150,7 @@ def simulate_scan(
     label[flying | outlier] = FLYING
     noise_sigma_mm = np.where(label == FLYING, np.nan, noise_sigma_mm)
 
-    points_mm = (view.direction * range_mm[..., None])[keep]
+    points_mm = view.direction[keep] * range_mm[keep][:, None]
     _, normals = jig_geometry(jig)
     return SimulatedScan(
         scan=Scan(name=name, points_mm=points_mm),

@@ -1,7 +1,8 @@
 """The surfaces that a simulated scanner sees: the jig on its flange, a piece of the arm behind, a wall and a table.
 
 The jig's frame has its origin in the apex and z along the jig's axis, away from the scanner: a convex jig lies at
-z > 0, and flange and arm lie behind it. Wall and table are fixed to the scanner. Lengths are mm.
+z > 0, and flange and arm lie behind it. Wall and table are fixed to the scanner. For a scanner that the arm carries the
+jig stands on a post and a plate, and nothing is fixed to the scanner. Lengths are mm.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from calib.jig import Jig, jig_geometry
 
 CUBE_CORNER = Jig()
 
+_PLATE_MM = (260.0, 220.0, 12.0)
+
 SCENE = 0
 """Label of a surface that is none of the jig's faces, which are 1, 2, 3."""
 
@@ -27,10 +30,12 @@ def scene_triangles(
     *,
     flange_mm: float,
     arm_turn_rad: float,
-    wall_z_mm: float,
-    table_y_mm: float,
+    room: tuple[float, float] | None,
 ) -> tuple[Array, NDArray[np.int8]]:
-    """Everything the scanner may see: triangles (T, 3, 3) in its frame and a label (T,) each."""
+    """Everything the scanner may see: triangles (T, 3, 3) in its frame and a label (T,) each.
+
+    room: how far behind it the wall is and how far below it the table, mm; None: the jig stands on a plate of its own.
+    """
     import trimesh
 
     edges, _ = jig_geometry(jig)
@@ -45,25 +50,38 @@ def scene_triangles(
         middle = trimesh.transformations.translation_matrix([0.0, 0.0, start_mm + 0.5 * length_mm])
         return trimesh.creation.cylinder(radius_mm, length_mm, sections=64, transform=middle)
 
+    post = cylinder(14.0, back_mm, flange_mm - back_mm)
+    body = [edges[None, ::-1]] if jig.convex else []  # the cut face
+    if room is None:
+        plate = trimesh.creation.box(
+            _PLATE_MM, trimesh.transformations.translation_matrix([0.0, 0.0, flange_mm + 0.5 * _PLATE_MM[2]])
+        )
+        standing = np.concatenate([faces, *body, post.triangles, plate.triangles])
+        return apply(scanner_T_jig, standing), _labels(len(standing))
     across = trimesh.transformations.rotation_matrix(
         arm_turn_rad, [0, 0, 1]
     ) @ trimesh.transformations.translation_matrix([30.0, 0.0, flange_mm + 110.0])
     across = across @ trimesh.transformations.rotation_matrix(0.5 * np.pi, [0, 1, 0])
     parts = [
-        cylinder(14.0, back_mm, flange_mm - back_mm),
+        post,
         cylinder(37.5, flange_mm, 12.0),
         cylinder(42.0, flange_mm + 12.0, 140.0),
         trimesh.creation.cylinder(46.0, 190.0, sections=64, transform=across),
     ]
-    body = [edges[None, ::-1]] if jig.convex else []  # the cut face
     arm = np.concatenate([*body, *(part.triangles for part in parts)])
-    room = 3000.0
-    wall = _quad([-room, -room, wall_z_mm], [2 * room, 0, 120.0], [0, 2 * room, 0])
-    table = _quad([-room, table_y_mm, 300.0], [2 * room, 0, 0], [0, 0, room])
+    wall_z_mm, table_y_mm = room
+    side = 3000.0
+    wall = _quad([-side, -side, wall_z_mm], [2 * side, 0, 120.0], [0, 2 * side, 0])
+    table = _quad([-side, table_y_mm, 300.0], [2 * side, 0, 0], [0, 0, side])
     triangles = np.concatenate([apply(scanner_T_jig, np.concatenate([faces, arm])), wall, table])
-    label = np.zeros(len(triangles), dtype=np.int8)
+    return triangles, _labels(len(triangles))
+
+
+def _labels(count: int) -> NDArray[np.int8]:
+    """(count,) of triangles whose first three are the jig's faces."""
+    label = np.zeros(count, dtype=np.int8)
     label[:3] = (1, 2, 3)
-    return triangles, label
+    return label
 
 
 def _quad(corner: list[float], side: list[float], other_side: list[float]) -> Array:

@@ -19,6 +19,7 @@ from calib.errors import CalibError
 from calib.jig import Jig
 from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
+from calib.simulation.carried_scanner import draw_watched_jig, looking_poses
 from calib.simulation.conditions import draw_conditions
 from calib.simulation.measured_dataset import Simulation, measure
 from calib.simulation.pose_design import (
@@ -68,7 +69,7 @@ def simulate_dataset(
 ) -> Simulation:
     """Simulate a calibration of `robot`, which stays the nominal arm of the dataset.
 
-    Where the arm carries the scanner, that sits on the flange and the jig stands in front of the arm; points only.
+    Where the arm carries the scanner, that sits on the flange and the jig stands in front of the arm.
 
     Args:
         effects: of the true arm, each by name (`SIMULATED_EFFECTS`, `OUTSIDE_EFFECTS`), as (name, visible magnitude in
@@ -99,17 +100,22 @@ def simulate_dataset(
             f"found {setups} setups for {poses} poses; simulate points, with 4 poses or more for each setup"
         )
     facing = [name for name in map(effect_name, effects) if name in NEED_FACING]
-    if robot.carries_scanner and (scans or facing):
-        what = f"the effect {facing[0]}" if facing else "scans"
+    if robot.carries_scanner and facing:
         raise CalibError(
-            f"cannot simulate {what} with a scanner on the flange, as no poses are sought that face the jig; simulate "
-            "points, or a scanner in the room"
+            f"cannot simulate the effect {facing[0]} with a scanner on the flange: no fit takes it there; simulate a "
+            "scanner in the room"
         )
-    if scans:
+    if scans and not robot.carries_scanner:
         robot = with_jig(robot, jig)
     base_T_scanner = draw_scanner_pose(robot, rng=rng)
+    placed, base_T_jig = base_T_scanner, None
     if scans:
-        candidates = scan_poses(robot, base_T_scanner, 4 * poses, rng=rng, jig=jig)
+        if robot.carries_scanner:
+            placed = draw_flange_mount(rng=rng)
+            base_T_jig = draw_watched_jig(robot, placed, rng=rng, jig=jig)
+            candidates = looking_poses(robot, placed, base_T_jig, 4 * poses, rng=rng, jig=jig)
+        else:
+            candidates = scan_poses(robot, base_T_scanner, 4 * poses, rng=rng, jig=jig)
         q = candidates[spread_poses(np.where(robot.is_revolute, candidates, candidates / 300.0), poses)]
     elif facing:
         q = facing_poses(robot, base_T_scanner, poses, rng=rng)
@@ -123,8 +129,7 @@ def simulate_dataset(
         drawn = replace(drawn, temperature_c=None)  # nobody wrote down how warm the arm was
     if len(payloads_kg):
         drawn = replace(drawn, payload_kg=rng.choice(np.asarray(payloads_kg, float), poses))
-    placed, base_T_jig = base_T_scanner, None
-    if robot.carries_scanner:
+    if robot.carries_scanner and base_T_jig is None:
         placed, base_T_jig = draw_flange_mount(rng=rng), draw_jig_place(robot, rng=rng)
     scanners = {"": placed}
     if setups > 1:

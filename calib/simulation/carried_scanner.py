@@ -1,0 +1,200 @@
+"""Poses for scans of an arm that carries the scanner: from each it looks at a jig that stands in the room.
+
+They are computed on the nominal chain, as those of `calib.simulation.pose_design` for a scanner in the room are. The
+jig stands on a table before the arm and looks up, more or less.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.array_types import Array, BoolArray, IndexArray
+from calib.errors import CalibError
+from calib.frames import apply, invert, make_transform, rotation_from_rotvec
+from calib.jig import Jig, jig_geometry
+from calib.kinematics.chain import Chain, forward, joint_jacobian
+from calib.kinematics.inverse import FROM_ANYWHERE, solve_inverse
+from calib.kinematics.joint_range import joint_range, random_poses, wrapped
+from calib.kinematics.robot import Robot
+from calib.simulation.scene import CUBE_CORNER
+from calib.workcell.measurable import incidence_cosines
+from calib.workcell.scan_field import JANG_FIELD, tilted
+
+_LEVER_MM = 300.0  # weighs one radian of the line of sight against millimetres
+_PLACES = 24  # of the jig that are tried
+_BATCH = 256  # starts of the search for poses
+_GOOD_SHARE = 0.1  # of them that succeed at a place that is taken at once
+_MAX_TILT_DEG = 22.0  # of the jig's axis from the line of sight
+_CLEARANCE_MM = 120.0  # of the arm's frames from the line of sight
+_LOWEST_MM = 60.0  # frame of the arm over its base
+
+
+@dataclass(frozen=True)
+class LookGoals:
+    """Points (N, 3) and directions (N, 3) of the flange's frame that are to meet one point and one direction.
+
+    With the jig's apex and axis as the scanner on the flange shall see them, and as they are in the room; the
+    scanner's turn about the jig's axis does not matter.
+    """
+
+    robot: Robot
+    point_mm: Array  # (N, 3) flange frame
+    direction: Array  # (N, 3) unit, flange frame
+    apex_mm: Array  # (3,) base frame
+    axis: Array  # (3,) unit, base frame
+
+    @property
+    def joint_units(self) -> Array:
+        return np.ones(self.robot.n_joints)
+
+    def _seen(self, chain: Chain, rows: IndexArray | slice) -> tuple[Array, Array]:
+        """Where point and direction are at each pose (K, 3), base frame."""
+        flange = chain.base_T_flange
+        point_mm = np.einsum("kij,kj->ki", flange[:, :3, :3], self.point_mm[rows]) + flange[:, :3, 3]
+        return point_mm, np.einsum("kij,kj->ki", flange[:, :3, :3], self.direction[rows])
+
+    def linearise(self, q: Array, rows: IndexArray) -> tuple[Array, Array]:
+        """What is left of the point, and the sine of the direction's error times `_LEVER_MM`."""
+        chain = forward(self.robot.table, q, self.robot.is_revolute, self.robot.base_T_first)
+        moved, axes = joint_jacobian(chain, self.robot.is_revolute)
+        point_mm, direction = self._seen(chain, rows)
+        moved = moved + np.swapaxes(
+            np.cross(np.swapaxes(axes, 1, 2), (point_mm - chain.target_mm)[:, None]), 1, 2
+        )
+        turn = np.cross(direction, self.axis)
+        turn += np.where(direction @ self.axis < -0.99, 0.1, 0.0)[
+            :, None
+        ]  # the wrong way round: any turn leads on
+        axes = axes - direction[:, :, None] * np.einsum("ki,kin->kn", direction, axes)[:, None]
+        return (
+            np.concatenate([self.apex_mm - point_mm, _LEVER_MM * turn], axis=1),
+            np.concatenate([moved, _LEVER_MM * axes], axis=1),
+        )
+
+    def reached(self, chain: Chain) -> BoolArray:
+        """(N,) whether point and direction are where they should be, to 1 mm and 0.02 rad."""
+        point_mm, direction = self._seen(chain, slice(None))
+        near = np.linalg.norm(point_mm - self.apex_mm, axis=1) < 1.0
+        return np.asarray(near & (np.arccos(np.clip(direction @ self.axis, -1.0, 1.0)) < 0.02))
+
+
+def draw_watched_jig(
+    robot: Robot, flange_T_scanner: Array, *, rng: np.random.Generator, jig: Jig = CUBE_CORNER
+) -> Array:
+    """base_T_jig (4, 4): on a table before the arm, tilted by up to 35 deg, where the scanner can look at it.
+
+    Raises:
+        CalibError: the scanner sees it from nowhere.
+    """
+    reach_mm = float(
+        np.linalg.norm(
+            forward(
+                robot.table,
+                random_poses(robot, 2000, rng=np.random.default_rng(0)),
+                robot.is_revolute,
+                robot.base_T_first,
+            ).target_mm,
+            axis=1,
+        ).max()
+    )
+    best, most = np.eye(4), 0
+    for _ in range(_PLACES):
+        place_mm = reach_mm * rng.uniform([0.3, -0.25, -0.15], [0.65, 0.25, 0.1])
+        outward = tilted(np.array([[0.0, 0.0, 1.0]]), 35.0, rng)[0]
+        base_T_jig = make_transform(_turn_with_z(-outward, rng.uniform(-np.pi, np.pi)), place_mm)
+        count = len(_looks(robot, flange_T_scanner, base_T_jig, rng=rng, jig=jig))
+        if count > most:
+            best, most = base_T_jig, count
+        if most >= _GOOD_SHARE * _BATCH:
+            break
+    if not most:
+        raise CalibError(
+            f"robot {robot.name}: with the scanner on its flange no pose looks at a jig on a table before it, at "
+            f"{_PLACES} places tried; check its limits, or simulate points instead of scans"
+        )
+    return best
+
+
+def looking_poses(
+    robot: Robot,
+    flange_T_scanner: Array,
+    base_T_jig: Array,
+    count: int,
+    *,
+    rng: np.random.Generator,
+    jig: Jig = CUBE_CORNER,
+) -> Array:
+    """(count, n) poses from which the scanner has the jig in its field with all three faces turned at it.
+
+    Raises:
+        CalibError: too few such poses exist.
+    """
+    found: list[Array] = []
+    total = tries = 0
+    while total < count:
+        if tries > 20 + count:
+            raise CalibError(
+                f"robot {robot.name}: found {total} of {count} poses that look at the jig; ask for fewer, or simulate "
+                "points instead of scans"
+            )
+        found.append(_looks(robot, flange_T_scanner, base_T_jig, rng=rng, jig=jig))
+        total, tries = total + len(found[-1]), tries + 1
+    return np.concatenate(found)[:count]
+
+
+def _looks(
+    robot: Robot, flange_T_scanner: Array, base_T_jig: Array, *, rng: np.random.Generator, jig: Jig
+) -> Array:
+    """(K, n) what comes of `_BATCH` random wishes and starts."""
+    apex_mm = JANG_FIELD.draw(_BATCH, rng)  # scanner frame
+    axis = tilted(apex_mm / np.linalg.norm(apex_mm, axis=1, keepdims=True), _MAX_TILT_DEG, rng)
+    goals = LookGoals(
+        robot,
+        apply(flange_T_scanner, apex_mm),
+        axis @ flange_T_scanner[:3, :3].T,
+        base_T_jig[:3, 3],
+        base_T_jig[:3, 2],
+    )
+    start = random_poses(robot, _BATCH, rng=rng)
+    anywhere = np.full_like(start, np.inf)
+    longest = FROM_ANYWHERE.longest_step if robot.is_revolute.all() else np.inf
+    rule = replace(FROM_ANYWHERE, longest_step=longest, by_normal_equations=True)
+    q = solve_inverse(goals, start, -anywhere, anywhere, rule)
+    low, high = joint_range(robot)
+    chain = forward(robot.table, q, robot.is_revolute, robot.base_T_first)
+    usable = goals.reached(chain)
+    q = np.where(robot.is_revolute, wrapped(q, low), q)
+    usable &= np.all((q >= low) & (q <= high), axis=1)
+    base_T_scanner = chain.base_T_flange @ flange_T_scanner
+    usable &= _is_clear(chain, base_T_scanner, base_T_jig[:3, 3])
+    for k in np.flatnonzero(usable):
+        cosine = incidence_cosines(base_T_jig[None], jig_geometry(jig)[1], base_T_scanner[k, :3, 3])
+        usable[k] = bool(np.all(cosine > np.cos(np.radians(JANG_FIELD.max_incidence_deg))))
+    return q[usable]
+
+
+def _is_clear(chain: Chain, base_T_scanner: Array, apex_mm: Array) -> BoolArray:
+    """(N,) frames above the base, the scanner too, and none of them beside the line of sight.
+
+    What is as near to the scanner as its flange is beside its lens, wherever it sits.
+
+    A check on frame origins only: it rejects folded arms and is no collision check.
+    """
+    origins_mm = chain.base_T_frame[:, 1:-1, :3, 3]  # (N, n, 3)
+    clear = np.all(origins_mm[:, 1:, 2] > _LOWEST_MM, axis=1) & (base_T_scanner[:, 2, 3] > _LOWEST_MM)
+    for k in np.flatnonzero(clear):
+        seen_mm = apply(invert(base_T_scanner[k]), np.concatenate([origins_mm[k], apex_mm[None]]))
+        sight = seen_mm[-1] / np.linalg.norm(seen_mm[-1])
+        along_mm = seen_mm[:-1] @ sight
+        aside_mm = np.linalg.norm(seen_mm[:-1] - along_mm[:, None] * sight, axis=1)
+        clear[k] = not np.any((along_mm > _CLEARANCE_MM) & (aside_mm < _CLEARANCE_MM))
+    return np.asarray(clear)
+
+
+def _turn_with_z(z: Array, about_rad: float) -> Array:
+    """(3, 3) with that z axis, turned about it."""
+    x = np.cross([0.0, 1.0, 0.0], z)
+    x /= np.linalg.norm(x)
+    return rotation_from_rotvec(about_rad * z) @ np.column_stack([x, np.cross(z, x), z])
