@@ -33,10 +33,12 @@ from calib.corners.quality import CornerQuality, FaceQuality, angle_errors, inci
 from calib.errors import CornerError
 from calib.jig import Jig, Outline
 from calib.planes.clustering import PlaneGroup
+from calib.planes.near_points import points_within
 from calib.planes.robust_fit import PlaneFit, fit_plane_robustly
 
 _ROUNDS = 6
 _LAST_ROUNDS = 2
+_AT_REST = 0.3  # sigmas that a plane moves at the face's ends in a round: after it the last rounds follow
 _POINTS_AT_FIRST = 20_000
 _POINTS_FOR_SPREAD = 3_000
 _BAND_SIGMA = 12.0
@@ -75,11 +77,10 @@ def refine(
     normals = np.array([groups[g].normal for g in chosen])
     start_offsets = np.array([groups[g].offset_mm for g in chosen])
     origin = intersect(normals, start_offsets)
-    way = points_mm - origin
     _, middle_mm, longest_mm = sorted(jig.edges_mm)
     reach_mm = 1.1 * (np.hypot(middle_mm, longest_mm) if outline.rectangular else longest_mm)
-    near = np.flatnonzero(np.einsum("ni,ni->n", way, way) < reach_mm**2)
-    local = way[near]  # small numbers: the planes are fitted around the first apex
+    # From the first apex, so that the planes are fitted in small numbers.
+    near, local = points_within(points_mm, origin, reach_mm)
     planes, margin_mm = _fit_faces(
         local, near, normals, start_offsets - normals @ origin, jig, outline, sigma_mm, options
     )
@@ -125,13 +126,14 @@ def _fit_faces(
     planes: list[PlaneFit] = []
     step = max(1, len(local) // _POINTS_AT_FIRST)  # at first some thousands of points are enough
     members = [(local[::step], near[::step])] * 3
-    for turn in range(_ROUNDS):
+    turn = 0
+    while turn < _ROUNDS:
         if turn == _ROUNDS - _LAST_ROUNDS:  # from here on all points that may be a face's, and no others
             over_planes = (local @ normals.T - offsets).T
             at_plane = [
                 np.flatnonzero(np.abs(h) <= 2 * band) for h, band in zip(over_planes, bands, strict=True)
             ]
-            members = [(local[on], near[on]) for on in at_plane]
+            members = [(local.take(on, axis=0), near[on]) for on in at_plane]
         heights = [points @ normals.T - offsets for points, _ in members]
         if turn == _ROUNDS - 1 and options.edge_margin_mm is None:
             # Not before: planes fitted to a part of the points have rings off the plane by themselves.
@@ -142,7 +144,15 @@ def _fit_faces(
             on = _points_of_face(
                 points, heights[face], face, bands[face], margins_mm[face], jig, outline, options
             )
-            planes.append(fit_plane_robustly(points[on], indices[on], normals[face], offsets[face]))
+            planes.append(
+                fit_plane_robustly(points.take(on, axis=0), indices[on], normals[face], offsets[face])
+            )
+        moved = [
+            abs(p.offset_mm - d) + jig.longest_mm * np.linalg.norm(p.normal - n)
+            for p, n, d in zip(planes, normals, offsets, strict=True)
+        ]
+        at_rest = all(move < _AT_REST * p.sigma_mm for move, p in zip(moved, planes, strict=True))
+        turn = max(turn + 1, _ROUNDS - _LAST_ROUNDS if at_rest else 0)
         normals = np.array([p.normal for p in planes])
         offsets = np.array([p.offset_mm for p in planes])
         bands = np.array([max(_BAND_SIGMA * p.sigma_mm, 1e-6) for p in planes])

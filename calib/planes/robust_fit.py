@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,11 @@ from calib.array_types import Array, IndexArray
 TUKEY = 6.0  # 98 % efficiency for normal residuals; 95 % at the usual 4.685
 MAD_TO_SIGMA = 1.4826
 _REWEIGHTINGS = 12
-_SETTLED = 1e-3  # of the slope's own standard deviation
+_SETTLED = 1e-2  # of the heights' standard error: a step that moves the plane less is the last
+_LONGEST = 1.5  # times a step of plain reweighting
+_SAME_SCALE = 0.1  # of the scale: a step that moves the heights less leaves it as it is
+_OFF_PLANE = 0.3  # of the scale: a plane farther off has its heights weighed about their median
+_ENOUGH_FOR_SCALE = 20_000  # heights; the scale has a standard error of 0.8 % then
 _LEAST_SIGMA_MM = 1e-9  # of a scan without noise
 
 
@@ -39,31 +44,100 @@ def fit_plane_robustly(points: Array, indices: IndexArray, normal: Array, offset
 
     The scale s is the MAD of the heights h over the plane before; a weight is (1 - (h / 6 s)^2)^2, beyond that 0.
     To first order the estimate is ordinary least squares on the pseudo-values psi / mean(psi'), psi = w h (Huber 1981,
-    section 7.6), whose residuals are those values at the solution.
+    section 7.6), whose residuals are those values at the solution. Steps are longer than those of reweighting by
+    mean(w) / mean(psi'), which makes them Newton's, nearly; half as many do.
+
+    With coordinates (u, v) in the first plane and h0 over it, h = (h0 - a - b u - c v) / sqrt(1 + b^2 + c^2).
     """
-    heights = points @ normal - offset
+    axes = _perpendicular(normal)
+    start = points[0]
+    design = np.empty((3, len(points)))
+    design[0] = 1.0
+    np.subtract(axes @ points.T, (axes @ start)[:, None], out=design[1:])  # small numbers
+    first = normal @ points.T - offset
+    heights, plane, size = first, np.zeros(3), 1.0
+    sigma, moved = 0.0, np.inf
     for _ in range(_REWEIGHTINGS):
-        middle = np.median(heights)
-        sigma = max(float(MAD_TO_SIGMA * np.median(np.abs(heights - middle))), _LEAST_SIGMA_MM)
-        weights = _tukey(heights - middle, sigma)
-        centre = weights @ points / weights.sum()
-        centred = points - centre
-        scatter, columns = np.linalg.eigh((centred * weights[:, None]).T @ centred)
-        axes = columns.T  # rows, the normal first
-        turned = axes[0] if axes[0] @ normal >= 0 else -axes[0]
-        slope_sigma = sigma / np.sqrt(max(float(scatter[1]), 1e-300))
-        settled = np.linalg.norm(turned - normal) < max(1e-9, _SETTLED * slope_sigma)
-        normal, heights = turned, centred @ turned
-        if settled:
+        if moved > _SAME_SCALE * sigma:
+            middle, sigma = _middle_and_sigma(heights)
+        root = _root(heights, middle, sigma)
+        weights = root * root
+        total = float(weights.sum())
+        weighted = design * weights
+        normal_matrix = weighted @ design.T
+        step = _least_squares(normal_matrix, weighted @ heights)
+        step *= total / max(float(root @ (5 * root - 4)), total / _LONGEST)  # psi' = root (5 root - 4)
+        moved = math.sqrt(max(float(step @ normal_matrix @ step) / total, 0.0))
+        plane += size * step
+        size = math.sqrt(1 + plane[1] ** 2 + plane[2] ** 2)
+        heights = (first - plane @ design) / size
+        middle = 0.0
+        if moved < max(_LEAST_SIGMA_MM, _SETTLED * sigma / math.sqrt(total)):
             break
-    weights = _tukey(heights, sigma)
-    inlier = weights > 0
-    root = np.sqrt(weights[inlier])
-    slope = float(np.mean(root * (5 * root - 4)))  # psi' = (1 - z^2)(1 - 5 z^2), with 1 - z^2 = root
-    psi = (weights * heights)[inlier]
-    offset = float(normal @ centre)
-    return PlaneFit(normal, offset, centre, axes[1:], indices[inlier], points[inlier], psi, slope, sigma)
+    turned = (normal - plane[1:] @ axes) / size
+    offset = (offset + float(plane[0] - plane[1:] @ axes @ start)) / size
+    root = _root(heights, 0.0, sigma)
+    inlier = np.flatnonzero(root > 0)
+    root, kept = root[inlier], points.take(inlier, axis=0)
+    weights = root * root
+    centre = weights @ kept / weights.sum()
+    centre -= (turned @ centre - offset) * turned
+    slope = float(np.mean(root * (5 * root - 4)))
+    psi = weights * heights[inlier]
+    return PlaneFit(
+        turned,
+        float(offset),
+        centre,
+        _across(turned, kept, weights),
+        indices[inlier],
+        kept,
+        psi,
+        slope,
+        sigma,
+    )
 
 
-def _tukey(heights: Array, sigma_mm: float) -> Array:
-    return np.clip(1 - (heights / (TUKEY * sigma_mm)) ** 2, 0, None) ** 2
+def _middle_and_sigma(heights: Array) -> tuple[float, float]:
+    """Median, or 0 where that is near, and 1.4826 MAD; of very many heights by every n-th."""
+    some = heights[:: max(1, len(heights) // _ENOUGH_FOR_SCALE)]
+    middle = float(np.median(some))
+    sigma = max(float(MAD_TO_SIGMA * np.median(np.abs(some - middle))), _LEAST_SIGMA_MM)
+    return (middle if abs(middle) > _OFF_PLANE * sigma else 0.0), sigma
+
+
+def _root(heights: Array, middle: float, sigma_mm: float) -> Array:
+    """Roots of Tukey's weights: 1 - z^2, z in six sigmas; 0 beyond."""
+    root = (heights - middle) * (1 / (TUKEY * sigma_mm))
+    root *= root
+    np.subtract(1.0, root, out=root)
+    return np.asarray(np.maximum(root, 0.0, out=root))
+
+
+def _least_squares(normal_matrix: Array, right: Array) -> Array:
+    """Offset and slopes (3,) of weighted least squares.
+
+    Slopes in a direction in which there is no spread stay as they are.
+    """
+    total, middle = normal_matrix[0, 0], normal_matrix[0, 1:] / normal_matrix[0, 0]
+    spreads, turn = np.linalg.eigh(normal_matrix[1:, 1:] - total * np.outer(middle, middle))
+    along = turn.T @ (right[1:] - middle * right[0])
+    slopes = turn @ np.divide(along, spreads, out=np.zeros(2), where=spreads > 1e-12 * normal_matrix.trace())
+    return np.array([right[0] / total - middle @ slopes, *slopes])
+
+
+def _perpendicular(normal: Array) -> Array:
+    """Two unit vectors (2, 3) that are perpendicular to each other and to a unit vector (3,)."""
+    x, y, z = normal.tolist()
+    sign = math.copysign(1.0, z)  # Duff and others, J. Comp. Graphics Techniques 6 (2017), 1
+    a = -1 / (sign + z)
+    b = x * y * a
+    return np.array([[1 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]])
+
+
+def _across(normal: Array, points: Array, weights: Array) -> Array:
+    """The plane's two main directions (2, 3) of the weighted points (K, 3), the one of less spread first."""
+    axes = _perpendicular(normal)
+    local = axes @ points.T
+    total = weights.sum()
+    local -= (local @ weights / total)[:, None]
+    return np.asarray(np.linalg.eigh((local * weights) @ local.T)[1].T @ axes)

@@ -78,13 +78,18 @@ def without_far_points(along_mm: Array) -> BoolArray:
     the covariance of the points, no point of an evenly covered triangle is farther than sqrt(8) from their middle.
     """
     kept = np.ones(len(along_mm), dtype=bool)
+    one, other = np.ascontiguousarray(along_mm.T)
     for _ in range(_PEELINGS):
-        if kept.sum() < 4:
+        weight = kept.astype(float)
+        total = weight.sum()
+        if total < 4:
             break
-        centred = along_mm - along_mm[kept].mean(axis=0)
-        scatter = centred[kept].T @ centred[kept] / kept.sum()
-        scatter += (1e-12 * np.trace(scatter) + 1e-18) * np.eye(2)  # points on a line, or in one place
-        within = np.einsum("ki,ki->k", centred @ np.linalg.inv(scatter), centred) < _FARTHEST**2
+        x, y = one - weight @ one / total, other - weight @ other / total
+        weighted = weight * x
+        xx, xy, yy = weighted @ x / total, weighted @ y / total, (weight * y) @ y / total
+        tiny = 1e-12 * (xx + yy) + 1e-18  # points on a line, or in one place
+        xx, yy = xx + tiny, yy + tiny
+        within = yy * (x * x) - (2 * xy) * (x * y) + xx * (y * y) < _FARTHEST**2 * (xx * yy - xy * xy)
         if np.array_equal(within, kept):
             break
         kept = within
