@@ -10,7 +10,7 @@ from calib.planes.robust_fit import TUKEY, PlaneFit, fit_plane_robustly
 
 
 def points_on_a_plane(seed: int, count: int, stray: float) -> tuple[NDArray, NDArray, float]:
-    """Points with noise of 0.02 mm on a plane, a share of them between 0.3 mm below and 1 mm above it; its normal and offset."""
+    """Points with noise of 0.02 mm on a plane, a share of them 0.3 mm below to 1 mm above it; its normal and offset."""
     rng = np.random.default_rng(seed)
     local = np.c_[rng.uniform(-20, 20, count), rng.uniform(-5, 5, count), 0.02 * rng.standard_normal(count)]
     off = rng.random(count) < stray
