@@ -35,7 +35,7 @@ class ScanModel:
     depth edge report a range between foreground and background. Pixels fade out between the two incidences of
     `grazing_deg`, and where the projector, `baseline_mm` to the side, is shaded. `outlier_share` of the points are
     replaced by points anywhere in the view. `correlated_sigma_mm` adds range noise that is correlated over
-    `correlation_length_mm` across the view, `short_share` of its variance over a quarter of that
+    `correlation_length_mm` across the view, `short_share` of its variance over a seventh of that
     (`calib.simulation.smooth_noise`), and drawn anew for each scan; a face's average keeps it.
     """
 
@@ -57,12 +57,13 @@ PLAIN_MODEL = ScanModel()
 """White noise only: what a bound can be computed for, and no scanner has."""
 
 STRUCTURED_LIGHT = ScanModel(
-    scan_sigma_mm=0.01, correlated_sigma_mm=0.06, correlation_length_mm=30.0, short_share=0.2
+    scan_sigma_mm=0.03, correlated_sigma_mm=0.06, correlation_length_mm=25.0, short_share=0.3
 )
-"""A structured-light scanner's: almost wholly smooth, 97 % of the variance of a sheet that faces it shared at 1.5 mm.
+"""A structured-light scanner's: white noise, and twice as much that is smooth.
 
-Shape: see `SHORT_WAVES`. Size: corners of a jig of 60 mm that stands still scatter by some 0.06 to 0.1 mm (3D), as in
-Table 1 of Jang 2025.
+Shape: see `SHORT_WAVES`; the two views that were compared there have 0.035 mm of white noise and 0.02 to 0.05 mm of
+smooth one each. Size: corners of a jig of 60 mm that stands still scatter by some 0.06 to 0.1 mm (3D), as in Table 1 of
+Jang 2025.
 """
 
 

@@ -11,12 +11,13 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from calib.array_types import Array
 
-SHORT_WAVES = 0.27
+SHORT_WAVES = 0.15
 """Correlation length of the short waves over that of the long ones.
 
-With `short_share` 0.2 and long waves of 30 mm the correlation is that of a sheet which a structured-light scanner
-measured (RegHEC, `data/Plane`; residuals of a plane): 0.98, 0.83, 0.61, 0.25 at 1.5, 10, 22, 45 mm, where the sheet's
-has 0.97, 0.80 to 0.87, 0.57 to 0.72, 0.17 to 0.31. Neither one Gaussian nor one exponential has that shape.
+With `short_share` 0.3 and long waves of 25 mm the correlation has the shape by which views of one sheet differ that a
+structured-light scanner took from several sides (RegHEC, `data/Plane`; what is the sheet's own shape all views share):
+over that at 2 mm it is 0.88, 0.71, 0.57, 0.26, 0.01 at 4.5, 9, 18, 36, 72 mm, where the median pair of views has 0.8,
+0.7, 0.54, 0.3, 0. Neither one Gaussian nor one exponential has that shape.
 """
 
 _CELLS_A_LENGTH = 4.0
@@ -28,7 +29,7 @@ def smooth_noise(
 ) -> Array:
     """A field of variance 1 at places across the view. across_mm  # (..., 2), returns (...)
 
-    Its correlation is (1 - s) exp(-r^2 / 2 l^2) + s exp(-r^2 / 2 (0.27 l)^2) with l = length_mm, s = short_share.
+    Its correlation is (1 - s) exp(-r^2 / 2 l^2) + s exp(-r^2 / 2 (0.15 l)^2) with l = length_mm, s = short_share.
     """
     field = np.zeros(across_mm.shape[:-1])
     for share, length in ((1.0 - short_share, length_mm), (short_share, SHORT_WAVES * length_mm)):

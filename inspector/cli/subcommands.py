@@ -114,7 +114,7 @@ def _simulate(sub: ArgumentParser) -> None:
         "--correlation-mm",
         type=float,
         metavar="L",
-        help="how far the smooth error reaches across the view (default 30)",
+        help="how far the smooth error reaches across the view (default 25)",
     )
     sub.add_argument(
         "--mount",

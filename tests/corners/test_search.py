@@ -24,6 +24,7 @@ from calib.planes.normals import thin_to_voxels
 from calib.scans.scan import Scan, write_scan
 from tests.support.scan_cases import CASES
 from tests.support.scan_scene import FACE_LABELS, SceneScan, box_beside, grazing, make_scene
+from tests.support.stray_points import reflections
 
 JIG = Jig()
 
@@ -67,6 +68,14 @@ def test_concave_jig() -> None:
     failed = find_corner(scenes[0].scan, JIG)
     assert failed.corner is None
     assert "convex" in failed.failure
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_faces_that_mirror_each_other_much_give_no_wrong_corner(seed: int) -> None:
+    """From a tenth of the pixels on, what the mirrors show beyond the faces' outlines hides them."""
+    rng = np.random.default_rng(seed)
+    scene = reflections(make_scene(rng, 12_000, convex=False), rng, 0.15)
+    assert "none with the outline" in find_corner(scene.scan, Jig(convex=False), scan_sigma_mm=0.02).failure
 
 
 @pytest.mark.parametrize("name", [name for name in CASES if "waves" not in name])

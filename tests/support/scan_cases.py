@@ -17,6 +17,7 @@ from tests.support.scan_scene import (
     parallel_planes,
     room,
 )
+from tests.support.stray_points import clumps, reflections, spread
 
 Make = Callable[[np.random.Generator, int], SceneScan]
 
@@ -44,6 +45,10 @@ def _sized(edge_mm: float, distance_mm: float) -> Make:
     return lambda rng, rays: make_scene(
         rng, rays, edge_mm=edge_mm, distance_mm=distance_mm, field_mm=2.67 * edge_mm
     )
+
+
+def _with_strays(added: Callable[[SceneScan, np.random.Generator, float], SceneScan], share: float) -> Make:
+    return lambda rng, rays: added(make_scene(rng, rays), rng, share)
 
 
 _EDGES = (70.0, 110.0, 160.0)
@@ -93,6 +98,13 @@ CASES: dict[str, Case] = {
     "noise 0.01 untold": Case(lambda rng, rays: make_scene(rng, rays, sigma_mm=0.01), told_sigma_mm=None),
     "noise 0.3 untold": Case(lambda rng, rays: make_scene(rng, rays, sigma_mm=0.3), told_sigma_mm=None),
     "nothing behind": Case(lambda rng, rays: make_scene(rng, rays, background=False)),
+    "strays 1:1": Case(_with_strays(spread, 1.0)),
+    "strays 2:1": Case(_with_strays(spread, 2.0)),
+    "clumps 1:1": Case(_with_strays(clumps, 1.0)),
+    "concave, shiny": Case(
+        lambda rng, rays: reflections(make_scene(rng, rays, convex=False), rng, 0.05), Jig(convex=False)
+    ),
+    "mixed pixels 100 %": Case(lambda rng, rays: make_scene(rng, rays, flying=1.0)),
     "waves 0.02/15 mm": Case(lambda rng, rays: make_scene(rng, rays, waves_mm=0.02)),
     "waves 0.02/5 mm": Case(lambda rng, rays: make_scene(rng, rays, waves_mm=0.02, wave_length_mm=5.0)),
 }

@@ -156,6 +156,7 @@ def make_scene(
     extras: tuple[Patch | Cylinder, ...] = (),
     background: bool = True,
     outliers: float = 0.0,
+    flying: float = FLYING,
     cut_face: float = 1.0,
     fillet_mm: float = 0.0,
     waves_mm: float = 0.0,
@@ -164,7 +165,8 @@ def make_scene(
     """One scan of a jig some `distance_mm` away among flange, link, wall and table.
 
     `edges_mm` makes its three edges differ, about `edge_mm` on average; `rectangular` gives it a box's whole faces.
-    `outliers` is the share of points thrown anywhere into the scene's volume; `cut_face` keeps that share of the
+    `outliers` is the share of points thrown anywhere into the scene's volume, `flying` that of the pixels at a jump in
+    depth that lie between both sides (`stray_points.py` has further strays); `cut_face` keeps that share of the
     third face's area (a strip along one edge); `extras` are further patches in the scanner's frame; `fillet_mm` is the
     radius that rounds the jig's three edges and its apex. `waves_mm` adds an error along the ray that is smooth over
     `wave_length_mm` across the view, of correlation exp(-r^2 / 2 l^2); the bound does not know of it.
@@ -233,7 +235,7 @@ def make_scene(
         rolled = np.roll(image, shift, axis=axis)
         neighbour = np.where(np.abs(rolled - image) > np.abs(neighbour - image), rolled, neighbour)
     jump = np.abs(neighbour - image).ravel()
-    fly = (jump > 12) & (jump < 2000) & (rng.random(n * n) < FLYING)
+    fly = (jump > 12) & (jump < 2000) & (rng.random(n * n) < flying)
     share = rng.random(n * n)
     t_flying = image.ravel() * (1 - share) + neighbour.ravel() * share
 

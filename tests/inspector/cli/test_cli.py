@@ -381,9 +381,9 @@ def test_simulate_is_reproducible_and_says_where_the_truth_is(
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        ([], (0.01, 0.06, 30.0)),
-        (["--smooth-noise-mm", "0.1", "--correlation-mm", "12"], (0.01, 0.1, 12.0)),
-        (["--smooth-noise-mm", "0"], (0.01, None, None)),
+        ([], (0.03, 0.06, 25.0)),
+        (["--smooth-noise-mm", "0.1", "--correlation-mm", "12"], (0.03, 0.1, 12.0)),
+        (["--smooth-noise-mm", "0"], (0.03, None, None)),
         (["--white"], (0.02, None, None)),
     ],
 )
