@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calib.scans.scan import Scan
+from tests.support.smooth_fields import smooth_field
 
 FACE_LABELS = (0, 1, 2)
 FLYING = 0.35  # share of the pixels at a jump in depth that lie between both sides
@@ -161,6 +162,8 @@ def make_scene(
     fillet_mm: float = 0.0,
     waves_mm: float = 0.0,
     wave_length_mm: float = 15.0,
+    wave_kernel: str = "gaussian",
+    uneven_mm: float = 0.0,
 ) -> SceneScan:
     """One scan of a jig some `distance_mm` away among flange, link, wall and table.
 
@@ -169,7 +172,8 @@ def make_scene(
     depth that lie between both sides (`stray_points.py` has further strays); `cut_face` keeps that share of the
     third face's area (a strip along one edge); `extras` are further patches in the scanner's frame; `fillet_mm` is the
     radius that rounds the jig's three edges and its apex. `waves_mm` adds an error along the ray that is smooth over
-    `wave_length_mm` across the view, of correlation exp(-r^2 / 2 l^2); the bound does not know of it.
+    `wave_length_mm` across the view, of the correlation `wave_kernel` (`smooth_fields.py`); `uneven_mm` is the same of
+    each of the jig's faces by itself, along its normal. The bound does not know of them.
     """
     if rotation is None:
         rotation = jig_rotation(rng.uniform(0, 22), rng.uniform(0, 360), rng.uniform(0, 120))
@@ -243,9 +247,13 @@ def make_scene(
         sigma_ray = sigma_mm * (0.5 + 0.5 / cosine**2)
         noisy = t + sigma_ray * rng.standard_normal(n * n)
     if waves_mm > 0:
-        turns = rng.standard_normal((2, 300)) / wave_length_mm
-        phase = direction[:, :2] / direction[:, 2:] * apex[2] @ turns + rng.uniform(0, 2 * np.pi, 300)
-        noisy += waves_mm * np.sqrt(2 / 300) * np.cos(phase).sum(axis=1)
+        across = direction[:, :2] / direction[:, 2:] * apex[2]
+        noisy += waves_mm * smooth_field(across, wave_length_mm, rng, wave_kernel)
+    if uneven_mm > 0:
+        for i in range(3):
+            on = np.flatnonzero(label == i)
+            over = (direction[on] * t[on, None] - apex) @ rotation[:, [(i + 1) % 3, (i + 2) % 3]]
+            noisy[on] += uneven_mm * smooth_field(over, wave_length_mm, rng, wave_kernel) / cosine[on]
     keep = np.isfinite(t) & (rng.random(n * n) < np.clip(cosine / np.cos(np.radians(70)), 0, 1) ** 2)
     noisy = np.where(fly, t_flying, noisy)
     label = np.where(fly, -1, label)

@@ -1,0 +1,116 @@
+"""Patches of a plane's points: their mean heights over it, and what those means have in common with a smooth error.
+
+A covariance of some hundred means tells as much of a smooth error as one of a hundred thousand points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.array_types import Array, IndexArray
+from calib.planes.robust_fit import PlaneFit
+
+_FARTHEST_EYE = 5.0  # edges: a scan whose origin lies nearer to the apex than this is not seen from its origin
+
+
+@dataclass(frozen=True)
+class View:
+    """The scanner's eye, before coordinates around some origin near the apex."""
+
+    sight: Array  # (3,) unit, from the eye to that origin
+    distance_mm: float  # between both
+
+    @staticmethod
+    def of(origin_mm: Array, edge_mm: float) -> View:
+        """origin_mm  # (3,) in the scanner's frame"""
+        distance_mm = float(np.linalg.norm(origin_mm))
+        sight = origin_mm / distance_mm if distance_mm > 1e-9 * edge_mm else np.array([0.0, 0.0, 1.0])
+        return View(sight, max(distance_mm, _FARTHEST_EYE * edge_mm))
+
+    def rays(self, points_mm: Array) -> Array:
+        """Unit directions (N, 3) from the eye to points (N, 3)."""
+        way = points_mm + self.distance_mm * self.sight
+        return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
+
+    def depths_mm(self, points_mm: Array) -> Array:
+        """Distances (N,) of points (N, 3) from the eye, along the sight."""
+        return np.asarray(points_mm @ self.sight + self.distance_mm)
+
+    def image_mm(self, points_mm: Array) -> Array:
+        """Where points (N, 3) before the eye stand in its image (N, 2), in mm at the origin's depth."""
+        across = np.linalg.svd(self.sight[None])[2][1:]
+        scale = self.distance_mm / np.maximum(self.depths_mm(points_mm), 0.1 * self.distance_mm)
+        return np.asarray(points_mm @ across.T * scale[:, None])
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where B patches lie in some plane of coordinates."""
+
+    centres_mm: Array  # (B, 2)
+    spreads_mm2: Array  # (B, 2, 2) second central moments of each patch's points
+
+
+@dataclass(frozen=True)
+class Patches:
+    """B patches of one plane."""
+
+    mean_mm: Array  # (B,) height over the plane, as the robust fit takes it
+    count: Array  # (B,) points
+    within_mm2: Array  # (B,) sums of squared heights about the patch's mean
+    design: Array  # (B, 3) mean of the design's rows
+    cosine: Array  # (B,) of the incidence
+    image: Places  # in the scanner's image
+    face: Places  # in the plane
+
+    def chosen(self, rows: IndexArray) -> Patches:
+        """Some of them."""
+        image, face = (Places(p.centres_mm[rows], p.spreads_mm2[rows]) for p in (self.image, self.face))
+        return Patches(
+            self.mean_mm[rows], self.count[rows], self.within_mm2[rows], self.design[rows], self.cosine[rows],
+            image, face,
+        )  # fmt: skip
+
+
+def patches_of(plane: PlaneFit, view: View, along_mm: Array, side_mm: float) -> Patches:
+    """Patches of a plane: square cells of its points' coordinates along_mm (K, 2)."""
+    cell = np.floor(along_mm / side_mm).astype(np.int64)
+    cell -= cell.min(axis=0)
+    key = cell[:, 0] * (int(cell[:, 1].max()) + 1) + cell[:, 1]
+    table = np.bincount(key)
+    patch = (np.cumsum(table > 0) - 1)[key]
+    count = table[table > 0].astype(np.float64)
+
+    def mean(column: Array) -> Array:
+        return np.asarray(np.bincount(patch, column) / count)
+
+    def places(coordinates_mm: Array) -> Places:
+        centres = np.column_stack([mean(column) for column in coordinates_mm.T])
+        spreads = np.empty((len(count), 2, 2))
+        for i, j in ((0, 0), (0, 1), (1, 1)):
+            moment = mean(coordinates_mm[:, i] * coordinates_mm[:, j]) - centres[:, i] * centres[:, j]
+            spreads[:, i, j] = spreads[:, j, i] = moment
+        return Places(centres, spreads)
+
+    values = plane.psi_mm / plane.slope
+    means = mean(values)
+    middles = np.column_stack([mean(column) for column in plane.points_mm.T])
+    return Patches(
+        mean_mm=means,
+        count=count,
+        within_mm2=np.bincount(patch, (values - means[patch]) ** 2),
+        design=plane.design(middles),
+        cosine=np.abs(view.rays(middles) @ plane.normal),
+        image=places(view.image_mm(plane.points_mm)),
+        face=places((plane.points_mm - plane.centre_mm) @ plane.axes.T),
+    )
+
+
+def joined(places: Sequence[Places]) -> Places:
+    """The places of several planes' patches as one."""
+    return Places(
+        np.concatenate([p.centres_mm for p in places]), np.concatenate([p.spreads_mm2 for p in places])
+    )
