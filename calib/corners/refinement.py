@@ -29,6 +29,7 @@ from calib.corners.faces.face_outline import (
 )
 from calib.corners.intersection import Corner, Face, intersect, intersection_covariance, packed
 from calib.corners.noise.correlated_noise import PlaneUncertainty, plane_uncertainty
+from calib.corners.noise.surroundings import flat_surroundings
 from calib.corners.quality import CornerQuality, FaceQuality, angle_errors, incidence_deg, require_faces
 from calib.errors import CornerError
 from calib.jig import Jig, Outline
@@ -84,7 +85,10 @@ def refine(
     planes, margin_mm = _fit_faces(
         local, near, normals, start_offsets - normals @ origin, jig, outline, sigma_mm, options
     )
-    known = plane_uncertainty(planes, jig.shortest_mm, origin / max(float(np.linalg.norm(origin)), 1e-9))
+    beside = flat_surroundings(
+        points_mm, groups, chosen, origin, jig.shortest_mm, max(plane.sigma_mm for plane in planes)
+    )
+    known = plane_uncertainty(planes, jig, origin, beside)
     require_faces(planes, known.covariance, origin, jig)
     covariance, moves = known.covariance, np.zeros(9)
     notes: tuple[str, ...] = ()

@@ -109,7 +109,7 @@ def test_plane_covariance_is_what_repeats_show(free: list[Corner]) -> None:
         for face, normal in zip(one.faces, normals, strict=True):
             off = np.array([normal @ (APEX - face.centre_mm), *(face.axes @ (face.normal - normal))])
             found.append(off @ np.linalg.solve(face.covariance, off))
-    assert np.mean(found) == pytest.approx(3.0, abs=0.5)
+    assert np.mean(found) == pytest.approx(3.0, abs=0.6)  # the mean of 150 has a sigma of 0.2 itself
 
 
 @pytest.mark.slow

@@ -1,15 +1,19 @@
 """The covariance of three fitted planes where the errors of neighbouring points are correlated.
 
-A structured-light scanner's error is white noise and a part that is smooth over some millimetres. A covariance for
-independent points is too small then, the more points there are. The residuals show how large the correlated part is and
-how far it reaches: their means over patches of each face have, beside the white noise of a patch, the covariance of a
-Gaussian process of variance w^2 and correlation exp(-r^2 / 2 l^2). The likelihood of w and l is that of the contrasts
-that the planes leave (REML, Patterson and Thompson 1971), and the covariance is the posterior mean over no correlated
-part at all, or any w and l of a grid, in one of two forms: an error along the line of sight that is continuous from
-face to face, or unevenness of each face by itself.
+A structured-light scanner's error is white noise and a part that is smooth over some millimetres to decimetres. A
+covariance for independent points is too small then, the more points there are. How large the smooth part is and how far
+it reaches, the scan shows in three ways:
 
-An error that is smooth over more than a face tilts and shifts its plane and leaves no residuals: only repeated scans
-show it.
+- the residuals' means over patches of each face have, beside the white noise of a patch, the covariance of the smooth
+  part (`likelihood.py`), in one of two forms: an error along the line of sight that is continuous over the scanner's
+  image, or unevenness of each face by itself;
+- an error that is smooth over more than a face tilts and shifts its plane and leaves no residuals, but it tilts each
+  face otherwise: the angles between the faces are off the jig's;
+- it is continuous beyond the jig: a wall behind shows it over a longer range (`surroundings.py`).
+
+The covariance is the posterior mean over no smooth part at all, or any size and length, as smooth as lenses or as rough
+as speckle. Lengths of which nothing in the scan would show anything are left out: there only repeats tell, or what is
+known of the scanner (`told.py`).
 """
 
 from __future__ import annotations
@@ -20,174 +24,205 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array, IndexArray
+from calib.corners.faces.certified_angles import angle_derivative, found_angles_deg
+from calib.corners.noise.kernels import LENGTHS, ROUGH_FROM, SHAPE_LENGTHS, SHAPES, gaussian_kernels
+from calib.corners.noise.likelihood import log_likelihoods
+from calib.corners.noise.patches import Patches, View, joined, patches_of
+from calib.corners.noise.surroundings import patches_of_surroundings
+from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
+from calib.jig import FACE_PAIRS, Jig
 from calib.planes.robust_fit import PlaneFit
 
 _PATCHES_AN_EDGE = 6
 _POINTS_A_PATCH = 4  # at least, on average: otherwise the patches are larger
-_LENGTHS = (1 / 30, 1 / 16, 1 / 9, 1 / 6, 1 / 4, 1 / 2.8)  # of the edge
-_SIZES = np.geomspace(0.02, 20.0, 25)  # of the patch means' own standard deviation
-_PRIOR_WHITE = (
-    0.75  # of no correlated part; with 0.5 the covariance of white noise alone comes out a tenth larger
-)
 _POINTS_OF_OTHERS = 3
+_SIZES = np.geomspace(0.02, 100.0, 22)  # of the points' scatter
+_MOST_SIZE = 5.0  # larger smooth errors than so many times a face's scatter leave more scatter than that
+# Of no smooth part, of one along the sight, of uneven faces. Where no surroundings can refute long waves, the
+# covariance under white noise alone would come out a sixth larger with the first.
+_PRIOR, _PRIOR_OF_FACES_ALONE = (0.5, 0.3, 0.2), (0.75, 0.1, 0.15)
+_PRIOR_FLAT = 0.75  # of a surface beside the jig
+_LONGEST_ON_FACE = (
+    8  # index of the longest Gaussian kernel of which a face shows enough, and of the longest rough one
+)
+_LONGEST_ROUGH_ON_FACE = 10
+_MADE_TO_DEG = 0.02  # angles of a jig
+_OUT_OF_SQUARE = 3.0  # times that: a jig that is off by more tells nothing of the scanner
 
 
 @dataclass(frozen=True)
 class PlaneUncertainty:
-    """The joint covariance of the three planes, and the correlated part of the error, from the residuals."""
+    """The joint covariance of the three planes, and the smooth part of the error."""
 
     covariance: (
         Array  # (9, 9) of height (mm) and two slopes (rad) of each plane in turn, as in PlaneFit.design
     )
     white_covariance: Array  # (9, 9) as if all residuals were white noise
-    correlated_sigma_mm: (
-        float  # standard deviation of the correlated part of the error; near 0 where there is none
-    )
-    correlation_length_mm: float  # l of its correlation exp(-r^2 / 2 l^2)
+    correlated_sigma_mm: float  # standard deviation of the smooth part; near 0 where there is none
+    correlation_length_mm: float  # l of its correlation exp(-r^2 / 2 l^2) or exp(-r / l)
+    shown_to_mm: float  # the longest such length of which this scan shows anything
 
 
 @dataclass(frozen=True)
-class _Patches:
-    """B patches of the three faces."""
+class _Faces:
+    """The B patches of the three faces."""
 
     mean_mm: Array  # (B,) residual
     variance_mm2: Array  # (B,) of that mean, from white noise
     design: Array  # (B, 9) mean of the design's rows
     influence: Array  # (B, 9) how the nine plane parameters move with each patch's mean
     face: IndexArray  # (B,) 0, 1, 2
-    centres_mm: Array  # (B, 3)
-    spreads_mm2: Array  # (B, 3, 3) second central moments of the patch's points
+    patches: tuple[Patches, Patches, Patches]
+    white: Array  # (9, 9) covariance of the planes from white noise
+
+    def kernels(self, edge_mm: float) -> tuple[Array, Array]:
+        """(L, B, B) of an error along the sight, continuous over all faces, and of unevenness of each by itself."""
+        cosine = np.concatenate([p.cosine for p in self.patches])
+        sight = gaussian_kernels(joined([p.image for p in self.patches]), edge_mm) * np.outer(cosine, cosine)
+        faces = np.zeros_like(sight)
+        for number, patches in enumerate(self.patches):
+            on = np.flatnonzero(self.face == number)
+            faces[:, on[:, None], on] = gaussian_kernels(patches.face, edge_mm)
+        return sight, faces
 
 
-def plane_uncertainty(planes: Sequence[PlaneFit], edge_mm: float, sight: Array) -> PlaneUncertainty:
-    """Joint covariance of three fitted planes. sight  # (3,) unit, from the scanner to the apex."""
-    parts, white = [], np.zeros((9, 9))
-    variances = [float(np.sum(p.psi_mm**2)) / p.slope**2 / max(len(p.psi_mm) - 3, 1) for p in planes]
-    for face in range(3):
-        patches, white[3 * face : 3 * face + 3, 3 * face : 3 * face + 3] = _patches(
-            planes, face, edge_mm, max(variances)
-        )
-        parts.append(patches)
-    patches = _Patches(*(np.concatenate(columns) for columns in zip(*map(_columns, parts), strict=True)))
-    log_evidences, covariances, variances_mm2, lengths_mm = [], [], [], []
-    for length in _LENGTHS:
-        for kernel in (
-            _sight_kernel(patches, planes, sight, length * edge_mm),
-            _surface_kernel(patches, planes, length * edge_mm),
-        ):
-            log_evidence, variance_mm2 = _restricted_likelihood(patches, kernel)
-            log_evidences.append(log_evidence)
-            variances_mm2.append(variance_mm2)
-            lengths_mm.append(length * edge_mm)
-            covariances.append(patches.influence.T @ kernel @ patches.influence)
-    log_odds = np.array(log_evidences) + np.log((1 - _PRIOR_WHITE) / _PRIOR_WHITE / len(log_evidences))
-    share = np.exp(log_odds - np.logaddexp(0.0, np.logaddexp.reduce(log_odds)))
-    correlated_mm2 = share * np.array(variances_mm2)
-    covariance = white + np.einsum("k,kij->ij", correlated_mm2, np.array(covariances))
-    length_mm = float(correlated_mm2 @ np.array(lengths_mm) / max(correlated_mm2.sum(), 1e-300))
-    return PlaneUncertainty(covariance, white, float(np.sqrt(correlated_mm2.sum())), length_mm)
+def plane_uncertainty(
+    planes: Sequence[PlaneFit],
+    jig: Jig,
+    origin_mm: Array,
+    surroundings: Sequence[PlaneFit] = (),
+    told: ToldNoise = NOTHING_TOLD,
+) -> PlaneUncertainty:
+    """Joint covariance of three fitted planes.
+
+    origin_mm  # (3,) of the coordinates of all planes, near the apex, in the scanner's frame; surroundings are flat
+    surfaces beside the jig, as in `flat_surroundings`; told is what is known of the scanner.
+    """
+    edge_mm = jig.shortest_mm
+    view = View.of(origin_mm, edge_mm)
+    faces = _patches_of_faces(planes, view, edge_mm)
+    beside = [p for p in (patches_of_surroundings(plane, view, edge_mm) for plane in surroundings) if p]
+    sizes_mm = _SIZES * max(plane.sigma_mm for plane in planes)
+    kernels = faces.kernels(edge_mm)
+    found = np.array([_of_faces(faces, planes, jig, kernel, sizes_mm) for kernel in kernels])  # (2, S, W)
+    white = 0.0
+    for patches in beside:
+        waves, none = _of_surroundings(patches, edge_mm, sizes_mm)
+        found[0] += waves
+        found[1] += none
+        white += none
+    prior_white, prior = _prior(bool(beside))
+    with np.errstate(divide="ignore"):
+        log_odds = found + np.log(prior) - white - np.log(prior_white)
+    share = np.exp(log_odds - np.logaddexp(0.0, np.logaddexp.reduce(log_odds, axis=None)))
+    size_mm2 = share @ sizes_mm**2  # (2, S)
+    moved = np.array([faces.influence.T @ kernel @ faces.influence for kernel in kernels])  # (2, L, 9, 9)
+    covariance = faces.white + np.einsum("fs,sl,flij->ij", size_mm2, SHAPES, moved)
+    total_mm2 = float(size_mm2.sum())
+    length_mm = float(np.exp(size_mm2.sum(axis=0) @ np.log(SHAPE_LENGTHS) / max(total_mm2, 1e-300))) * edge_mm
+    shown_mm = float(SHAPE_LENGTHS[prior.sum(axis=(0, 2)) > 0].max()) * edge_mm
+    return PlaneUncertainty(covariance, faces.white, float(np.sqrt(total_mm2)), length_mm, shown_mm)
 
 
-def _columns(patches: _Patches) -> tuple[Array | IndexArray, ...]:
-    return (
-        patches.mean_mm, patches.variance_mm2, patches.design, patches.influence, patches.face, patches.centres_mm,
-        patches.spreads_mm2,
-    )  # fmt: skip
+def _prior(surroundings: bool) -> tuple[float, Array]:
+    """Of white noise alone, and (2, S, W) of the two forms, the shapes of kernel and the sizes."""
+    gaussian, rough = np.arange(len(LENGTHS)), np.arange(ROUGH_FROM, len(LENGTHS))
+    on_face = np.concatenate([gaussian <= _LONGEST_ON_FACE, rough <= _LONGEST_ROUGH_ON_FACE])
+    sight = on_face | surroundings
+    size = _SIZES <= _MOST_SIZE
+    white, along, uneven = _PRIOR if surroundings else _PRIOR_OF_FACES_ALONE
+    of_forms = [along * sight / sight.sum(), uneven * on_face / on_face.sum()]
+    return white, np.multiply.outer(np.array(of_forms), size / size.sum())
 
 
-def _patches(
-    planes: Sequence[PlaneFit], face: int, edge_mm: float, other_variance_mm2: float
-) -> tuple[_Patches, Array]:
-    """Patches of one face, and the covariance (3, 3) of its plane from white noise.
+def _patches_of_faces(planes: Sequence[PlaneFit], view: View, edge_mm: float) -> _Faces:
+    """Patches of the three faces.
 
     The noise of a face of ten points is hardly known from them: the largest variance of the faces counts as that of
     three further points.
     """
-    plane = planes[face]
-    design = plane.design(plane.points_mm)
-    values = plane.psi_mm / plane.slope
-    total = len(values)
-    # Cells along the face's two edges, counted from the apex, so that the patches turn with the scan.
-    along = np.column_stack([plane.points_mm @ p.normal - p.offset_mm for p in planes if p is not plane])
-    area = 0.5 * float(np.prod(np.ptp(along, axis=0)))
-    side = max(edge_mm / _PATCHES_AN_EDGE, float(np.sqrt(_POINTS_A_PATCH * area / total)))
-    cell = np.floor(along / side).astype(np.int64)
-    cell -= cell.min(axis=0)
-    key = cell[:, 0] * (int(cell[:, 1].max()) + 1) + cell[:, 1]
-    table = np.bincount(key)
-    patch = (np.cumsum(table > 0) - 1)[key]
-    count = table[table > 0].astype(float)
-
-    def mean(column: Array) -> Array:
-        return np.asarray(np.bincount(patch, column) / count)
-
-    means = mean(values)
-    # Differences within a patch have no correlated part, so this is the white one; the plane is subtracted already.
-    squares = float(np.sum((values - means[patch]) ** 2)) + _POINTS_OF_OTHERS * other_variance_mm2
-    within = squares / (max(total - max(len(count), 3), 0) + _POINTS_OF_OTHERS)
-    normal_matrix = np.linalg.inv(design.T @ design)
-    rows = np.column_stack([mean(column) for column in design.T])
-    wide, influence = np.zeros((2, len(count), 9))
-    wide[:, 3 * face : 3 * face + 3] = rows
-    influence[:, 3 * face : 3 * face + 3] = (rows * count[:, None]) @ normal_matrix
-    centres = np.column_stack([mean(column) for column in plane.points_mm.T])
-    spreads = np.empty((len(count), 3, 3))
-    for a in range(3):
-        for b in range(a, 3):
-            moment = mean(plane.points_mm[:, a] * plane.points_mm[:, b]) - centres[:, a] * centres[:, b]
-            spreads[:, a, b] = spreads[:, b, a] = moment
-    within = max(within, 1e-24)
-    patches = _Patches(means, within / count, wide, influence, np.full(len(count), face), centres, spreads)
-    return patches, np.asarray(within * normal_matrix, dtype=np.float64)
-
-
-def _sight_kernel(patches: _Patches, planes: Sequence[PlaneFit], sight: Array, length_mm: float) -> Array:
-    """(B, B) covariance of patch means under an error along the line of sight of variance 1, correlated across it."""
-    across = np.linalg.svd(sight[None])[2][1:]
-    cosine = np.abs(np.array([plane.normal @ sight for plane in planes]))[patches.face]
-    return _kernel(patches, across, length_mm, slice(None)) * np.outer(cosine, cosine)
-
-
-def _surface_kernel(patches: _Patches, planes: Sequence[PlaneFit], length_mm: float) -> Array:
-    """(B, B) covariance of patch means under an unevenness of variance 1 of each face by itself."""
-    kernel = np.zeros((len(patches.face), len(patches.face)))
+    variances = [float(np.sum(p.psi_mm**2)) / p.slope**2 / max(len(p.psi_mm) - 3, 1) for p in planes]
+    white = np.zeros((9, 9))
+    found, designs, influences, within = [], [], [], []
     for face, plane in enumerate(planes):
-        on = np.flatnonzero(patches.face == face)
-        kernel[np.ix_(on, on)] = _kernel(patches, plane.axes, length_mm, on)
-    return kernel
+        # Cells along the face's two edges, counted from the apex, so that the patches turn with the scan.
+        along = np.column_stack([plane.points_mm @ p.normal - p.offset_mm for p in planes if p is not plane])
+        area = 0.5 * float(np.prod(np.ptp(along, axis=0)))
+        total = len(plane.psi_mm)
+        side_mm = max(edge_mm / _PATCHES_AN_EDGE, float(np.sqrt(_POINTS_A_PATCH * area / total)))
+        patches = patches_of(plane, view, along, side_mm)
+        # Differences within a patch have no smooth part, so this is the white one; the plane is subtracted already.
+        squares = float(np.sum(patches.within_mm2)) + _POINTS_OF_OTHERS * max(variances)
+        freedom = max(total - max(len(patches.count), 3), 0) + _POINTS_OF_OTHERS
+        variance = max(squares / freedom, 1e-24)
+        design = plane.design(plane.points_mm)
+        normal_matrix = np.linalg.inv(design.T @ design)
+        own = slice(3 * face, 3 * face + 3)
+        wide, influence = np.zeros((2, len(patches.count), 9))
+        wide[:, own] = patches.design
+        influence[:, own] = (patches.design * patches.count[:, None]) @ normal_matrix
+        white[own, own] = variance * normal_matrix
+        found.append(patches)
+        designs.append(wide)
+        influences.append(influence)
+        within.append(variance / patches.count)
+    return _Faces(
+        np.concatenate([p.mean_mm for p in found]), np.concatenate(within), np.concatenate(designs),
+        np.concatenate(influences), np.repeat(np.arange(3), [len(p.count) for p in found]),
+        (found[0], found[1], found[2]), white,
+    )  # fmt: skip
 
 
-def _kernel(patches: _Patches, axes: Array, length_mm: float, on: IndexArray | slice) -> Array:
-    """exp(-r^2 / 2 l^2) averaged over pairs of the patches `on`, r measured along the two axes (2, 3).
+def _of_faces(faces: _Faces, planes: Sequence[PlaneFit], jig: Jig, kernels: Array, sizes_mm: Array) -> Array:
+    """(S, W) log likelihood of the faces' residuals and angles, over that of white noise. kernels  # (L, B, B)
 
-    With patches taken as Gaussian of their own second moments S the average is closed:
-    l^2 / sqrt(det M) exp(-d . M^-1 d / 2), M = l^2 I + S_b + S_c.
+    The angles between the faces are three more measurements of the planes, as exact as the jig was made; not those of
+    a certified jig, against which the planes are still to be tested.
     """
-    x, y = (centre[:, None] - centre for centre in axes @ patches.centres_mm[on].T)
-    spreads = axes @ patches.spreads_mm2[on] @ axes.T
-    xx, xy, yy = (spreads[:, i, j, None] + spreads[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
-    xx, yy = xx + length_mm**2, yy + length_mm**2
-    determinant = xx * yy - xy**2
-    way = (yy * x * x - 2 * xy * x * y + xx * y * y) / determinant
-    return np.asarray(length_mm**2 / np.sqrt(determinant) * np.exp(-0.5 * way))
+    mean_mm, variance_mm2, design = faces.mean_mm, faces.variance_mm2, faces.design
+    if not jig.certified:
+        normals = np.array([plane.normal for plane in planes])
+        found_deg = np.array(found_angles_deg(planes))
+        made_deg = np.empty(3)
+        made_deg[np.argsort(found_deg)] = np.sort(jig.face_angles_deg)
+        worst_deg = float(np.abs(found_deg - made_deg).max())
+        slack_deg = worst_deg if worst_deg > _OUT_OF_SQUARE * _MADE_TO_DEG else _MADE_TO_DEG
+        off = [
+            normals[i] @ normals[j] + np.cos(np.radians(made_deg[row]))
+            for row, (i, j) in enumerate(FACE_PAIRS)
+        ]
+        mean_mm = np.concatenate([mean_mm, np.negative(off)])
+        variance_mm2 = np.concatenate([variance_mm2, np.full(3, np.radians(slack_deg) ** 2)])
+        design = np.vstack([design, angle_derivative(planes)])
+        kernels = np.pad(kernels, ((0, 0), (0, 3), (0, 3)))
+    return log_likelihoods(mean_mm, variance_mm2, design, kernels, sizes_mm)
 
 
-def _restricted_likelihood(patches: _Patches, kernel: Array) -> tuple[float, float]:
-    """Log evidence of a correlated part over none, and the posterior mean of its variance w^2, over the grid of sizes.
+def _of_surroundings(patches: Patches, edge_mm: float, sizes_mm: Array) -> tuple[Array, float]:
+    """(S, W) log likelihood of a surface beside the jig for each smooth error along the sight, and that for none.
 
-    With the patch means whitened, Q the contrasts that the planes leave and Q^T K Q = U diag(k) U^T, the values
-    z = U^T Q^T y are independent of variance 1 + w^2 k.
+    Either the surface is flat and shows the scanner's error alone, which grows with no, the first or the second power
+    of the depth, or it is uneven by itself and shows that error or anything larger.
     """
-    root = np.sqrt(patches.variance_mm2)
-    basis, triangular = np.linalg.qr(patches.design / root[:, None], mode="complete")
-    contrasts = basis[:, triangular.shape[1] :]
-    if not contrasts.shape[1]:
-        return -np.inf, 0.0
-    eigenvalues, turn = np.linalg.eigh(contrasts.T @ (kernel / np.outer(root, root)) @ contrasts)
-    squared = (turn.T @ (contrasts.T @ (patches.mean_mm / root))) ** 2
-    size_mm2 = (_SIZES**2) * float(np.mean(patches.mean_mm**2) + np.median(patches.variance_mm2))
-    variance = 1 + size_mm2[:, None] * np.maximum(eigenvalues, 0)
-    log_ratio = 0.5 * np.sum(squared - squared / variance - np.log(variance), axis=1)
-    largest = log_ratio.max()
-    weight = np.exp(log_ratio - largest)
-    return float(largest + np.log(weight.mean())), float(weight @ size_mm2 / weight.sum())
+    variance = float(np.sum(patches.within_mm2) / np.sum(patches.count - 1))
+    kernels = gaussian_kernels(patches.image, edge_mm) * np.outer(patches.cosine, patches.cosine)
+    shown = log_likelihoods(
+        patches.mean_mm, max(variance, 1e-24) / patches.count, patches.design, kernels, sizes_mm
+    )
+    step = np.log(_SIZES[1] / _SIZES[0])
+    place = np.arange(len(_SIZES))
+    flat = [_interpolated(shown, place + power * np.log(patches.depth) / step) for power in (0, 1, 2)]
+    larger = np.logaddexp.accumulate(shown[:, ::-1], axis=1)[:, ::-1] - np.log(len(_SIZES) - place)
+    anything = np.logaddexp.reduce(shown, axis=None) - np.log(shown.size)
+    waves = np.logaddexp(
+        np.log(_PRIOR_FLAT) + np.logaddexp.reduce(flat, axis=0) - np.log(len(flat)),
+        np.log(1 - _PRIOR_FLAT) + larger,
+    )
+    return waves, float(np.logaddexp(np.log(_PRIOR_FLAT), np.log(1 - _PRIOR_FLAT) + anything))
+
+
+def _interpolated(values: Array, place: Array) -> Array:
+    """(S, W) at fractional columns place (W,), the outermost ones beyond them. values  # (S, W)"""
+    place = np.clip(place, 0, values.shape[1] - 1)
+    low = np.minimum(place.astype(np.int64), values.shape[1] - 2)
+    return np.asarray(values[:, low] + (place - low) * (values[:, low + 1] - values[:, low]))

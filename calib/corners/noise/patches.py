@@ -13,7 +13,9 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.planes.robust_fit import PlaneFit
 
-_FARTHEST_EYE = 5.0  # edges: a scan whose origin lies nearer to the apex than this is not seen from its origin
+_FARTHEST_EYE = (
+    5.0  # edges: a scan whose origin lies nearer to the apex than this is not seen from its origin
+)
 
 
 @dataclass(frozen=True)
@@ -35,15 +37,11 @@ class View:
         way = points_mm + self.distance_mm * self.sight
         return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
 
-    def depths_mm(self, points_mm: Array) -> Array:
-        """Distances (N,) of points (N, 3) from the eye, along the sight."""
-        return np.asarray(points_mm @ self.sight + self.distance_mm)
-
     def image_mm(self, points_mm: Array) -> Array:
         """Where points (N, 3) before the eye stand in its image (N, 2), in mm at the origin's depth."""
         across = np.linalg.svd(self.sight[None])[2][1:]
-        scale = self.distance_mm / np.maximum(self.depths_mm(points_mm), 0.1 * self.distance_mm)
-        return np.asarray(points_mm @ across.T * scale[:, None])
+        depth = np.maximum(1 + points_mm @ self.sight / self.distance_mm, 0.1)
+        return np.asarray(points_mm @ across.T / depth[:, None])
 
 
 @dataclass(frozen=True)
@@ -65,13 +63,14 @@ class Patches:
     cosine: Array  # (B,) of the incidence
     image: Places  # in the scanner's image
     face: Places  # in the plane
+    depth: float  # of the plane's middle, over that of the coordinates' origin
 
     def chosen(self, rows: IndexArray) -> Patches:
         """Some of them."""
         image, face = (Places(p.centres_mm[rows], p.spreads_mm2[rows]) for p in (self.image, self.face))
         return Patches(
             self.mean_mm[rows], self.count[rows], self.within_mm2[rows], self.design[rows], self.cosine[rows],
-            image, face,
+            image, face, self.depth,
         )  # fmt: skip
 
 
@@ -101,11 +100,12 @@ def patches_of(plane: PlaneFit, view: View, along_mm: Array, side_mm: float) -> 
     return Patches(
         mean_mm=means,
         count=count,
-        within_mm2=np.bincount(patch, (values - means[patch]) ** 2),
+        within_mm2=np.asarray(np.bincount(patch, (values - means[patch]) ** 2), dtype=np.float64),
         design=plane.design(middles),
         cosine=np.abs(view.rays(middles) @ plane.normal),
         image=places(view.image_mm(plane.points_mm)),
         face=places((plane.points_mm - plane.centre_mm) @ plane.axes.T),
+        depth=1 + float(plane.centre_mm @ view.sight) / view.distance_mm,
     )
 
 

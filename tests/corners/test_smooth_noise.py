@@ -1,0 +1,101 @@
+"""What the scan shows of a smooth error: the likelihood, the kernels, and a wall behind the jig."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from calib.corners.intersection import Corner
+from calib.corners.noise.kernels import LENGTHS, ROUGH_FROM, SHAPES, gaussian_kernels
+from calib.corners.noise.likelihood import log_likelihoods
+from calib.corners.noise.patches import Places
+from calib.corners.refinement import RefinementOptions, refine
+from calib.jig import Jig, jig_geometry
+from calib.planes.clustering import PlaneGroup
+from tests.support.smooth_fields import smooth_field
+
+APEX = np.array([15.0, -10.0, 650.0])
+WALL_MM = 950.0
+WHITE_MM = 0.02
+
+
+def corner(
+    seed: int, *, smooth_mm: float = 0.0, length_mm: float = 60.0, wall: bool = True, bent_mm: float = 0.0
+) -> Corner:
+    """The corner of a jig of 60 mm, 600 points a face, before a wall of 160 mm across that may be bent by itself."""
+    rng = np.random.default_rng(seed)
+    edges, normals = jig_geometry(Jig())
+    share = rng.uniform(0, 1, (3, 600, 2))
+    share = np.where(share.sum(axis=2, keepdims=True) > 1, 1 - share, share)
+    xyz = APEX + np.concatenate([share[i] @ edges[[(i + 1) % 3, (i + 2) % 3]] for i in range(3)])
+    groups = [PlaneGroup(np.zeros(1, dtype=np.int64), APEX, n, float(n @ APEX)) for n in normals]
+    surface = np.repeat(normals, 600, axis=0)
+    if wall:
+        on = np.column_stack([rng.uniform(-80, 80, (4000, 2)) * WALL_MM / 650, np.full(4000, WALL_MM)])
+        on[:, 2] += bent_mm * (on[:, 0] / 80) ** 2
+        xyz, surface = np.vstack([xyz, on]), np.vstack([surface, np.tile([0, 0, -1.0], (4000, 1))])
+        groups.append(PlaneGroup(np.zeros(50, dtype=np.int64), on[0], np.array([0, 0, -1.0]), -WALL_MM))
+    rays = xyz / np.linalg.norm(xyz, axis=1, keepdims=True)
+    along = smooth_mm * smooth_field(xyz[:, :2] / xyz[:, 2:] * 650, length_mm, rng)
+    white = surface * WHITE_MM * rng.standard_normal((len(xyz), 1))
+    return refine(
+        xyz + rays * along[:, None] + white, groups, (0, 1, 2), Jig(), Jig().outlines()[0], WHITE_MM,
+        RefinementOptions(), WHITE_MM,
+    )  # fmt: skip
+
+
+def squared(found: Corner) -> float:
+    error = found.xyz_mm - APEX
+    return float(error @ np.linalg.solve(found.covariance_mm2, error))
+
+
+def test_gaussian_kernels_make_an_exponential_one() -> None:
+    """Of points, not patches: exp(-r / l) as near as steps of the square root of 2 in length come."""
+    places = Places(np.column_stack([np.geomspace(2, 100, 12), np.zeros(12)]), np.zeros((12, 2, 2)))
+    r = np.abs(places.centres_mm[:, None, 0] - places.centres_mm[:, 0])
+    kernels = gaussian_kernels(places, 60.0)
+    np.testing.assert_allclose(kernels[5], np.exp(-(r**2) / 2 / (60 * LENGTHS[5]) ** 2), atol=1e-12)
+    for number in range(2, 6):
+        rough = np.einsum("l,lij->ij", SHAPES[len(LENGTHS) + number], kernels)
+        np.testing.assert_allclose(rough, np.exp(-r / (60 * LENGTHS[ROUGH_FROM + number])), atol=0.05)
+
+
+def test_the_likelihood_is_that_of_the_contrasts() -> None:
+    """Against scipy's normal density of an orthonormal basis of contrasts."""
+    rng = np.random.default_rng(0)
+    places = Places(rng.uniform(0, 50, (20, 2)), np.tile(3 * np.eye(2), (20, 1, 1)))
+    design = np.column_stack([np.ones(20), places.centres_mm])
+    variance, mean = rng.uniform(0.5, 2, 20), 2 * rng.standard_normal(20)
+    sizes = np.array([0.1, 1.0, 3.0])
+    kernels = gaussian_kernels(places, 60.0)
+    ours = log_likelihoods(mean, variance, design, kernels, sizes)
+    root = np.sqrt(variance)
+    free = np.linalg.svd(design / root[:, None])[0][:, 3:]
+    values = free.T @ (mean / root)
+    white = multivariate_normal(cov=np.eye(17)).logpdf(values)
+    for shape in (0, 7, 20):
+        kernel = np.einsum("l,lij->ij", SHAPES[shape], kernels) / np.outer(root, root)
+        for column, size in enumerate(sizes):
+            density = multivariate_normal(cov=np.eye(17) + size**2 * free.T @ kernel @ free).logpdf(values)
+            assert ours[shape, column] == pytest.approx(density - white, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_wall_shows_waves_as_long_as_the_jig() -> None:
+    """Honest is 3. The faces alone show nothing of such waves, and the covariance is then too small."""
+    seeds = range(16)
+    beside = np.mean([squared(corner(seed, smooth_mm=0.03)) for seed in seeds])
+    alone = np.mean([squared(corner(seed, smooth_mm=0.03, wall=False)) for seed in seeds])
+    assert 1.5 < beside < 6.0
+    assert alone > 2.5 * beside
+
+
+def test_a_flat_wall_leaves_white_noise_white() -> None:
+    found = [corner(seed).quality.smooth_factor for seed in range(8)]
+    assert np.median(found) < 1.1
+
+
+def test_a_wall_that_is_bent_by_itself_is_not_taken_for_the_scanner() -> None:
+    found = [corner(seed, bent_mm=1.0).quality.smooth_factor for seed in range(8)]
+    assert np.median(found) < 1.5
