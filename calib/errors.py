@@ -28,3 +28,7 @@ class ModelFileError(CalibError):
 
 class FitError(CalibError):
     """The measurements cannot carry the fit that was asked for."""
+
+
+class TargetError(CalibError):
+    """A target cannot be had from a scan, or a finder of the user's own fails."""

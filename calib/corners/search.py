@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, replace
-from hashlib import blake2b
 from itertools import islice
 
 import numpy as np
@@ -21,6 +20,7 @@ from calib.planes.clustering import ClusterTolerances, PlaneGroup, cluster
 from calib.planes.filters import FilterTolerances, SampleSets, apply_filters, draw_sample_sets, walk_for
 from calib.planes.normals import NEIGHBOURS, Neighbourhoods, estimate_normals, finite_rows, thin_to_voxels
 from calib.scans.scan import PointCount, Scan
+from calib.scans.seeding import seeded
 
 MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
 MOST_TRIPLES = 4  # of planes, that are refined in one search pass
@@ -113,7 +113,7 @@ def find_corner(
     started = time.perf_counter()
 
     def search_in(points_mm: Array) -> CornerSearch:
-        draws = rng or _generator(points_mm)
+        draws = rng or seeded(points_mm)
         return _search(Scan(scan.name, points_mm), jig, scan_sigma_mm, draws, options)
 
     search = search_in(scan.points_mm)
@@ -267,10 +267,3 @@ def failed_search(name: str, failure: str, *, unreadable: bool = False) -> Corne
     none = np.zeros((0, 3))
     sets = SampleSets(np.zeros((0, 4, 3)), none, none, np.zeros(0, np.uint8))
     return CornerSearch(name, none, none, sets, (), (), None, failure, 0.0, unreadable)
-
-
-def _generator(points_mm: Array) -> np.random.Generator:
-    """A generator seeded by some ten thousand of the points (N, 3), and their number."""
-    some = points_mm[:: max(1, len(points_mm) // 10_000)]
-    content = np.ascontiguousarray(some, dtype=np.float64).tobytes() + str(len(points_mm)).encode()
-    return np.random.default_rng(int.from_bytes(blake2b(content, digest_size=8).digest(), "big"))

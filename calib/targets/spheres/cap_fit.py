@@ -1,0 +1,208 @@
+"""A sphere's centre from all points of its cap: robust orthogonal distances, each weighted by its noise.
+
+A scanner's noise lies along the ray and grows with the incidence i, so the distances to the surface scatter by a
+sigma(i) that the distances themselves show. Three things would shift a centre by more than its noise, and are seen to:
+
+- pixels at the silhouette lie between the sphere and what is behind it: a margin along the silhouette is left out, by
+  the rays and not by the measured points, which would choose the points by their noise;
+- an error e along the ray moves a point sideways as well, by which its distance from the centre grows by
+  e^2 sin^2 i / (2 r) and its normal turns with its error: a radius that is free comes out too small. So the surface is
+  met where the ray meets it, and the distance is e cos i, which has neither;
+- near what holds the sphere (a stem, a socket) points belong to neither surface: places where most points about the
+  sphere's surface lie off it are left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from calib.array_types import Array, BoolArray, IndexArray
+from calib.planes.robust_fit import TUKEY
+from calib.targets.spheres.sphere_noise import NoiseGrowth, growth_of, patch_factor
+
+_ROUNDS = 14
+_SETTLED = 1e-3  # of the centre's own sigma
+_MOST_INCIDENCE_DEG = 80.0
+_MARGINS_PIXELS = (0.35, 1.6)  # left out along the silhouette, in distances between neighbouring points
+_RING_SIGMAS = (
+    3.5  # the mean distance of the points between those two margins that makes the margin the wider one
+)
+_MARGIN_ROUND, _RING_ROUND = 2, 5
+_BAND_SIGMA = 12.0
+_FEWEST_POINTS = 12
+_NEIGHBOURS = 12
+_MOST_OFF = 0.34  # share of the points about a place of the surface that may lie off it
+_SHELL = 0.25  # of the radius: how far off the surface points are looked at for that
+
+
+@dataclass(frozen=True)
+class CapFit:
+    """A sphere fitted to the points of its cap."""
+
+    centre_mm: Array  # (3,) scanner frame
+    radius_mm: float
+    covariance_mm2: Array  # (4, 4) of centre and radius; of a radius that was held its row is zero
+    indices: IndexArray  # (K,) into the points, those with a weight
+    distances_mm: Array  # (K,) over the surface
+    sine: Array  # (K,) of the incidence of each point's ray
+    sigma_mm: float  # of the distances, seen squarely: 1.4826 MAD
+    growth: NoiseGrowth
+    smooth_factor: float  # sigma of the centre over what white noise alone would make it
+
+    @property
+    def cap_deg(self) -> float:
+        """Half the angle of the cap that is seen: the incidence that nine in ten of the points stay below."""
+        return float(np.degrees(np.arcsin(min(float(np.quantile(self.sine, 0.9)), 1.0))))
+
+
+def ray_sines(points: Array, centre: Array, radius: float) -> tuple[Array, Array]:
+    """Sine of the incidence (N,) at which each point's ray meets the sphere (above 1: it misses), and the depth (N,)
+
+    of the point before (below 0) or behind the sphere's middle, along its ray. The sine is the ray's distance from the
+    centre over the radius, so that it does not depend on the noise along the ray.
+    """
+    length = np.sqrt(np.einsum("ni,ni->n", points, points))
+    along = points @ centre / np.maximum(length, 1e-9)
+    miss = np.sqrt(np.maximum(centre @ centre - along**2, 0.0))
+    return miss / radius, length - along
+
+
+def fit_cap(
+    points: Array, centre: Array, radius: float, band_mm: float, *, held: bool, least_sigma_mm: float = 1e-6
+) -> CapFit | None:
+    """Fit centre and, unless it is `held`, radius to the cap's points, from a start that is good to `band_mm`.
+
+    points  # (N, 3) scanner frame, the scanner at the origin. None where fewer than 12 points are on the sphere, or
+    those that are do not define it.
+    """
+    near = np.flatnonzero(_within(points, centre, radius, max(1.5 * band_mm, _SHELL * radius)))
+    local = points[near]
+    most_sine = np.sin(np.radians(_MOST_INCIDENCE_DEG))
+    clear: BoolArray = np.ones(len(near), dtype=bool)
+    growth = NoiseGrowth(max(band_mm / _BAND_SIGMA, least_sigma_mm), np.zeros(2))
+    pixel = 0.0
+    for turn in range(_ROUNDS):
+        sine, _ = ray_sines(local, centre, radius)
+        outward = local - centre
+        reach = np.sqrt(np.einsum("ni,ni->n", outward, outward))
+        front = np.einsum("ni,ni->n", outward, local) < 0
+        over, normals = reach - radius, outward / np.maximum(reach, 1e-9)[:, None]
+        if turn >= _MARGIN_ROUND:
+            over, normals = _met_by_rays(local, centre, radius, sine, over, normals)
+        sigma = growth.sigma(sine)
+        on = (
+            clear & front & (sine < most_sine) & (np.abs(over) < max(band_mm, 1e-9) * sigma / growth.sigma_mm)
+        )
+        if np.count_nonzero(on) < _FEWEST_POINTS:
+            return None
+        if turn == _MARGIN_ROUND:
+            pixel = _spacing(local[on], centre, radius) / radius
+            most_sine = min(most_sine, 1 - _MARGINS_PIXELS[0] * pixel)
+            clear = _clear_of_others(normals, over, sigma)
+        elif turn == _RING_ROUND and _is_lifted(
+            over[on] / sigma[on], sine[on] > 1 - _MARGINS_PIXELS[1] * pixel
+        ):
+            most_sine = min(most_sine, 1 - _MARGINS_PIXELS[1] * pixel)
+            on &= sine < most_sine
+        growth = growth_of(over[on], sine[on], least_sigma_mm)
+        sigma = growth.sigma(sine[on])
+        weight = np.clip(1 - (over[on] / (TUKEY * sigma)) ** 2, 0, None) ** 2
+        rows = np.column_stack([normals[on], np.ones(np.count_nonzero(on))])
+        rows = rows[:, :3] if held else rows
+        normal = rows.T @ (rows * (weight / sigma**2)[:, None])
+        step, _ = _step(normal, rows.T @ (weight / sigma**2 * over[on]))
+        if step is None:
+            return None
+        centre = centre + step[:3]
+        radius = radius if held else radius + float(step[3])
+        if radius <= 0 or not np.isfinite(radius):
+            return None
+        band_mm = _BAND_SIGMA * growth.sigma_mm
+        if turn > _RING_ROUND and step @ normal @ step < _SETTLED**2 * len(step):
+            break
+    kept = weight > 0
+    indices, rows, sigma = near[on][kept], rows[kept], sigma[kept]
+    root = np.sqrt(weight[kept])
+    slope = float(np.mean(root * (5 * root - 4)))  # mean of psi', as for planes
+    psi = weight[kept] * over[on][kept] / sigma
+    freedom = max(len(psi) - rows.shape[1], 1)
+    information = rows.T @ (rows / sigma[:, None] ** 2)
+    _, inverse = _step(information, np.zeros(rows.shape[1]))
+    white = inverse * float(psi @ psi) / freedom / slope**2
+    factor = patch_factor(rows / sigma[:, None], psi, inverse)
+    covariance = np.zeros((4, 4))
+    covariance[: len(white), : len(white)] = white * factor**2
+    return CapFit(
+        centre, radius, covariance, indices, over[on][kept], sine[on][kept], growth.sigma_mm, growth, factor
+    )  # fmt: skip
+
+
+def _within(points: Array, centre: Array, radius: float, band_mm: float) -> BoolArray:
+    way = points - centre
+    return np.asarray(np.abs(np.sqrt(np.einsum("ni,ni->n", way, way)) - radius) < band_mm)
+
+
+def _spacing(points: Array, centre: Array, radius: float) -> float:
+    """Distance between neighbouring points across the line of sight, from their density in the silhouette (K, 3)."""
+    sine, _ = ray_sines(points, centre, radius)
+    inner = np.sort(sine)[: max(len(sine) // 2, 6)]
+    across = points - centre
+    sight = centre / np.linalg.norm(centre)
+    flat = across - np.outer(across @ sight, sight)
+    some = flat[np.argsort(sine)[: len(inner)]]
+    if len(some) > 4000:
+        some = some[:: len(some) // 4000 + 1]
+        inner_share = len(inner) / len(some)
+    else:
+        inner_share = 1.0
+    near = np.asarray(cKDTree(some).query(some, k=min(5, len(some)))[0])[:, -1]
+    return float(np.median(near) * np.sqrt(np.pi / 4) / np.sqrt(inner_share))
+
+
+def _met_by_rays(
+    points: Array, centre: Array, radius: float, sine: Array, over: Array, normals: Array
+) -> tuple[Array, Array]:
+    """Distances (N,) over the surface and its normals (N, 3) where each point's ray meets it; else as they are."""
+    meets = sine < 1
+    length = np.sqrt(np.einsum("ni,ni->n", points, points))
+    ways = points[meets] / length[meets, None]
+    cosine = np.sqrt(1 - sine[meets] ** 2)
+    depth = ways @ centre - radius * cosine
+    over, normals = over.copy(), normals.copy()
+    over[meets] = (depth - length[meets]) * cosine
+    normals[meets] = (ways * depth[:, None] - centre) / radius
+    return over, normals
+
+
+def _is_lifted(over_sigmas: Array, ring: BoolArray) -> bool:
+    """Whether the points of the ring along the silhouette lie off the sphere, as blurred pixels do."""
+    inside = np.clip(over_sigmas[ring], -TUKEY, TUKEY)
+    if len(inside) < 4:
+        return False
+    spread = max(float(np.std(inside)), 0.7)
+    return bool(abs(inside.mean()) > _RING_SIGMAS * spread / np.sqrt(len(inside)))
+
+
+def _clear_of_others(direction: Array, over: Array, sigma: Array) -> BoolArray:
+    """(K,) whether most points about the same place of the surface lie on it. direction  # (K, 3) unit, outward"""
+    off = np.abs(over) > TUKEY * sigma
+    if not off.any():
+        return np.ones(len(over), dtype=bool)
+    k = min(_NEIGHBOURS, len(direction))
+    step = max(1, len(direction) // 30_000)
+    tree = cKDTree(direction[::step])
+    near = np.asarray(tree.query(direction, k=k)[1]).reshape(len(direction), k)
+    return np.asarray(off[::step][near].mean(axis=1) <= max(_MOST_OFF, 1.5 * off.mean()))
+
+
+def _step(normal: Array, right: Array) -> tuple[Array | None, Array]:
+    """Solution and inverse of the normal equations; None where they are singular."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scaled = normal / np.outer(scale, scale)
+    if np.linalg.eigvalsh(scaled)[0] < 1e-9:
+        return None, np.zeros_like(normal)
+    inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
+    return inverse @ right, inverse

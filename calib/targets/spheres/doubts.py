@@ -1,0 +1,136 @@
+"""What speaks against a fitted sphere: a shape that only touches one, what is seen behind it, a cap too small."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.array_types import Array, BoolArray, IndexArray
+from calib.planes.robust_fit import TUKEY
+from calib.targets.spheres.cap_fit import CapFit, ray_sines
+
+FEWEST_POINTS = 40
+_ROUGHEST = 5.0  # times the noise of the scan's flat parts
+_NO_SURFACE = 0.03  # of the radius: a scatter above this is no surface's, whatever the noise
+_ROUGH = 0.003  # of the radius: a scatter below this is not compared
+_MOST_BEHIND = (
+    0.3  # of the places of the silhouette, those where points lie behind the surface and none on it
+)
+_POINTS_A_CELL = 8
+_MOST_BESIDE = 0.5  # points beside the band over points in it
+_LEAST_SPREAD_DEG = 12.0  # of the normals about their mean, in the narrower direction: standard deviation
+_MOST_RADIUS_SIGMA = 0.03  # of the radius
+_RADIUS_SIGMAS = 6.0  # by which a sphere's own radius may miss the declared one
+_RADIUS_SLACK = 0.01  # of the radius, besides
+_SMALL_CAP_DEG = 35.0
+
+
+def why_no_sphere(
+    points: Array, fit: CapFit, free: CapFit | None, known_mm: float | None, noise_mm: float
+) -> tuple[str, float]:
+    """Why the points (N, 3) of a fit are no sphere's, or "", and a score: how much is seen of it, and how surely."""
+    sine, depth = ray_sines(points, fit.centre_mm, fit.radius_mm)
+    way = points - fit.centre_mm
+    over = np.sqrt(np.einsum("ni,ni->n", way, way)) - fit.radius_mm
+    through = (sine < 0.9) & (depth < 40 * fit.radius_mm)
+    sigma = fit.growth.sigma(sine)
+    front = depth < 0
+    on = through & front & (np.abs(over) < TUKEY * sigma)
+    behind = through & ~on & (depth > -np.sqrt(np.maximum(1 - sine**2, 0)) * fit.radius_mm + TUKEY * sigma)
+    count = int(np.count_nonzero(on))
+    size = f"a sphere of {2 * fit.radius_mm:.4g} mm"
+    filled = _filled(points[on], fit)
+    sigma_mm = float(np.sqrt(np.trace(fit.covariance_mm2[:3, :3])))
+    score = filled * fit.radius_mm / max(sigma_mm, 1e-9)
+    if len(fit.indices) < FEWEST_POINTS:
+        return (
+            f"{len(fit.indices)} points lie on {size}, at least {FEWEST_POINTS} are needed; scan it finer or nearer"
+        ), score
+    roughest_mm = min(max(_ROUGHEST * noise_mm, _ROUGH * fit.radius_mm), _NO_SURFACE * fit.radius_mm)
+    if known_mm is not None and free is not None and free.sigma_mm < roughest_mm:
+        slack_mm = _RADIUS_SIGMAS * float(np.sqrt(free.covariance_mm2[3, 3])) + _RADIUS_SLACK * known_mm
+        if abs(free.radius_mm - known_mm) > slack_mm:
+            return (
+                f"a sphere of {2 * free.radius_mm:.4g} mm is in view, diameter_mm is {2 * known_mm:g}; correct "
+                "diameter_mm in dataset.toml or show the right sphere"
+            ), score
+    if fit.sigma_mm > roughest_mm:
+        return (
+            f"the {count} points about {size} scatter {fit.sigma_mm:.2g} mm, those of flat parts {noise_mm:.2g} mm: "
+            "they are no sphere's; check that it is in view"
+        ), score
+    seen_through = _seen_through(points, on, behind, fit)
+    if seen_through > _MOST_BEHIND:
+        return (
+            f"{np.count_nonzero(behind)} points lie behind {size} that {count} points lie on, which could not be seen: "
+            "it is none; check that the sphere is in view"
+        ), score
+    beside = through & front & (np.abs(over) >= TUKEY * sigma) & (np.abs(over) < 3 * TUKEY * sigma)
+    if np.count_nonzero(beside) > _MOST_BESIDE * count:
+        return (
+            f"the surface bends away from {size} that {count} of its points lie on: it is no sphere; check that one is "
+            "in view"
+        ), score
+    spread = _spread_deg(points[on] - fit.centre_mm)
+    if spread < _LEAST_SPREAD_DEG:
+        return (
+            f"the {count} points on {size} cover a strip or a cap of {spread:.1f} deg only, at least "
+            f"{_LEAST_SPREAD_DEG:g} deg are needed; clear the view to it, or scan it from where more is seen"
+        ), score
+    if free is not None and known_mm is None:
+        radius_sigma_mm = float(np.sqrt(free.covariance_mm2[3, 3]))
+        if radius_sigma_mm > _MOST_RADIUS_SIGMA * free.radius_mm:
+            return (
+                f"{count} points tell the sphere's diameter to {2 * radius_sigma_mm:.2g} mm only; give diameter_mm in "
+                "dataset.toml, or scan more of the sphere"
+            ), score
+    return "", score
+
+
+def _filled(points: Array, fit: CapFit) -> float:
+    """Share of the silhouette's disc, in cells, that has points (K, 3)."""
+    return float(len(np.unique(_cells(points, fit, 6))) / 113.0)  # 6^2 pi cells lie in the disc
+
+
+def _cells(points: Array, fit: CapFit, half: int) -> IndexArray:
+    """(K,) the cell of the silhouette's disc, 2 `half` cells wide, that each point's ray goes through."""
+    away = float(np.linalg.norm(fit.centre_mm))
+    axes = np.linalg.svd(fit.centre_mm[None])[2][1:]
+    rays = points @ axes.T / np.maximum(points @ fit.centre_mm / away**2, 1e-9)[:, None]
+    cells = np.clip(np.floor((rays / fit.radius_mm + 1) * half), 0, 2 * half - 1).astype(np.int64)
+    return np.asarray(cells[:, 0] * 2 * half + cells[:, 1])
+
+
+def _seen_through(points: Array, on: BoolArray, behind: BoolArray, fit: CapFit) -> float:
+    """Places of the disc with points behind the surface and none on it, over those with some on it.
+
+    Stray points lie behind a true sphere too, but hardly anywhere without points of the sphere.
+    """
+    half = int(np.clip(np.sqrt(np.count_nonzero(on) / _POINTS_A_CELL / np.pi), 2, 8))
+    there = np.unique(_cells(points[on], fit, half))
+    beyond = np.unique(_cells(points[behind], fit, half))
+    return float(len(np.setdiff1d(beyond, there)) / max(len(there), 1))
+
+
+def _spread_deg(outward: Array) -> float:
+    """Standard deviation of the directions (K, 3) about their mean in the narrower direction."""
+    if len(outward) < 3:
+        return 0.0
+    unit = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    values = np.linalg.eigvalsh(np.cov(unit.T))
+    return float(np.degrees(np.sqrt(max(values[1], 0.0))))
+
+
+def doubts_of(fit: CapFit, *, held: bool) -> tuple[str, ...]:
+    """What should be checked of a sphere that was found, each with what would help."""
+    said = []
+    if fit.cap_deg < _SMALL_CAP_DEG and not held:
+        said.append(
+            f"only a cap of {fit.cap_deg:.0f} deg is seen, from which centre and diameter are told apart badly; give "
+            "diameter_mm"
+        )
+    if fit.smooth_factor > 2:
+        said.append(
+            f"neighbouring points err alike, which makes the centre {fit.smooth_factor:.1f} times less certain; the "
+            "sphere is not round, or the scanner's error is smooth"
+        )
+    return tuple(said)

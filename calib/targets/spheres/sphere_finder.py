@@ -1,0 +1,151 @@
+"""The finder of spheres: from a scan to the centres of all spheres in it, of a known diameter or of any."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.array_types import Array, IndexArray
+from calib.blas_threads import one_blas_thread
+from calib.corners.intersection import packed
+from calib.errors import TargetError
+from calib.planes.normals import NEIGHBOURS, estimate_normals, finite_rows, thin_to_voxels
+from calib.scans.scan import Scan
+from calib.scans.seeding import seeded
+from calib.target_shapes import SPHERE_MM, Sphere
+from calib.targets.found import FoundPoint
+from calib.targets.spheres.cap_fit import CapFit, fit_cap
+from calib.targets.spheres.doubts import FEWEST_POINTS, doubts_of, why_no_sphere
+from calib.targets.spheres.hypotheses import Hypothesis, hypotheses
+
+_VOXELS_A_RADIUS = (7.0, 12.0, 4.0)  # of the passes, until one finds as many as are wanted
+_MOST_TRIED = 12
+_RANGE_STEP = 4.0  # of the radii that are looked for at one size of voxels
+_LEAST_BAND = 0.012  # of the radius
+
+
+@dataclass(frozen=True)
+class _Tried:
+    fit: CapFit
+    refusal: str
+    score: float
+
+
+@one_blas_thread()
+def find_spheres(
+    scan: Scan, shape: Sphere, scan_sigma_mm: float | None = None, most: int = 1
+) -> Sequence[FoundPoint]:
+    """The centres of at most `most` spheres, the one with most of its cap seen first.
+
+    With a known diameter the radius is held in the fit, and a sphere whose own radius disagrees is no candidate.
+    Raises TargetError where there is none.
+    """
+    points = scan.points_mm[finite_rows(scan.points_mm)]
+    if len(points) < FEWEST_POINTS:
+        raise TargetError(
+            f"the scan holds {len(points)} points, a sphere needs at least {FEWEST_POINTS}; scan the pose again, finer"
+        )
+    rng = seeded(points)
+    known_mm = None if shape.diameter_mm is None else shape.diameter_mm / 2
+    accepted: list[_Tried] = []
+    refused: list[_Tried] = []
+    for voxels in _VOXELS_A_RADIUS:
+        for hypothesis, noise_mm in _guesses(points, known_mm, voxels, rng):
+            tried = _tried(points, hypothesis, known_mm, max(noise_mm, scan_sigma_mm or 0.0))
+            if tried is None:
+                continue
+            (refused if tried.refusal else accepted).append(tried)
+        accepted = _apart(accepted)
+        if len(accepted) >= most:
+            break
+    if not accepted:
+        if not refused:
+            raise TargetError(
+                f"no {_words(shape)} among {len(points)} points; check that it is in view, and diameter_mm in "
+                "dataset.toml"
+            )
+        best = max(refused, key=lambda tried: tried.score)
+        raise TargetError(best.refusal)
+    finite = np.flatnonzero(finite_rows(scan.points_mm))
+    return [_found(tried.fit, finite, len(scan.points_mm), shape) for tried in accepted[:most]]
+
+
+def _words(shape: Sphere) -> str:
+    return "sphere" if shape.diameter_mm is None else f"sphere of {shape.diameter_mm:g} mm"
+
+
+def _guesses(
+    points: Array, known_mm: float | None, voxels: float, rng: np.random.Generator
+) -> list[tuple[Hypothesis, float]]:
+    """Spheres that thinned points lie on, each with the noise of the scan's flat parts."""
+    ranges = [(known_mm, known_mm)] if known_mm is not None else _radius_ranges(points)
+    out: list[tuple[Hypothesis, float]] = []
+    for low, high in ranges:
+        middle = np.sqrt(low * high)
+        thinned = thin_to_voxels(points, middle / voxels)
+        if len(thinned) < NEIGHBOURS:
+            continue
+        around = estimate_normals(points[thinned])
+        out += [(h, around.noise_mm()) for h in hypotheses(around, (low, high), rng, _MOST_TRIED)]
+    return out
+
+
+def _radius_ranges(points: Array) -> list[tuple[float, float]]:
+    """Ranges of the radii of spheres that a scan of this extent may show."""
+    low, high = SPHERE_MM[0] / 2, SPHERE_MM[1] / 2
+    some = points[:: max(1, len(points) // 10_000)]
+    extent = float(np.ptp(np.quantile(some, [0.02, 0.98], axis=0), axis=0).max())
+    low = max(low, extent / 100)
+    high = min(high, extent)
+    ranges = []
+    while low < high:
+        ranges.append((low, min(low * _RANGE_STEP, high)))
+        low *= _RANGE_STEP
+    return ranges or [(SPHERE_MM[0] / 2, SPHERE_MM[1] / 2)]
+
+
+def _tried(points: Array, guess: Hypothesis, known_mm: float | None, noise_mm: float) -> _Tried | None:
+    """A hypothesis fitted to all its points, with what speaks against it."""
+    band = max(guess.band_mm, _LEAST_BAND * guess.radius_mm)
+    free = fit_cap(points, guess.centre_mm, guess.radius_mm, band, held=False)
+    if free is None and known_mm is None:
+        return None
+    fit = free
+    if known_mm is not None:
+        start = guess.centre_mm if free is None else free.centre_mm
+        fit = fit_cap(points, start, known_mm, band, held=True)
+    if fit is None:
+        return None
+    refusal, score = why_no_sphere(points, fit, free, known_mm, noise_mm)
+    return _Tried(fit, refusal, score)
+
+
+def _apart(tried: Sequence[_Tried]) -> list[_Tried]:
+    """The best first, without those that share their place with a better one."""
+    out: list[_Tried] = []
+    for one in sorted(tried, key=lambda t: -t.score):
+        if all(
+            np.linalg.norm(one.fit.centre_mm - other.fit.centre_mm)
+            > 0.5 * max(one.fit.radius_mm, other.fit.radius_mm)
+            for other in out
+        ):
+            out.append(one)
+    return out
+
+
+def _found(fit: CapFit, finite: IndexArray, count: int, shape: Sphere) -> FoundPoint:
+    facts = {"diameter_mm": 2 * fit.radius_mm, "cap_deg": fit.cap_deg, "smooth_factor": fit.smooth_factor}
+    if shape.diameter_mm is None:
+        facts["diameter_sigma_mm"] = 2 * float(np.sqrt(fit.covariance_mm2[3, 3]))
+    return FoundPoint(
+        fit.centre_mm,
+        fit.covariance_mm2[:3, :3],
+        len(fit.indices),
+        fit.sigma_mm,
+        packed(finite[fit.indices], count),
+        facts,
+        doubts_of(fit, held=shape.diameter_mm is not None),
+        fit.radius_mm,
+    )
