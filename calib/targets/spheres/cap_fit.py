@@ -107,6 +107,8 @@ def fit_cap(
         ):
             most_sine = min(most_sine, 1 - _MARGINS_PIXELS[1] * pixel)
             on &= sine < most_sine
+            if np.count_nonzero(on) < _FEWEST_POINTS:
+                return None
         growth = growth_of(over[on], sine[on], least_sigma_mm)
         sigma = growth.sigma(sine[on])
         weight = np.clip(1 - (over[on] / (TUKEY * sigma)) ** 2, 0, None) ** 2

@@ -49,6 +49,7 @@ def why_no_sphere(
     if known_mm is not None and free is not None and free.sigma_mm < roughest_mm:
         slack_mm = _RADIUS_SIGMAS * float(np.sqrt(free.covariance_mm2[3, 3])) + _RADIUS_SLACK * known_mm
         if abs(free.radius_mm - known_mm) > slack_mm:
+            score = filled * free.radius_mm / max(float(np.sqrt(np.trace(free.covariance_mm2[:3, :3]))), 1e-9)
             return (
                 f"a sphere of {2 * free.radius_mm:.4g} mm is in view, diameter_mm is {2 * known_mm:g}; correct "
                 "diameter_mm in dataset.toml or show the right sphere"

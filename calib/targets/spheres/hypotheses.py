@@ -1,7 +1,7 @@
 """Where spheres may be in a scan: pairs of points whose normals meet in one centre, and where many such centres lie.
 
 Two points of a sphere with normals n_1, n_2 toward the scanner satisfy p_1 - p_2 = r (n_1 - n_2); least squares gives r
-and tells pairs that lie on no sphere by what is left (pairs as of Schnabel, Wahl and Klein 2007, section 4.1). Pairs of a
+and tells pairs that lie on no sphere by what is left (as Schnabel, Wahl and Klein 2007, section 4.1). Pairs of a
 plane have equal normals and are dropped; those of a cylinder's wall or an edge agree only along a line.
 """
 

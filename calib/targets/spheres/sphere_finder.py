@@ -112,13 +112,16 @@ def _tried(points: Array, guess: Hypothesis, known_mm: float | None, noise_mm: f
     free = fit_cap(points, guess.centre_mm, guess.radius_mm, band, held=False)
     if free is None and known_mm is None:
         return None
-    fit = free
+    held = None
     if known_mm is not None:
         start = guess.centre_mm if free is None else free.centre_mm
-        fit = fit_cap(points, start, known_mm, band, held=True)
+        held = fit_cap(points, start, known_mm, band, held=True)
+    fit = free if held is None else held
     if fit is None:
         return None
     refusal, score = why_no_sphere(points, fit, free, known_mm, noise_mm)
+    if known_mm is not None and held is None and not refusal:
+        return None
     return _Tried(fit, refusal, score)
 
 
