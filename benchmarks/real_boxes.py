@@ -1,15 +1,15 @@
 """Corners of real boxes: how well two halves of one scan agree, by this project and by Open3D's RANSAC planes.
 
-    python benchmarks/real_boxes.py FOLDER_OF_PCD_FILES [--edge-mm 70] [--files 49] [--splits 4]
+    python benchmarks/real_boxes.py FOLDER_OF_PCD_FILES [--edge-mm 70 | --edge-mm 70 110 160] [--files 49] [--splits 4]
 
 The scans are those of the Modified Object Segmentation Database (Richtsfeld; Alexandrov): segmentation/mOSD of the
 repository PointCloudLibrary/data on GitHub, `learn/learn0.pcd` to 24 and `test/test0.pcd` to 23, boxes on a table, seen
 by a Kinect from a metre away, with a label a point. They are read where they lie; none is part of this project.
 
-A box is not the jig: its edges have three lengths. So each labelled object gets a first corner by generous RANSAC
-planes, and around it what a jig of --edge-mm would show is cut out, the same points for both methods. They are split at
-random into halves, a corner is found in each, and their distance over sqrt(2) is the repeatability of one. It says how
-much of the error is noise of single points; what the Kinect bends, both halves share.
+Each labelled object gets a first corner by generous RANSAC planes, and around it what a jig of one --edge-mm would show
+is cut out, or what a box of three would, the same points for both methods. They are split at random into halves, a
+corner is found in each, and their distance over sqrt(2) is the repeatability of one. It says how much of the error is
+noise of single points; what the Kinect bends, both halves share. Where this project refuses, the reasons are counted.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ sys.path.insert(0, str(ROOT))
 from calib.corners.intersection import intersect  # noqa: E402
 from calib.corners.search import find_corner  # noqa: E402
 from calib.jig import Jig  # noqa: E402
+from calib.measurement.measured_points import counted_reasons  # noqa: E402
 from calib.scans.scan import Scan  # noqa: E402
 
 FIRST_OBJECT = 20  # labels below are the table's
@@ -71,8 +72,12 @@ def ransac_corner(points_mm: NDArray, threshold_mm: float) -> tuple[NDArray, NDA
     return None
 
 
-def jig_like(points_mm: NDArray, edge_mm: float) -> NDArray | None:
-    """What a jig of that edge would show around a convex corner of the object, or None where there is none."""
+def jig_like(points_mm: NDArray, jig: Jig) -> NDArray | None:
+    """What a jig would show around a convex corner of the object, or None where there is none.
+
+    Of a jig with three edges it is not known which edge is which, nor whether its faces are triangles: a box of the
+    longest one is taken.
+    """
     found = ransac_corner(points_mm, 4.0)
     if found is None:
         return None
@@ -81,17 +86,24 @@ def jig_like(points_mm: NDArray, edge_mm: float) -> NDArray | None:
     edges /= np.linalg.norm(edges, axis=0)
     edges *= np.sign(edges[2])  # a convex corner's edges lead away from the camera
     along = (points_mm - apex) @ np.linalg.inv(edges).T
-    inside = (along > -BESIDE_MM).all(axis=1) & (along.sum(axis=1) < edge_mm)
+    inside = (along > -BESIDE_MM).all(axis=1)
+    if isinstance(jig.edge_mm, tuple):
+        inside &= (along < max(jig.edge_mm) + BESIDE_MM).all(axis=1)
+    else:
+        inside &= along.sum(axis=1) < jig.edge_mm
     each = [np.count_nonzero(inside & (np.abs(along[:, k]) < 4.0)) for k in range(3)]
     return points_mm[inside] if min(each) > 150 else None
 
 
-def methods(edge_mm: float) -> dict[str, Method]:
-    """By name: points (N, 3) -> corner or None."""
+def methods(jig: Jig, refused: list[str]) -> dict[str, Method]:
+    """By name: points (N, 3) -> corner or None. This project's reasons for None go to `refused`."""
 
     def ours(points_mm: NDArray) -> NDArray | None:
-        corner = find_corner(Scan("box", points_mm), Jig(edge_mm=edge_mm)).corner
-        return None if corner is None else corner.xyz_mm
+        search = find_corner(Scan("box", points_mm), jig)
+        if search.corner is None:
+            refused.append(search.failure)
+            return None
+        return search.corner.xyz_mm
 
     def peer(threshold_mm: float) -> Method:
         def corner(points_mm: NDArray) -> NDArray | None:
@@ -107,21 +119,24 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description="half-split repeatability of the corners of real boxes")
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--edge-mm", type=float, default=70.0)
+    parser.add_argument("--edge-mm", type=float, nargs="+", default=[70.0], help="one, or three of a box")
     parser.add_argument("--files", type=int, default=49)
     parser.add_argument("--splits", type=int, default=4)
     arguments = parser.parse_args()
+    if len(arguments.edge_mm) not in (1, 3) or min(arguments.edge_mm) <= 0:
+        parser.error("--edge-mm: give one length above 0, or three")
+    jig = Jig(edge_mm=arguments.edge_mm[0] if len(arguments.edge_mm) == 1 else tuple(arguments.edge_mm))
     paths = sorted(arguments.folder.rglob("*.pcd"))[: arguments.files]
-    crops = [
-        crop for path in paths for o in objects(path) if (crop := jig_like(o, arguments.edge_mm)) is not None
-    ]
+    crops = [crop for path in paths for o in objects(path) if (crop := jig_like(o, jig)) is not None]
     if not crops:
         sys.exit(f"{arguments.folder}: no box with three faces in {len(paths)} .pcd files; see --help")
-    apart = {name: np.full((len(crops), arguments.splits), np.nan) for name in methods(arguments.edge_mm)}
+    refused: list[str] = []
+    by_name = methods(jig, refused)
+    apart = {name: np.full((len(crops), arguments.splits), np.nan) for name in by_name}
     for i, crop in enumerate(crops):
         for k in range(arguments.splits):
             half = np.random.default_rng([i, k]).permutation(len(crop)) % 2 == 0
-            for name, method in methods(arguments.edge_mm).items():
+            for name, method in by_name.items():
                 one, other = method(crop[half]), method(crop[~half])
                 if one is not None and other is not None:
                     apart[name][i, k] = np.linalg.norm(one - other) / np.sqrt(2)
@@ -142,6 +157,10 @@ def main() -> None:
             f"{np.sqrt(np.mean(got**2)) if len(got) else np.nan:9.3f}"
             f"{np.quantile(got, 0.9) if len(got) else np.nan:9.3f}   {ratio:.2f} ({both.sum()})"
         )
+    halves = 2 * len(crops) * arguments.splits
+    print(f"of {halves} halves this project refused {len(refused)}")
+    if refused:
+        print(counted_reasons({str(k): reason for k, reason in enumerate(refused)}))
 
 
 if __name__ == "__main__":
