@@ -10,8 +10,9 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
-from calib.corners.face_selection import Planes, SelectionTolerances, face_triples, why_no_triple
+from calib.corners.face_selection import face_triples, why_no_triple
 from calib.corners.intersection import Corner
+from calib.corners.plane_triples import Planes, SelectionTolerances
 from calib.corners.refinement import RefinementOptions, refine
 from calib.corners.unit_check import MOST_EDGES, extent_of, failure_with_unit
 from calib.errors import CornerError

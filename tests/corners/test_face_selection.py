@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.corners.face_selection import Planes, SelectionTolerances
+from calib.corners.plane_triples import Planes, SelectionTolerances
 from calib.jig import Jig
 from calib.planes.clustering import PlaneGroup
 from calib.planes.normals import Neighbourhoods

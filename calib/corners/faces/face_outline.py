@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from calib.array_types import Array, BoolArray
+from calib.array_types import Array, BoolArray, IndexArray
 from calib.jig import Jig, Outline
 from calib.planes.robust_fit import TUKEY, PlaneFit
 
@@ -143,18 +143,14 @@ def outline_shares(
     the points behind were then seen from another place, as in a mesh of several views. In a scan whose points are
     `spacing_mm` apart a cell between two of them is filled too.
     """
-    on, behind = np.zeros((2, _CELLS, _CELLS), dtype=np.int64)
-    legs_mm = np.array(face.legs_mm)
-    cell_mm = legs_mm / _CELLS
-    a, b = (along_mm / legs_mm).T
+    cell_mm = np.array(face.legs_mm) / _CELLS
+    a, b = along_mm.T / np.array(face.legs_mm)[:, None]
     margin = 0.5 / _CELLS
     spills = agrees & ((a < -margin) | (b < -margin) | _beyond(a, b, face, 1.5 * margin))
     spills &= (a > -_COLLAR) & (b > -_COLLAR) & ~_beyond(a, b, face, np.sqrt(2) * _COLLAR)
-    spilt = len(np.unique(np.floor(along_mm[spills] / cell_mm).astype(int), axis=0))
-    for table, points in ((on, along_mm), (behind, through_mm)):
-        over = np.all((points >= 0) & (points < legs_mm), axis=1)
-        cell = np.floor(points[over] / cell_mm).astype(int)
-        np.add.at(table, (cell[:, 0], cell[:, 1]), 1)
+    spilt = np.count_nonzero(_in_cells(a[spills] + 1, b[spills] + 1, 3 * _CELLS))
+    on = _in_cells(a, b, _CELLS)
+    behind = _in_cells(through_mm[:, 0] / face.legs_mm[0], through_mm[:, 1] / face.legs_mm[1], _CELLS)
     row, column = np.indices(on.shape)
     inside = (row + column <= _CELLS - 2) | face.rectangular
     cells = int(inside.sum())  # whole ones
@@ -167,6 +163,14 @@ def outline_shares(
     return filled / cells, spilt_area, seen_through / cells
 
 
+def _in_cells(a: Array, b: Array, count: int) -> IndexArray:
+    """How many points, at shares a and b of the legs, lie in each of (count, count) cells of a twelfth from 0 on."""
+    row, column = a * _CELLS, b * _CELLS
+    within = (row >= 0) & (column >= 0) & (row < count) & (column < count)
+    cell = row[within].astype(np.int64) * count + column[within].astype(np.int64)
+    return np.bincount(cell, minlength=count**2).reshape(count, count)
+
+
 def _beyond(a: Array, b: Array, face: FaceOutline, by: float) -> BoolArray:
     """Whether points at shares a and b of the legs lie `by` beyond the face's far border."""
     return np.asarray(np.maximum(a, b) > 1 + by / np.sqrt(2) if face.rectangular else a + b > 1 + by)
@@ -177,5 +181,5 @@ def _between(along_mm: Array, cell_mm: Array, spacing_mm: float) -> BoolArray:
     middles = (np.indices((_CELLS, _CELLS)).reshape(2, -1).T + 0.5) * cell_mm
     near = np.zeros(len(middles), dtype=bool)
     if _NEAR_POINT * spacing_mm > 0.5 * cell_mm.min() and len(along_mm):
-        near = np.asarray(cKDTree(along_mm).query(middles)[0]) < _NEAR_POINT * spacing_mm
+        near = np.asarray(cKDTree(along_mm, balanced_tree=False).query(middles)[0]) < _NEAR_POINT * spacing_mm
     return near.reshape(_CELLS, _CELLS)
