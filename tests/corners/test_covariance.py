@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calib.corners.intersection import Corner, intersect
+from calib.corners.noise import correlated_noise
 from calib.corners.refinement import RefinementOptions, refine
 from calib.jig import Jig, jig_geometry
 from calib.planes.clustering import PlaneGroup
@@ -173,3 +174,25 @@ def test_the_joint_covariance_is_positive_and_its_blocks_are_the_faces() -> None
         np.testing.assert_array_equal(
             face.covariance, found.plane_covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
         )
+
+
+@pytest.mark.slow
+def test_a_long_box_has_no_more_patches_than_its_covariance_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Faces of 42 by 126 to 204 mm had 400 patches of a sixth of the shortest edge, and ten times the time."""
+    patches = []
+    likelihoods = correlated_noise.log_likelihoods
+
+    def counted(mean_mm: np.ndarray, *rest: np.ndarray) -> np.ndarray:
+        patches.append(len(mean_mm))
+        return likelihoods(mean_mm, *rest)
+
+    monkeypatch.setattr(correlated_noise, "log_likelihoods", counted)
+    box = Jig(edge_mm=(42.0, 126.0, 204.0))
+    found = [
+        corner(np.random.default_rng(seed), box, smooth_mm=0.04, length_mm=20.0, points=3000)
+        for seed in range(25)
+    ]
+    assert 60 < max(patches) < 200
+    assert (
+        0.8 < np.mean([squared(c) for c in found]) < 7
+    )  # 3, give or take 1 for six; of 25 it was within 1.5 and 5

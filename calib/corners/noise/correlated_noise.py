@@ -34,6 +34,7 @@ from calib.jig import FACE_PAIRS, Jig
 from calib.planes.robust_fit import PlaneFit
 
 _PATCHES_AN_EDGE = 6
+_PATCHES_A_FACE = 36  # at most, of a triangle; a cube's face has 18, that of a long box had hundreds
 _POINTS_A_PATCH = 4  # at least, on average: otherwise the patches are larger
 _POINTS_OF_OTHERS = 3
 _SIZES = np.geomspace(0.02, 100.0, 22)  # of the points' scatter
@@ -149,7 +150,8 @@ def _patches_of_faces(planes: Sequence[PlaneFit], view: View, edge_mm: float) ->
         along = np.column_stack([plane.points_mm @ p.normal - p.offset_mm for p in planes if p is not plane])
         area = 0.5 * float(np.prod(np.ptp(along, axis=0)))
         total = len(plane.psi_mm)
-        side_mm = max(edge_mm / _PATCHES_AN_EDGE, float(np.sqrt(_POINTS_A_PATCH * area / total)))
+        least_mm2 = max(_POINTS_A_PATCH / total, 1 / _PATCHES_A_FACE) * area
+        side_mm = max(edge_mm / _PATCHES_AN_EDGE, float(np.sqrt(least_mm2)))
         patches = patches_of(plane, view, along, side_mm)
         # Differences within a patch have no smooth part, so this is the white one; the plane is subtracted already.
         squares = float(np.sum(patches.within_mm2)) + _POINTS_OF_OTHERS * max(variances)
