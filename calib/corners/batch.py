@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from calib.blas_threads import one_blas_thread
-from calib.corners.search import CornerSearch, failed_search, find_corner
-from calib.dataset.dataset import Dataset
+from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
+from calib.corners.refinement import RefinementOptions
+from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
+from calib.dataset.dataset import Dataset, Scanner
 from calib.errors import CornerError, DatasetError, ScanError
 from calib.jig import Jig
 from calib.parallel import map_as_completed
@@ -52,6 +54,7 @@ def find_corners(
         search_file,
         jig=dataset.jig,
         scan_sigma_mm=dataset.scanner.scan_sigma_mm,
+        told=told_noise(dataset.scanner),
         intermediate=intermediate,
     )
     found: dict[int, CornerSearch] = {}
@@ -68,16 +71,31 @@ def find_corners(
     return {pose_id: found[pose] for pose, pose_id in enumerate(ids)}
 
 
+def told_noise(scanner: Scanner) -> ToldNoise:
+    """What a dataset tells of its scanner's smooth error."""
+    return ToldNoise(
+        scanner.correlated_sigma_mm or 0.0,
+        scanner.correlation_length_mm or 0.0,
+        scanner.registration_sigma_mm or 0.0,
+    )
+
+
 @one_blas_thread()
 def search_file(
-    path: Path, jig: Jig, scan_sigma_mm: float | None = None, *, intermediate: bool = True
+    path: Path,
+    jig: Jig,
+    scan_sigma_mm: float | None = None,
+    *,
+    told: ToldNoise = NOTHING_TOLD,
+    intermediate: bool = True,
 ) -> CornerSearch:
     """`find_corner` in a scan file; one that cannot be read becomes a failed search with `unreadable` set."""
     try:
         scan = load_scan(path)
     except ScanError as error:
         return failed_search(path.stem, str(error), unreadable=True)
-    search = find_corner(scan, jig, scan_sigma_mm=scan_sigma_mm)
+    options = CornerOptions(refinement=RefinementOptions(told=told))
+    search = find_corner(scan, jig, scan_sigma_mm=scan_sigma_mm, options=options)
     search = replace(search, count=PointCount(len(scan.points_mm), scan.dropped))
     return search if intermediate else _brief(search)
 

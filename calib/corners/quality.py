@@ -24,6 +24,7 @@ LOW_COVERAGE = 0.4
 HIGH_RMS = 3.0  # times the scanner's own figure
 HIGH_AMPLIFICATION = 6.0
 OUT_OF_SQUARE_SIGMA = 4.0
+_LONG_OF_SHOWN = 0.6  # a smooth error whose length is more than this share of the longest that a scan shows
 HIGH_SMOOTH_SHARE = 1.5  # corner's sigma over what white noise alone would give
 
 
@@ -59,6 +60,7 @@ class CornerQuality:
     rigid: bool  # the faces were held to the certified angles
     margin_mm: float  # left out along every edge: rounding, blurred and flying pixels
     notes: tuple[str, ...] = field(default=())  # from the search itself
+    smooth_shown_mm: float = 0.0  # the longest correlation length of which this scan shows anything
 
     def doubts(self) -> tuple[str, ...]:
         """What should be checked, each with its number and what would help; () where nothing should."""
@@ -96,10 +98,21 @@ class CornerQuality:
         if self.smooth_factor > HIGH_SMOOTH_SHARE:
             said.append(
                 f"the scanner's error is smooth over {self.smooth_length_mm:.0f} mm ({self.smooth_error_mm:.3f} mm), "
-                f"which makes the apex {self.smooth_factor:.1f} times less certain; only repeats show what is "
-                "smoother still"
+                f"which makes the apex {self.smooth_factor:.1f} times less certain; {self._further()}"
             )
         return tuple(said)
+
+    def _further(self) -> str:
+        """What would show more of a smooth error than this scan does."""
+        if self.smooth_length_mm > _LONG_OF_SHOWN * self.smooth_shown_mm:
+            return (
+                "that is as far as this scan shows anything: shots of the same pose with the jig moved in the view "
+                "tell whether it is the scanner, or the shape of a face or of what stands beside"
+            )
+        return (
+            f"only repeats with the jig moved in the view show what is smoother than {self.smooth_shown_mm:.0f} mm, "
+            "or correlated_sigma_mm in dataset.toml tells it"
+        )
 
     def summary(self) -> str:
         """One line of figures."""

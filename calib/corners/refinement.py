@@ -30,6 +30,7 @@ from calib.corners.faces.face_outline import (
 from calib.corners.intersection import Corner, Face, intersect, intersection_covariance, packed
 from calib.corners.noise.correlated_noise import PlaneUncertainty, plane_uncertainty
 from calib.corners.noise.surroundings import flat_surroundings
+from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
 from calib.corners.quality import CornerQuality, FaceQuality, angle_errors, incidence_deg, require_faces
 from calib.errors import CornerError
 from calib.jig import Jig, Outline
@@ -55,6 +56,7 @@ class RefinementOptions:
     # Kept away from every edge of a face: rounding, blurred and flying pixels. None: found from the points' heights.
     edge_margin_mm: float | None = None
     min_face_points: int = 6
+    told: ToldNoise = NOTHING_TOLD  # of the scanner's smooth error
 
 
 def refine(
@@ -88,7 +90,7 @@ def refine(
     beside = flat_surroundings(
         points_mm, groups, chosen, origin, jig.shortest_mm, max(plane.sigma_mm for plane in planes)
     )
-    known = plane_uncertainty(planes, jig, origin, beside)
+    known = plane_uncertainty(planes, jig, origin, beside, options.told)
     require_faces(planes, known.covariance, origin, jig)
     covariance, moves = known.covariance, np.zeros(9)
     notes: tuple[str, ...] = ()
@@ -106,7 +108,8 @@ def refine(
                     len(points_mm))
             for i, (p, group) in enumerate(zip(planes, chosen, strict=True))),  # type: ignore[arg-type]
         covariance,
-        _quality(planes, known, covariance, origin, apex, jig, outline, margin_mm, scan_sigma_mm, notes),
+        _quality(planes, known, covariance, origin, apex, jig, outline, margin_mm,
+                 scan_sigma_mm and float(np.hypot(scan_sigma_mm, options.told.correlated_sigma_mm)), notes),
         outline,
     )  # fmt: skip
 
@@ -285,4 +288,5 @@ def _quality(
         rigid=jig.certified and not notes,
         margin_mm=margin_mm,
         notes=notes,
+        smooth_shown_mm=known.shown_to_mm,
     )

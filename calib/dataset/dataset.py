@@ -43,6 +43,7 @@ class Scanner:
     correlation_length_mm: float | None = (
         None  # l of its correlation exp(-r^2 / 2 l^2); known where its size is
     )
+    registration_sigma_mm: float | None = None  # by which surfaces joined of several views are off, each axis
 
 
 @dataclass(frozen=True)

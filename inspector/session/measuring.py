@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from calib.corners.batch import search_file
+from calib.corners.batch import search_file, told_noise
 from calib.dataset.files.folder import load_dataset
 from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import Observations
@@ -27,7 +27,8 @@ def with_search(session: Session, pose: int) -> Session:
     path = session.dataset.scan_path(pose)
     if path is None:
         raise DatasetError(f"dataset {session.dataset.name}: it has no scans to search")
-    search = search_file(path, session.dataset.jig, session.dataset.scanner.scan_sigma_mm)
+    scanner = session.dataset.scanner
+    search = search_file(path, session.dataset.jig, scanner.scan_sigma_mm, told=told_noise(scanner))
     searches = {**session.searches, session.dataset.poses.ids[pose]: search}
     if session.dataset.points is not None:
         return replace(session, searches=searches)

@@ -10,6 +10,7 @@ from calib.corners.intersection import Corner
 from calib.corners.noise.kernels import LENGTHS, ROUGH_FROM, SHAPES, gaussian_kernels
 from calib.corners.noise.likelihood import log_likelihoods
 from calib.corners.noise.patches import Places
+from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
 from calib.corners.refinement import RefinementOptions, refine
 from calib.jig import Jig, jig_geometry
 from calib.planes.clustering import PlaneGroup
@@ -21,7 +22,13 @@ WHITE_MM = 0.02
 
 
 def corner(
-    seed: int, *, smooth_mm: float = 0.0, length_mm: float = 60.0, wall: bool = True, bent_mm: float = 0.0
+    seed: int,
+    *,
+    smooth_mm: float = 0.0,
+    length_mm: float = 60.0,
+    wall: bool = True,
+    bent_mm: float = 0.0,
+    told: ToldNoise = NOTHING_TOLD,
 ) -> Corner:
     """The corner of a jig of 60 mm, 600 points a face, before a wall of 160 mm across that may be bent by itself."""
     rng = np.random.default_rng(seed)
@@ -41,7 +48,7 @@ def corner(
     white = surface * WHITE_MM * rng.standard_normal((len(xyz), 1))
     return refine(
         xyz + rays * along[:, None] + white, groups, (0, 1, 2), Jig(), Jig().outlines()[0], WHITE_MM,
-        RefinementOptions(), WHITE_MM,
+        RefinementOptions(told=told), WHITE_MM,
     )  # fmt: skip
 
 
@@ -54,7 +61,7 @@ def test_gaussian_kernels_make_an_exponential_one() -> None:
     """Of points, not patches: exp(-r / l) as near as steps of the square root of 2 in length come."""
     places = Places(np.column_stack([np.geomspace(2, 100, 12), np.zeros(12)]), np.zeros((12, 2, 2)))
     r = np.abs(places.centres_mm[:, None, 0] - places.centres_mm[:, 0])
-    kernels = gaussian_kernels(places, 60.0)
+    kernels = gaussian_kernels(places, 60 * LENGTHS)
     np.testing.assert_allclose(kernels[5], np.exp(-(r**2) / 2 / (60 * LENGTHS[5]) ** 2), atol=1e-12)
     for number in range(2, 6):
         rough = np.einsum("l,lij->ij", SHAPES[len(LENGTHS) + number], kernels)
@@ -68,7 +75,7 @@ def test_the_likelihood_is_that_of_the_contrasts() -> None:
     design = np.column_stack([np.ones(20), places.centres_mm])
     variance, mean = rng.uniform(0.5, 2, 20), 2 * rng.standard_normal(20)
     sizes = np.array([0.1, 1.0, 3.0])
-    kernels = gaussian_kernels(places, 60.0)
+    kernels = gaussian_kernels(places, 60 * LENGTHS)
     ours = log_likelihoods(mean, variance, design, kernels, sizes)
     root = np.sqrt(variance)
     free = np.linalg.svd(design / root[:, None])[0][:, 3:]
@@ -99,3 +106,32 @@ def test_a_flat_wall_leaves_white_noise_white() -> None:
 def test_a_wall_that_is_bent_by_itself_is_not_taken_for_the_scanner() -> None:
     found = [corner(seed, bent_mm=1.0).quality.smooth_factor for seed in range(8)]
     assert np.median(found) < 1.5
+
+
+def test_what_is_told_of_the_scanner_is_the_least_that_a_corner_has() -> None:
+    """A shift of 0.03 mm along the sight, over 60 mm: what the apex feels of it, whether the scan shows it or not."""
+    told = ToldNoise(0.03, 60.0)
+    for smooth_mm in (0.0, 0.1):
+        bare = corner(3, smooth_mm=smooth_mm, wall=False)
+        held = corner(3, smooth_mm=smooth_mm, wall=False, told=told)
+        np.testing.assert_array_equal(held.xyz_mm, bare.xyz_mm)
+        assert held.sigma_mm() == pytest.approx(max(bare.sigma_mm(), 0.03), rel=0.25)
+        assert np.linalg.eigvalsh(held.covariance_mm2 - bare.covariance_mm2)[0] > -1e-12
+    along = APEX / np.linalg.norm(APEX)
+    assert along @ held.covariance_mm2 @ along > 0.5 * np.trace(held.covariance_mm2)
+
+
+def test_joined_views_shift_the_corner_in_each_axis_by_what_is_told() -> None:
+    bare, held = corner(4, wall=False), corner(4, wall=False, told=ToldNoise(registration_sigma_mm=0.03))
+    np.testing.assert_allclose(held.covariance_mm2 - bare.covariance_mm2, 0.03**2 * np.eye(3), atol=1e-9)
+
+
+def test_what_would_show_more_is_said() -> None:
+    short = corner(5, smooth_mm=0.04, length_mm=8.0).quality
+    assert (
+        "only repeats with the jig moved in the view show what is smoother than 180 mm" in short.doubts()[0]
+    )
+    alone = corner(5, smooth_mm=0.04, length_mm=8.0, wall=False).quality
+    assert alone.smooth_shown_mm < 70 < short.smooth_shown_mm
+    long = corner(5, smooth_mm=0.06, length_mm=100.0).quality
+    assert "the shape of a face or of what stands beside" in long.doubts()[0]

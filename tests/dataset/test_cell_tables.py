@@ -28,7 +28,7 @@ min_mm = [0, 0, 1500]
 max_mm = [1, 1, 1501]
 """
 FIELD = "[scanner]\nfield_mm = [450, 360, 280]\ndistance_mm = 700\nmax_incidence_deg = 65\n"
-SMOOTH = "correlated_sigma_mm = 0.06\ncorrelation_length_mm = 30\n"
+SMOOTH = "correlated_sigma_mm = 0.06\ncorrelation_length_mm = 30\nregistration_sigma_mm = 0.03\n"
 
 
 def folder_with(tmp_path: Path, text: str) -> Path:
@@ -48,6 +48,7 @@ def test_what_the_file_tells_is_read_and_written_again(tmp_path: Path) -> None:
     assert read.scanner.field_mm == (450.0, 360.0, 280.0)
     assert (read.scanner.distance_mm, read.scanner.max_incidence_deg) == (700.0, 65.0)
     assert (read.scanner.correlated_sigma_mm, read.scanner.correlation_length_mm) == (0.06, 30.0)
+    assert read.scanner.registration_sigma_mm == 0.03
     write_dataset(read, tmp_path / "b")
     again = load_dataset(tmp_path / "b")
     assert (again.surroundings, again.scanner) == (read.surroundings, read.scanner)

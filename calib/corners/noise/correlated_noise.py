@@ -29,7 +29,12 @@ from calib.corners.noise.kernels import LENGTHS, ROUGH_FROM, SHAPE_LENGTHS, SHAP
 from calib.corners.noise.likelihood import log_likelihoods
 from calib.corners.noise.patches import Patches, View, joined, patches_of
 from calib.corners.noise.surroundings import patches_of_surroundings
-from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
+from calib.corners.noise.told import (
+    NOTHING_TOLD,
+    ToldNoise,
+    no_less_than_told,
+    registration_covariance,
+)
 from calib.jig import FACE_PAIRS, Jig
 from calib.planes.robust_fit import PlaneFit
 
@@ -76,15 +81,23 @@ class _Faces:
     patches: tuple[Patches, Patches, Patches]
     white: Array  # (9, 9) covariance of the planes from white noise
 
-    def kernels(self, edge_mm: float) -> tuple[Array, Array]:
-        """(L, B, B) of an error along the sight, continuous over all faces, and of unevenness of each by itself."""
+    def along_sight(self, lengths_mm: Array) -> Array:
+        """(L, B, B) covariance under an error along the sight of variance 1, continuous over all faces."""
         cosine = np.concatenate([p.cosine for p in self.patches])
-        sight = gaussian_kernels(joined([p.image for p in self.patches]), edge_mm) * np.outer(cosine, cosine)
-        faces = np.zeros_like(sight)
+        image = joined([p.image for p in self.patches])
+        return np.asarray(gaussian_kernels(image, lengths_mm) * np.outer(cosine, cosine))
+
+    def uneven(self, lengths_mm: Array) -> Array:
+        """(L, B, B) covariance under unevenness of variance 1 of each face by itself."""
+        kernels = np.zeros((len(lengths_mm), len(self.face), len(self.face)))
         for number, patches in enumerate(self.patches):
             on = np.flatnonzero(self.face == number)
-            faces[:, on[:, None], on] = gaussian_kernels(patches.face, edge_mm)
-        return sight, faces
+            kernels[:, on[:, None], on] = gaussian_kernels(patches.face, lengths_mm)
+        return kernels
+
+    def moved(self, kernels: Array) -> Array:
+        """(L, 9, 9) how kernels (L, B, B) move the planes."""
+        return np.asarray(self.influence.T @ kernels @ self.influence)
 
 
 def plane_uncertainty(
@@ -104,7 +117,7 @@ def plane_uncertainty(
     faces = _patches_of_faces(planes, view, edge_mm)
     beside = [p for p in (patches_of_surroundings(plane, view, edge_mm) for plane in surroundings) if p]
     sizes_mm = _SIZES * max(plane.sigma_mm for plane in planes)
-    kernels = faces.kernels(edge_mm)
+    kernels = faces.along_sight(LENGTHS * edge_mm), faces.uneven(LENGTHS * edge_mm)
     found = np.array([_of_faces(faces, planes, jig, kernel, sizes_mm) for kernel in kernels])  # (2, S, W)
     white = 0.0
     for patches in beside:
@@ -117,8 +130,12 @@ def plane_uncertainty(
         log_odds = found + np.log(prior) - white - np.log(prior_white)
     share = np.exp(log_odds - np.logaddexp(0.0, np.logaddexp.reduce(log_odds, axis=None)))
     size_mm2 = share @ sizes_mm**2  # (2, S)
-    moved = np.array([faces.influence.T @ kernel @ faces.influence for kernel in kernels])  # (2, L, 9, 9)
-    covariance = faces.white + np.einsum("fs,sl,flij->ij", size_mm2, SHAPES, moved)
+    moved = np.array([faces.moved(kernel) for kernel in kernels])  # (2, L, 9, 9)
+    smooth = np.einsum("fs,sl,flij->ij", size_mm2, SHAPES, moved)
+    if told.correlated_sigma_mm > 0:
+        kernel = faces.along_sight(np.array([told.correlation_length_mm]))
+        smooth = no_less_than_told(planes, smooth, told.correlated_sigma_mm**2 * faces.moved(kernel)[0])
+    covariance = faces.white + smooth + registration_covariance(planes, told.registration_sigma_mm)
     total_mm2 = float(size_mm2.sum())
     length_mm = float(np.exp(size_mm2.sum(axis=0) @ np.log(SHAPE_LENGTHS) / max(total_mm2, 1e-300))) * edge_mm
     shown_mm = float(SHAPE_LENGTHS[prior.sum(axis=(0, 2)) > 0].max()) * edge_mm
@@ -207,7 +224,8 @@ def _of_surroundings(patches: Patches, edge_mm: float, sizes_mm: Array) -> tuple
     of the depth, or it is uneven by itself and shows that error or anything larger.
     """
     variance = float(np.sum(patches.within_mm2) / np.sum(patches.count - 1))
-    kernels = gaussian_kernels(patches.image, edge_mm) * np.outer(patches.cosine, patches.cosine)
+    kernels = gaussian_kernels(patches.image, LENGTHS * edge_mm)
+    kernels *= np.outer(patches.cosine, patches.cosine)
     shown = log_likelihoods(
         patches.mean_mm, max(variance, 1e-24) / patches.count, patches.design, kernels, sizes_mm
     )

@@ -32,8 +32,8 @@ SHAPE_LENGTHS = np.concatenate([LENGTHS, LENGTHS[ROUGH_FROM:]])
 """(S,) correlation lengths of the shapes, in edges."""
 
 
-def gaussian_kernels(places: Places, edge_mm: float) -> Array:
-    """(L, B, B) exp(-r^2 / 2 l^2) averaged over the points of each pair of patches, for all lengths l.
+def gaussian_kernels(places: Places, lengths_mm: Array) -> Array:
+    """(L, B, B) exp(-r^2 / 2 l^2) averaged over the points of each pair of patches, for lengths l (L,).
 
     With patches taken as Gaussian of their own second moments S the average is closed:
     l^2 / sqrt(det M) exp(-d . M^-1 d / 2), M = l^2 I + S_b + S_c.
@@ -41,7 +41,7 @@ def gaussian_kernels(places: Places, edge_mm: float) -> Array:
     x, y = (centre[:, None] - centre for centre in places.centres_mm.T)
     spreads = places.spreads_mm2
     xx, xy, yy = (spreads[:, i, j, None] + spreads[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
-    square = ((LENGTHS * edge_mm) ** 2)[:, None, None]
+    square = (lengths_mm**2)[:, None, None]
     xx, yy = xx + square, yy + square
     determinant = xx * yy - xy**2
     way = (yy * (x * x) - 2 * xy * x * y + xx * (y * y)) / determinant

@@ -57,6 +57,7 @@ def load_scanner(table: TomlTable) -> Scanner:
         max_incidence_deg=incidence_deg,
         correlated_sigma_mm=correlated_mm,
         correlation_length_mm=length_mm,
+        registration_sigma_mm=_sigma(table, "registration_sigma_mm", LEAST_SIGMA_MM, MOST_SIGMA_MM, "mm"),
         extra=table.unread(),
     )
 
@@ -86,6 +87,7 @@ def scanner_document(scanner: Scanner) -> dict[str, Any]:
         "scan_sigma_mm": scanner.scan_sigma_mm,
         "correlated_sigma_mm": scanner.correlated_sigma_mm,
         "correlation_length_mm": scanner.correlation_length_mm,
+        "registration_sigma_mm": scanner.registration_sigma_mm,
         "orientation_sigma_deg": None if sigma_rad is None else math.degrees(sigma_rad),
         "field_mm": None if scanner.field_mm is None else list(scanner.field_mm),
         "distance_mm": scanner.distance_mm,
