@@ -25,13 +25,14 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.corners.faces.certified_angles import angle_derivative, found_angles_deg
-from calib.corners.noise.kernels import LENGTHS, ROUGH_FROM, SHAPE_LENGTHS, SHAPES, gaussian_kernels
-from calib.corners.noise.likelihood import log_likelihoods
+from calib.corners.noise.kernels import LENGTHS, SHAPE_LENGTHS, SHAPES, gaussian_kernels
+from calib.corners.noise.likelihood import Evidence, evidence_of
 from calib.corners.noise.patches import Patches, View, joined, patches_of
 from calib.corners.noise.surroundings import patches_of_surroundings
 from calib.corners.noise.told import (
     NOTHING_TOLD,
     ToldNoise,
+    apex_variance_mm2,
     no_less_than_told,
     registration_covariance,
 )
@@ -44,14 +45,12 @@ _POINTS_A_PATCH = 4  # at least, on average: otherwise the patches are larger
 _POINTS_OF_OTHERS = 3
 _SIZES = np.geomspace(0.02, 100.0, 22)  # of the points' scatter
 _MOST_SIZE = 5.0  # larger smooth errors than so many times a face's scatter leave more scatter than that
-# Of no smooth part, of one along the sight, of uneven faces. Where no surroundings can refute long waves, the
-# covariance under white noise alone would come out a sixth larger with the first.
-_PRIOR, _PRIOR_OF_FACES_ALONE = (0.5, 0.3, 0.2), (0.75, 0.1, 0.15)
+_PRIOR = 0.4, 0.2  # of a smooth error along the sight, and of uneven faces
+# Edges: of what leaves residuals on a face; an error that is rough does so at any length, and as like as at another.
+_LONGEST, _LONGEST_ROUGH = 0.6, 1.1
+_MOST_HARM = 0.2
+_SEEN = 1.0  # expected loss of log likelihood
 _PRIOR_FLAT = 0.75  # of a surface beside the jig
-_LONGEST_ON_FACE = (
-    8  # index of the longest Gaussian kernel of which a face shows enough, and of the longest rough one
-)
-_LONGEST_ROUGH_ON_FACE = 10
 _MADE_TO_DEG = 0.02  # angles of a jig
 _OUT_OF_SQUARE = 3.0  # times that: a jig that is off by more tells nothing of the scanner
 
@@ -118,19 +117,25 @@ def plane_uncertainty(
     beside = [p for p in (patches_of_surroundings(plane, view, edge_mm) for plane in surroundings) if p]
     sizes_mm = _SIZES * max(plane.sigma_mm for plane in planes)
     kernels = faces.along_sight(LENGTHS * edge_mm), faces.uneven(LENGTHS * edge_mm)
-    found = np.array([_of_faces(faces, planes, jig, kernel, sizes_mm) for kernel in kernels])  # (2, S, W)
+    moved = np.array([faces.moved(kernel) for kernel in kernels])  # (2, L, 9, 9)
+    along, uneven = (_of_faces(faces, planes, jig, kernel, sizes_mm) for kernel in kernels)
+    likelihood = np.array([along.log_likelihood, uneven.log_likelihood])  # (2, S, W)
+    loss = np.array([along.expected_loss, uneven.expected_loss])
     white = 0.0
     for patches in beside:
-        waves, none = _of_surroundings(patches, edge_mm, sizes_mm)
-        found[0] += waves
-        found[1] += none
+        waves, none, expected_loss = _of_surroundings(patches, edge_mm, sizes_mm)
+        likelihood += np.array([waves, np.full_like(waves, none)])
+        loss[0] += expected_loss
         white += none
-    prior_white, prior = _prior(bool(beside))
+    apex = np.array(
+        [[apex_variance_mm2(planes, of_length) for of_length in form] for form in moved]
+    )  # (2, L)
+    harm = (apex @ SHAPES.T)[:, :, None] * sizes_mm**2 / apex_variance_mm2(planes, faces.white)
+    prior = _prior(harm, loss, bool(beside))
     with np.errstate(divide="ignore"):
-        log_odds = found + np.log(prior) - white - np.log(prior_white)
+        log_odds = likelihood + np.log(prior) - white - np.log(1 - prior.sum())
     share = np.exp(log_odds - np.logaddexp(0.0, np.logaddexp.reduce(log_odds, axis=None)))
     size_mm2 = share @ sizes_mm**2  # (2, S)
-    moved = np.array([faces.moved(kernel) for kernel in kernels])  # (2, L, 9, 9)
     smooth = np.einsum("fs,sl,flij->ij", size_mm2, SHAPES, moved)
     if told.correlated_sigma_mm > 0:
         kernel = faces.along_sight(np.array([told.correlation_length_mm]))
@@ -138,19 +143,26 @@ def plane_uncertainty(
     covariance = faces.white + smooth + registration_covariance(planes, told.registration_sigma_mm)
     total_mm2 = float(size_mm2.sum())
     length_mm = float(np.exp(size_mm2.sum(axis=0) @ np.log(SHAPE_LENGTHS) / max(total_mm2, 1e-300))) * edge_mm
-    shown_mm = float(SHAPE_LENGTHS[prior.sum(axis=(0, 2)) > 0].max()) * edge_mm
+    # Of a length that the scan shows, sizes that harm as much as white noise would be seen.
+    at = np.argmin(np.abs(np.log(harm[0])), axis=1)
+    shown = loss[0][np.arange(len(SHAPES)), at] > _SEEN
+    shown_mm = float(SHAPE_LENGTHS[shown].max(initial=0.0)) * edge_mm
     return PlaneUncertainty(covariance, faces.white, float(np.sqrt(total_mm2)), length_mm, shown_mm)
 
 
-def _prior(surroundings: bool) -> tuple[float, Array]:
-    """Of white noise alone, and (2, S, W) of the two forms, the shapes of kernel and the sizes."""
-    gaussian, rough = np.arange(len(LENGTHS)), np.arange(ROUGH_FROM, len(LENGTHS))
-    on_face = np.concatenate([gaussian <= _LONGEST_ON_FACE, rough <= _LONGEST_ROUGH_ON_FACE])
-    sight = on_face | surroundings
-    size = _SIZES <= _MOST_SIZE
-    white, along, uneven = _PRIOR if surroundings else _PRIOR_OF_FACES_ALONE
-    of_forms = [along * sight / sight.sum(), uneven * on_face / on_face.sum()]
-    return white, np.multiply.outer(np.array(of_forms), size / size.sum())
+def _prior(harm: Array, expected_loss: Array, surroundings: bool) -> Array:
+    """(2, S, W) of the two forms, the shapes of kernel and the sizes; the rest to 1 is that of white noise alone.
+
+    harm is the variance of the apex over that by white noise, expected_loss that of log likelihood where the noise is
+    white, both (2, S, W). What harms much and would show little is all but left out: else white noise alone would make
+    the covariance larger than it is.
+    """
+    on_face = np.where(np.arange(len(SHAPES)) < len(LENGTHS), _LONGEST, _LONGEST_ROUGH) >= SHAPE_LENGTHS
+    shape = np.array([on_face | surroundings, on_face])
+    size = (_SIZES <= _MOST_SIZE) / np.sum(_SIZES <= _MOST_SIZE)
+    of_form = np.array(_PRIOR)[:, None] * shape / shape.sum(axis=1, keepdims=True)
+    whole = np.multiply.outer(of_form, size)
+    return np.asarray(whole * np.minimum(1.0, _MOST_HARM / np.maximum(harm * np.exp(-expected_loss), 1e-300)))
 
 
 def _patches_of_faces(planes: Sequence[PlaneFit], view: View, edge_mm: float) -> _Faces:
@@ -192,7 +204,9 @@ def _patches_of_faces(planes: Sequence[PlaneFit], view: View, edge_mm: float) ->
     )  # fmt: skip
 
 
-def _of_faces(faces: _Faces, planes: Sequence[PlaneFit], jig: Jig, kernels: Array, sizes_mm: Array) -> Array:
+def _of_faces(
+    faces: _Faces, planes: Sequence[PlaneFit], jig: Jig, kernels: Array, sizes_mm: Array
+) -> Evidence:
     """(S, W) log likelihood of the faces' residuals and angles, over that of white noise. kernels  # (L, B, B)
 
     The angles between the faces are three more measurements of the planes, as exact as the jig was made; not those of
@@ -214,11 +228,11 @@ def _of_faces(faces: _Faces, planes: Sequence[PlaneFit], jig: Jig, kernels: Arra
         variance_mm2 = np.concatenate([variance_mm2, np.full(3, np.radians(slack_deg) ** 2)])
         design = np.vstack([design, angle_derivative(planes)])
         kernels = np.pad(kernels, ((0, 0), (0, 3), (0, 3)))
-    return log_likelihoods(mean_mm, variance_mm2, design, kernels, sizes_mm)
+    return evidence_of(mean_mm, variance_mm2, design, kernels, sizes_mm)
 
 
-def _of_surroundings(patches: Patches, edge_mm: float, sizes_mm: Array) -> tuple[Array, float]:
-    """(S, W) log likelihood of a surface beside the jig for each smooth error along the sight, and that for none.
+def _of_surroundings(patches: Patches, edge_mm: float, sizes_mm: Array) -> tuple[Array, float, Array]:
+    """(S, W) log likelihood of a surface beside the jig for smooth errors along the sight, for none, and expected loss.
 
     Either the surface is flat and shows the scanner's error alone, which grows with no, the first or the second power
     of the depth, or it is uneven by itself and shows that error or anything larger.
@@ -226,9 +240,10 @@ def _of_surroundings(patches: Patches, edge_mm: float, sizes_mm: Array) -> tuple
     variance = float(np.sum(patches.within_mm2) / np.sum(patches.count - 1))
     kernels = gaussian_kernels(patches.image, LENGTHS * edge_mm)
     kernels *= np.outer(patches.cosine, patches.cosine)
-    shown = log_likelihoods(
+    found = evidence_of(
         patches.mean_mm, max(variance, 1e-24) / patches.count, patches.design, kernels, sizes_mm
     )
+    shown = found.log_likelihood
     step = np.log(_SIZES[1] / _SIZES[0])
     place = np.arange(len(_SIZES))
     flat = [_interpolated(shown, place + power * np.log(patches.depth) / step) for power in (0, 1, 2)]
@@ -238,7 +253,8 @@ def _of_surroundings(patches: Patches, edge_mm: float, sizes_mm: Array) -> tuple
         np.log(_PRIOR_FLAT) + np.logaddexp.reduce(flat, axis=0) - np.log(len(flat)),
         np.log(1 - _PRIOR_FLAT) + larger,
     )
-    return waves, float(np.logaddexp(np.log(_PRIOR_FLAT), np.log(1 - _PRIOR_FLAT) + anything))
+    none = float(np.logaddexp(np.log(_PRIOR_FLAT), np.log(1 - _PRIOR_FLAT) + anything))
+    return waves, none, found.expected_loss
 
 
 def _interpolated(values: Array, place: Array) -> Array:

@@ -7,6 +7,8 @@ taken as it is; the others, short waves that all kernels leave nearly independen
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from calib.array_types import Array
@@ -16,10 +18,18 @@ _LEADING = 24  # modes; with all of them the covariance of the apex is the same 
 _MODES_OF = len(LENGTHS) + int(np.argmin(np.abs(LENGTHS - 1.0))) - ROUGH_FROM  # exponential, an edge long
 
 
-def log_likelihoods(
+@dataclass(frozen=True)
+class Evidence:
+    """What patches say of smooth errors of S shapes of kernel and W sizes."""
+
+    log_likelihood: Array  # (S, W) less that of white noise alone
+    expected_loss: Array  # (S, W) by how much that is below 0 on average where the noise is white
+
+
+def evidence_of(
     mean_mm: Array, variance_mm2: Array, design: Array, kernels: Array, sizes_mm: Array
-) -> Array:
-    """(S, W) log likelihood of the means (B,) for each shape of kernel and each size, less that of white noise alone.
+) -> Evidence:
+    """The evidence of patches' means (B,).
 
     variance_mm2  # (B,) of the means by white noise; design  # (B, P) of what is free; kernels  # (L, B, B) Gaussian
     ones of unit variance; sizes_mm  # (W,)
@@ -28,7 +38,7 @@ def log_likelihoods(
     basis, triangular = np.linalg.qr(design / root[:, None], mode="complete")
     contrasts = basis[:, triangular.shape[1] :] / root[:, None]
     if not contrasts.shape[1]:
-        return np.zeros((len(SHAPES), len(sizes_mm)))
+        return Evidence(*np.zeros((2, len(SHAPES), len(sizes_mm))))
     of = np.einsum("l,lbc->bc", SHAPES[_MODES_OF], kernels)
     modes = contrasts @ np.linalg.eigh(contrasts.T @ of @ contrasts)[1][:, ::-1]
     values = modes.T @ mean_mm
@@ -41,4 +51,6 @@ def log_likelihoods(
     turned = np.einsum("smn,m->sn", turns, values[:_LEADING])
     squared = np.concatenate([turned, np.broadcast_to(values[_LEADING:], single.shape)], axis=1) ** 2
     variance = 1 + sizes_mm[:, None] ** 2 * eigenvalues[:, None, :]
-    return np.asarray(0.5 * np.sum(squared[:, None, :] * (1 - 1 / variance) - np.log(variance), axis=2))
+    shrunk, spread = 1 - 1 / variance, np.sum(np.log(variance), axis=2)
+    log_likelihood = 0.5 * (np.einsum("swm,sm->sw", shrunk, squared) - spread)
+    return Evidence(log_likelihood, 0.5 * (spread - shrunk.sum(axis=2)))
