@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from calib.corners.intersection import Corner, intersect
 from calib.corners.noise import correlated_noise
+from calib.corners.noise.likelihood import Evidence
 from calib.corners.refinement import RefinementOptions, refine
 from calib.jig import Jig, jig_geometry
 from calib.planes.clustering import PlaneGroup
@@ -180,13 +181,13 @@ def test_the_joint_covariance_is_positive_and_its_blocks_are_the_faces() -> None
 def test_a_long_box_has_no_more_patches_than_its_covariance_needs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Faces of 42 by 126 to 204 mm had 400 patches of a sixth of the shortest edge, and ten times the time."""
     patches = []
-    likelihoods = correlated_noise.log_likelihoods
+    evidence = correlated_noise.evidence_of
 
-    def counted(mean_mm: np.ndarray, *rest: np.ndarray) -> np.ndarray:
+    def counted(mean_mm: np.ndarray, *rest: np.ndarray) -> Evidence:
         patches.append(len(mean_mm))
-        return likelihoods(mean_mm, *rest)
+        return evidence(mean_mm, *rest)
 
-    monkeypatch.setattr(correlated_noise, "log_likelihoods", counted)
+    monkeypatch.setattr(correlated_noise, "evidence_of", counted)
     box = Jig(edge_mm=(42.0, 126.0, 204.0))
     found = [
         corner(np.random.default_rng(seed), box, smooth_mm=0.04, length_mm=20.0, points=3000)
