@@ -1,13 +1,18 @@
-"""Make sample_data/ and the truth its tests compare with, from seeds: `python benchmarks/make_sample_data.py`.
+"""Make sample_data/ and the truth its tests compare with, from seeds.
 
-The same numpy, scipy and Open3D write the same bytes again. Where the datasets come from and what is hidden in them
-stands in sample_data/README.md.
+    python benchmarks/make_sample_data.py [NAME ...]
+
+Without names all are made. The same numpy, scipy and Open3D write the same bytes again; others differ in the last
+digits. Where the datasets come from and what is hidden in them stands in sample_data/README.md.
 """
 
 from __future__ import annotations
 
 import shutil
 import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +25,7 @@ from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
 from calib.simulation.measured_dataset import Simulation, measure, write_simulation
 from calib.simulation.pose_design import draw_scanner_pose, reach_apexes, scan_poses, spread_poses
-from calib.simulation.scanner import ScanModel
+from calib.simulation.scanner import STRUCTURED_LIGHT
 from calib.simulation.simulate import rounded, simulate_dataset
 from calib.simulation.truth.arm_sampling import draw_truth
 from calib.simulation.truth.equilibrium import Truth, scanner_T_target
@@ -49,7 +54,7 @@ JANG_POINTS_MM = {
     "P4": (-93.4269, 21.2656, 593.549),
 }
 
-SCANS = ScanModel(points=11_000, scan_sigma_mm=0.02)
+SCANS = replace(STRUCTURED_LIGHT, points=9_000)
 
 
 def rb5_jang(robot: Robot) -> Simulation:
@@ -136,12 +141,19 @@ def led_to(truth: Truth, q: np.ndarray, wanted_mm: np.ndarray) -> np.ndarray:
     return q
 
 
-def main() -> None:
-    """Write all datasets and their truth anew."""
+def main(names: Sequence[str]) -> None:
+    """Write the named datasets and their truth anew."""
     robot = builtin_robot("rb5")
     jang = rb5_jang(robot)
-    for simulation in (jang, rb5_repeats(robot, jang.truth), *map(hidden_effect, HIDDEN)):
-        name = simulation.dataset.name
+    makers: dict[str, Callable[[], Simulation]] = {
+        "rb5_jang": lambda: jang,
+        "rb5_repeats": lambda: rb5_repeats(robot, jang.truth),
+        **{name: partial(hidden_effect, name) for name in HIDDEN},
+    }
+    for name in names or makers:
+        if name not in makers:
+            sys.exit(f"{name}: none of {', '.join(makers)}")
+        simulation = makers[name]()
         folder = ROOT / "sample_data" / name
         shutil.rmtree(folder, ignore_errors=True)
         write_simulation(simulation, folder, truth_path=ROOT / "tests" / "truth" / f"{name}.json")
@@ -153,4 +165,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])
