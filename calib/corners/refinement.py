@@ -109,7 +109,8 @@ def refine(
             for i, (p, group) in enumerate(zip(planes, chosen, strict=True))),  # type: ignore[arg-type]
         covariance,
         _quality(planes, known, covariance, origin, apex, jig, outline, margin_mm,
-                 scan_sigma_mm and float(np.hypot(scan_sigma_mm, options.told.correlated_sigma_mm)), notes),
+                 scan_sigma_mm and float(np.hypot(scan_sigma_mm, options.told.correlated_sigma_mm)),
+                 options.told.correlated_sigma_mm, notes),
         outline,
     )  # fmt: skip
 
@@ -249,6 +250,7 @@ def _quality(
     outline: Outline,
     margin_mm: float,
     scan_sigma_mm: float | None,
+    smooth_told_mm: float,
     notes: tuple[str, ...],
 ) -> CornerQuality:
     normals = np.array([p.normal for p in planes])
@@ -288,5 +290,6 @@ def _quality(
         rigid=jig.certified and not notes,
         margin_mm=margin_mm,
         notes=notes,
+        smooth_told_mm=smooth_told_mm,
         smooth_shown_mm=known.shown_to_mm,
     )

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from calib.corners.intersection import Corner
+from calib.corners.noise.told import ToldNoise
 from calib.corners.quality import angle_errors
-from calib.corners.search import find_corner
+from calib.corners.refinement import RefinementOptions
+from calib.corners.search import CornerOptions, find_corner
 from calib.jig import Jig
 from calib.simulation.scanner import ScanModel, simulate_scan
 from tests.support.scan_cases import CASES
@@ -50,6 +52,15 @@ def test_a_good_corner_has_no_doubts_and_true_figures() -> None:
 def test_what_is_poor_is_said(name: str, sigma_mm: float, said: str) -> None:
     corner, _ = found(name, sigma_mm)
     assert said in " ".join(corner.quality.doubts())
+
+
+def test_a_smooth_error_is_a_doubt_where_it_is_clearly_more_than_is_told() -> None:
+    made = make_scene(np.random.default_rng(2), 12_000, waves_mm=0.02)
+    for told_mm, doubted in ((0.0, True), (0.005, True), (0.02, False)):
+        options = CornerOptions(refinement=RefinementOptions(told=ToldNoise(told_mm, 15.0)))
+        corner = find_corner(made.scan, Jig(), scan_sigma_mm=0.02, options=options).corner
+        assert corner is not None
+        assert any("error is smooth over" in doubt for doubt in corner.quality.doubts()) == doubted
 
 
 def test_a_rounded_edge_is_kept_away_from_and_a_sharp_one_is_used() -> None:
