@@ -24,6 +24,7 @@ _MOST_GROUPS = 60
 # Of the triples, those whose faces have the most points; a jig in clutter is among the first few.
 _MOST_SCORED = 60
 _MOST_PAIRS = 20  # for which a third face is voted
+_WALL = 3.0  # largest rectangles between two of the jig's edges; a plane with more area is no face of it
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,16 @@ class Planes:
         on = np.flatnonzero(np.abs(heights) <= self.tolerances.height_mm)
         agrees = self.around.normals.take(on, axis=0) @ normal >= np.cos(self.tolerances.member_normal_rad)
         return _Face(heights, on, agrees, float(offset_mm))
+
+    def walls(self) -> list[PlaneGroup]:
+        """The planes that have far more points than a face of the jig can."""
+        _, middle_mm, longest_mm = sorted(self.jig.edges_mm)
+        most = _WALL * middle_mm * longest_mm
+        return [
+            group
+            for group, members in zip(self.groups, self.members, strict=False)
+            if len(members) and len(members) * self.around.spacing_mm(members) ** 2 > most
+        ]
 
     @cached_property
     def solid(self) -> IndexArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 
@@ -19,29 +20,29 @@ from calib.errors import CornerError
 from calib.jig import Jig
 from calib.planes.clustering import ClusterTolerances, PlaneGroup, cluster
 from calib.planes.filters import FilterTolerances, SampleSets, apply_filters, draw_sample_sets, walk_for
-from calib.planes.normals import NEIGHBOURS, Neighbourhoods, estimate_normals, finite_rows, thin_to_voxels
+from calib.planes.normals import (
+    NEIGHBOURS,
+    Neighbourhoods,
+    estimate_normals,
+    finite_rows,
+    thin_to_voxels,
+    with_fewer_neighbours,
+)
 from calib.scans.scan import PointCount, Scan
 from calib.scans.seeding import seeded
 
 MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
 MOST_TRIPLES = 4  # of planes, that are refined in one search pass
-# Share of loose points, beyond which passes after the first go without them: stray points hide a jig of few points.
+# Share of loose points, beyond which the finer passes go without them: stray points hide a jig of few points.
 _MOST_LOOSE = 0.3
 _POINTS_A_SET = 8  # thinned points a sample set; a wide scene needs more sets for some to fall on the jig
 
-
-@dataclass(frozen=True)
-class _Pass:
-    """One way through the scan."""
-
-    voxels: int  # along the jig's edge
-    neighbours: int  # of a normal
-    sets: float  # factor on the number of sample sets
-
-
-# Until one finds the jig. The first, coarse one finds most jigs in a third of the time of the second. Few neighbours
-# fit into a narrow or sparsely seen face, many sets meet a jig that is a small part of the scan.
-_SEARCH_PASSES = (_Pass(20, 12, 0.4), _Pass(28, NEIGHBOURS, 1), _Pass(28, 9, 4), _Pass(28, NEIGHBOURS, 12))
+# (voxels along the jig's edge, neighbours of a normal, factor on the number of sample sets) of the search passes, until
+# one finds the jig. The first, coarse one finds most jigs in a third of the time of a fine one. Few neighbours fit into
+# a narrow or sparsely seen face, many give normals in noise; many sets meet a jig that is a small part of the scan.
+_COARSE = (20, 12, 0.4)
+_FINE_VOXELS = 28
+_FINE = ((9, 4), (NEIGHBOURS, 12))
 
 
 @dataclass(frozen=True)
@@ -132,32 +133,36 @@ def _search(
     """Search passes through a scan in millimetres, until one finds the jig."""
     searches: list[CornerSearch] = []
     planes: list[Planes] = []
-    thinned: dict[int, IndexArray] = {}
-    for way in _SEARCH_PASSES:
-        if way.voxels not in thinned:
-            try:
-                thinned[way.voxels] = _thinned(scan.points_mm, jig, way.voxels)
-            except CornerError as error:
-                return failed_search(scan.name, str(error))
-        around = estimate_normals(scan.points_mm.take(thinned[way.voxels], axis=0), way.neighbours)
-        more = replace(options, sample_sets=round(way.sets * options.sample_sets))
-        search, found = _search_pass(scan, around, jig, scan_sigma_mm, rng, more)
-        searches.append(search)
-        planes.append(found)
-        if searches[-1].corner is not None:
-            break
-        loose = around.loose()
-        if len(searches) == 2 and len(loose) * _MOST_LOOSE < loose.sum() < len(loose) - NEIGHBOURS:
-            thinned[way.voxels] = thinned[way.voxels][~loose]
-    # Of failed passes the first fine one is reported, unless another came as far as three planes.
-    best = max(
-        range(len(searches)),
-        key=lambda k: (searches[k].corner is not None, len(searches[k].chosen), k == 1, -k),
-    )
+    walls: list[PlaneGroup] = []
+    try:
+        for around, times in _looks(scan.points_mm, jig):
+            more = replace(options, sample_sets=round(times * options.sample_sets))
+            search, found = _search_pass(scan, around, jig, scan_sigma_mm, rng, more, walls)
+            searches.append(search)
+            planes.append(found)
+            if search.corner is not None:
+                break
+            walls = found.walls()
+    except CornerError as error:
+        return failed_search(scan.name, str(error))
+    # Of failed passes the first is reported, unless a later one came as far as three planes.
+    best = max(range(len(searches)), key=lambda k: (searches[k].corner is not None, len(searches[k].chosen)))
     reported = replace(searches[best], search_passes=len(searches))
     if reported.corner is None and not reported.failure:
         return replace(reported, failure=why_no_triple(planes[best]))
     return reported
+
+
+def _looks(points_mm: Array, jig: Jig) -> Iterator[tuple[Neighbourhoods, float]]:
+    """What each pass looks at, and its factor on the number of sample sets. Raises CornerError as `_thinned` does."""
+    voxels, neighbours, times = _COARSE
+    yield estimate_normals(points_mm.take(_thinned(points_mm, jig, voxels), axis=0), neighbours), times
+    around = estimate_normals(points_mm.take(_thinned(points_mm, jig, _FINE_VOXELS), axis=0))
+    loose = around.loose()
+    if len(loose) * _MOST_LOOSE < loose.sum() < len(loose) - NEIGHBOURS:
+        around = estimate_normals(around.points_mm[~loose])
+    for neighbours, times in _FINE:
+        yield with_fewer_neighbours(around, neighbours), times
 
 
 def _search_pass(
@@ -167,18 +172,24 @@ def _search_pass(
     scan_sigma_mm: float | None,
     rng: np.random.Generator,
     options: CornerOptions,
+    walls: Sequence[PlaneGroup],
 ) -> tuple[CornerSearch, Planes]:
     """One pass over the scan's thinned points: sample sets, plane groups, the three faces and their refinement.
+
+    No sets are drawn around the points of known walls; fewer are drawn then, as many a point as without walls.
 
     Of triples that all fail in the refinement the likeliest is reported; where there is none no reason is given yet.
     """
     tolerances = _Tolerances.of(around, jig, max(scan_sigma_mm or 0.0, around.noise_mm()))
+    beside = _beside(walls, around, tolerances.selection)
+    count = max(options.sample_sets, len(around.points_mm) // _POINTS_A_SET)
     drawn = draw_sample_sets(
         around.neighbours,
-        max(options.sample_sets, len(around.points_mm) // _POINTS_A_SET),
+        round(count * len(beside) / len(around.points_mm)),
         rng,
         long_walk=walk_for(2 * tolerances.filters.distance_mm[0], float(np.median(around.radius_mm))),
         local=options.local_sets,
+        around=beside,
     )
     sets = apply_filters(around.points_mm[drawn], around.normals[drawn], tolerances.filters)
     groups = cluster(sets, tolerances.clusters)
@@ -203,6 +214,17 @@ def _search_pass(
         else:
             return replace(search, corner=corner), planes
     return (failed or [search])[0], planes
+
+
+def _beside(
+    walls: Sequence[PlaneGroup], around: Neighbourhoods, tolerances: SelectionTolerances
+) -> IndexArray:
+    """Indices of the thinned points on no wall; of all where hardly any are left."""
+    free = np.ones(len(around.points_mm), dtype=bool)
+    for wall in walls:
+        on = np.abs(around.points_mm @ wall.normal - wall.offset_mm) <= tolerances.height_mm
+        free &= ~(on & (around.normals @ wall.normal >= np.cos(tolerances.member_normal_rad)))
+    return np.flatnonzero(free if np.count_nonzero(free) >= MIN_POINTS else np.ones_like(free))
 
 
 @dataclass(frozen=True)

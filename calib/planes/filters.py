@@ -58,11 +58,13 @@ def draw_sample_sets(
     *,
     long_walk: int = LONG_WALK,
     local: bool = True,
+    around: IndexArray | None = None,
 ) -> IndexArray:
     """Indices (count, 4) of the points of each set.
 
-    neighbours  # (V, k) indices of each point's nearest points. `local` draws each set around a random point, by four
-    walks from neighbour to neighbour: of 2 steps for half of the sets, of `long_walk` steps for the other half.
+    neighbours  # (V, k) indices of each point's nearest points. `local` draws each set around a random point, or one of
+    the points `around` (K,), by four walks from neighbour to neighbour: of 2 steps for half of the sets, of `long_walk`
+    steps for the other half.
     Otherwise the four points come from the whole cloud, as in the paper. A set whose draw hit a point twice is left to
     filter 3, which no such set passes.
     """
@@ -71,7 +73,8 @@ def draw_sample_sets(
         return rng.integers(total, size=(count, 4))
     parts = []
     for steps in (SHORT_WALK, long_walk):
-        at = np.repeat(rng.integers(total, size=(count // 2, 1)), 4, axis=1)
+        middle = rng.integers(total if around is None else len(around), size=(count // 2, 1))
+        at = np.repeat(middle if around is None else around[middle], 4, axis=1)
         for turns in rng.integers(k, size=(steps, *at.shape)):
             at = neighbours[at, turns]
         parts.append(at)

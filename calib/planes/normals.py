@@ -23,7 +23,7 @@ _UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _ENOUGH_POINTS = 75_000
 _GOLDEN = 0.618
 _ENOUGH_A_VOXEL = 6
-_AT_A_TIME = 16_384
+_AT_A_TIME = 4096
 _BLOCK = 4
 _MOST_OF_USUAL = 20
 _LOOSE = 0.25
@@ -142,26 +142,32 @@ def estimate_normals(points_mm: Array, neighbours: int = NEIGHBOURS) -> Neighbou
 
     points_mm  # (V, 3), V >= 4. The trimming keeps a normal near an edge on its own side of the edge.
     """
-    k = min(neighbours, len(points_mm))
     tree = cKDTree(points_mm, balanced_tree=False, compact_nodes=False)
-    distance, near = (np.asarray(found) for found in tree.query(points_mm, k=k))
-    kept = max(4, round(TRIM_KEPT * k))
+    distance, near = (np.asarray(found) for found in tree.query(points_mm, k=min(neighbours, len(points_mm))))
+    return _neighbourhoods(points_mm, near, distance[:, -1])
+
+
+def with_fewer_neighbours(around: Neighbourhoods, neighbours: int) -> Neighbourhoods:
+    """The same points with normals by the nearest of their neighbours; they need not be looked up again."""
+    if neighbours >= around.neighbours.shape[1]:
+        return around
+    near = around.neighbours[:, :neighbours]
+    way = around.points_mm.take(near[:, -1], axis=0) - around.points_mm
+    return _neighbourhoods(around.points_mm, near, np.sqrt(np.einsum("vi,vi->v", way, way)))
+
+
+def _neighbourhoods(points_mm: Array, near: IndexArray, radius_mm: Array) -> Neighbourhoods:
+    kept = max(4, round(TRIM_KEPT * near.shape[1]))
     columns = np.ascontiguousarray(points_mm.T)
-    # Some at a time: their neighbours, side by side, would take half a gigabyte for a scan of a hall.
+    # Some at a time, whose neighbours, side by side, a processor's own memory holds.
     parts = [_trimmed_planes(columns, near, start, kept) for start in range(0, len(near), _AT_A_TIME)]
     plane = _Planes(*(np.concatenate(part) for part in zip(*parts, strict=True)))
-    away = np.sum(plane.normals * points_mm, axis=1, keepdims=True) > 0
+    away = np.einsum("vi,vi->v", plane.normals, points_mm)[:, None] > 0
     freedom = max(kept - 3, 1) / kept  # the plane takes three degrees of freedom
     thickness = np.sqrt(plane.variances[:, 0] / (_TRIMMED_VARIANCE * freedom))
     sigma_rad = thickness / np.sqrt(np.maximum(plane.variances[:, 1], 1e-12) * kept)
-    return Neighbourhoods(
-        points_mm,
-        np.where(away, -plane.normals, plane.normals),
-        thickness,
-        sigma_rad,
-        near,
-        distance[:, -1],
-    )
+    normals = np.where(away, -plane.normals, plane.normals)
+    return Neighbourhoods(points_mm, normals, thickness, sigma_rad, near, radius_mm)
 
 
 def _trimmed_planes(columns: Array, near: IndexArray, start: int, kept: int) -> _Planes:
