@@ -23,20 +23,56 @@ from calib.planes.clustering import PlaneGroup
 
 _MOST_PEAKS = 4
 _MOST_VOTERS = 100_000
+_SAME_RAD = np.radians(0.5)  # planes of two passes that differ less are the same
 _SETS_TO_COUNT = 3  # a group of fewer sets is mostly a part of another plane
 _CLEAR = 0.015  # of the edge: voters keep this distance from the other two faces and the far edge
 _NEAR_END = 0.12  # of the edge: how far from where the two other faces end the third may be
 
 
-def face_triples(points_mm: Array, planes: Planes) -> Iterator[FaceTriple]:
+class TriedPairs:
+    """Pairs of planes for which a third face was voted in earlier passes through the scan, in vain."""
+
+    def __init__(self) -> None:
+        self._normals: list[Array] = []  # of each pair, (2, 3)
+        self._offsets_mm: list[Array] = []
+
+    def new(self, planes: Planes) -> list[tuple[int, int]]:
+        """The likeliest pairs that are not, within the tolerances, among those tried; from now on they are."""
+        pairs = planes.likeliest_pairs
+        new = [pair for pair in pairs if not self._tried(planes, pair)]
+        self._normals += [planes.normals[list(pair)] for pair in new]
+        self._offsets_mm += [planes.offsets[list(pair)] for pair in new]
+        return new
+
+    def _tried(self, planes: Planes, pair: tuple[int, int]) -> bool:
+        """Whether a tried pair has the same normals, and meets in the same line beside the two groups' middles."""
+        if not self._normals:
+            return False
+        one, other = (planes.groups[g] for g in pair)
+        way = np.cross(one.normal, other.normal)
+        middle = np.linalg.solve(
+            np.array([one.normal, other.normal, way]),
+            np.array([one.offset_mm, other.offset_mm, way @ (one.centre_mm + other.centre_mm) / 2]),
+        )
+        tried = np.array(self._normals)  # (P, 2, 3)
+        near = np.abs(tried @ middle - np.array(self._offsets_mm)) <= planes.tolerances.height_mm
+        for normals in (np.array([one.normal, other.normal]), np.array([other.normal, one.normal])):
+            same = np.einsum("pij,ij->pi", tried, normals) >= np.cos(_SAME_RAD)
+            if np.any(np.all(near & same, axis=1)):
+                return True
+        return False
+
+
+def face_triples(points_mm: Array, planes: Planes, tried: TriedPairs) -> Iterator[FaceTriple]:
     """The triples of planes with the outline of the jig, the highest score first; those with a voted face come last.
 
     points_mm  # (N, 3) the whole scan
     """
     yield from _like_the_jig(planes.triples, planes.tolerances)
-    if planes.likeliest_pairs:
+    pairs = tried.new(planes)
+    if pairs:
         voters_mm = np.ascontiguousarray(points_mm[:: max(1, len(points_mm) // _MOST_VOTERS)].T)
-        voted = [triple for pair in planes.likeliest_pairs for triple in _vote(voters_mm, planes, pair)]
+        voted = [triple for pair in pairs for triple in _vote(voters_mm, planes, pair)]
         yield from _like_the_jig(voted, planes.tolerances)
 
 

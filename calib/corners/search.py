@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
-from calib.corners.face_selection import face_triples, why_no_triple
+from calib.corners.face_selection import TriedPairs, face_triples, why_no_triple
 from calib.corners.intersection import Corner
 from calib.corners.plane_triples import Planes, SelectionTolerances
 from calib.corners.refinement import RefinementOptions, refine
@@ -134,10 +134,11 @@ def _search(
     searches: list[CornerSearch] = []
     planes: list[Planes] = []
     walls: list[PlaneGroup] = []
+    tried = TriedPairs()
     try:
         for around, times in _looks(scan.points_mm, jig):
             more = replace(options, sample_sets=round(times * options.sample_sets))
-            search, found = _search_pass(scan, around, jig, scan_sigma_mm, rng, more, walls)
+            search, found = _search_pass(scan, around, jig, scan_sigma_mm, rng, more, walls, tried)
             searches.append(search)
             planes.append(found)
             if search.corner is not None:
@@ -173,6 +174,7 @@ def _search_pass(
     rng: np.random.Generator,
     options: CornerOptions,
     walls: Sequence[PlaneGroup],
+    tried: TriedPairs,
 ) -> tuple[CornerSearch, Planes]:
     """One pass over the scan's thinned points: sample sets, plane groups, the three faces and their refinement.
 
@@ -196,7 +198,7 @@ def _search_pass(
     search = CornerSearch(scan.name, around.points_mm, around.normals, sets, groups, (), None, "", 0.0)
     planes = Planes(groups, around, jig, tolerances.selection)
     failed: list[CornerSearch] = []
-    for triple in islice(face_triples(scan.points_mm, planes), MOST_TRIPLES):
+    for triple in islice(face_triples(scan.points_mm, planes, tried), MOST_TRIPLES):
         search = replace(search, groups=triple.groups, chosen=triple.chosen)
         try:
             corner = refine(
