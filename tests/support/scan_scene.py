@@ -164,6 +164,7 @@ def make_scene(
     wave_length_mm: float = 15.0,
     wave_kernel: str = "gaussian",
     uneven_mm: float = 0.0,
+    wall_bent_mm: float = 0.0,
 ) -> SceneScan:
     """One scan of a jig some `distance_mm` away among flange, link, wall and table.
 
@@ -173,7 +174,8 @@ def make_scene(
     third face's area (a strip along one edge); `extras` are further patches in the scanner's frame; `fillet_mm` is the
     radius that rounds the jig's three edges and its apex. `waves_mm` adds an error along the ray that is smooth over
     `wave_length_mm` across the view, of the correlation `wave_kernel` (`smooth_fields.py`); `uneven_mm` is the same of
-    each of the jig's faces by itself, along its normal. The bound does not know of them.
+    each of the jig's faces by itself, along its normal; the wall bulges by `wall_bent_mm` over the view. The bound does
+    not know of them.
     """
     if rotation is None:
         rotation = jig_rotation(rng.uniform(0, 22), rng.uniform(0, 360), rng.uniform(0, 120))
@@ -254,6 +256,8 @@ def make_scene(
             on = np.flatnonzero(label == i)
             over = (direction[on] * t[on, None] - apex) @ rotation[:, [(i + 1) % 3, (i + 2) % 3]]
             noisy[on] += uneven_mm * smooth_field(over, wave_length_mm, rng, wave_kernel) / cosine[on]
+    if wall_bent_mm > 0:
+        noisy += np.where(label == 6, wall_bent_mm * (2 * direction[:, 0] * distance_mm / field_mm) ** 2, 0.0)
     keep = np.isfinite(t) & (rng.random(n * n) < np.clip(cosine / np.cos(np.radians(70)), 0, 1) ** 2)
     noisy = np.where(fly, t_flying, noisy)
     label = np.where(fly, -1, label)

@@ -1,0 +1,186 @@
+"""Is a corner's covariance honest where the scanner's error is smooth? Squared errors in its units: 3 is honest.
+
+    python benchmarks/smooth_noise.py [--scans 10] [--points 12000] [--tables NAME ...] [--kernels NAME ...]
+                                      [--sizes 0.02] [--lengths 2 5 10 15 22 30 45 60]
+
+Scans are those of the tests' ray caster (tests/support/scan_scene.py): a jig of 60 mm edge some 700 mm away on its
+flange, with link, wall and table behind, 0.02 mm * (0.5 + 0.5 / cos^2 incidence) of white noise along the ray, 35 %
+flying pixels at depth edges; and those of the second simulator (tests/support/mesh_cases.py). Both share no code with
+calib. Tables:
+
+    waves    an error along the ray that is smooth across the view, of three kernels (tests/support/smooth_fields.py):
+             exp(-r^2 / 2 l^2), exp(-r / l), and half of each as a structured-light scanner's plane showed it
+    alone    the same with nothing beside the jig in view, and with the size and length told of the scanner
+    faces    unevenness of each face by itself, which no wall behind shows
+    wall     white noise, and the wall behind bent by itself
+    scanners the second simulator: mixed pixels, stickers on a face, joined views; "told": their registration is
+
+A cell has the mean and the median of error . C^-1 . error over the scans; a chi-squared of three degrees of freedom has
+3 and 2.4. Each row ends with the median of the corner's error and of its sigma, in mm.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+os.environ["OMP_NUM_THREADS"] = "1"  # before numpy is loaded
+
+import numpy as np
+from numpy.typing import NDArray
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from calib.corners.noise.told import NOTHING_TOLD, ToldNoise  # noqa: E402
+from calib.corners.refinement import RefinementOptions  # noqa: E402
+from calib.corners.search import CornerOptions, find_corner  # noqa: E402
+from calib.jig import Jig  # noqa: E402
+from calib.scans.scan import Scan  # noqa: E402
+from tests.support.mesh_cases import KINDS  # noqa: E402
+from tests.support.scan_scene import make_scene  # noqa: E402
+from tests.support.smooth_fields import KERNELS  # noqa: E402
+
+WHITE_MM = 0.02
+FIRST_SEED = 3000
+TABLES = ("waves", "alone", "faces", "wall", "scanners")
+MESH_KINDS = ("light", "flight", "flight, edge 60", "sticker 0.1", "sticker 0.3", "fused", "fused, views off")
+REGISTRATION_MM = 0.03  # of each view of "fused, views off"
+Outcome = tuple[float, float, float]  # squared error in units of the covariance, error and sigma in mm
+
+
+def judged(
+    scan: Scan, jig: Jig, apex_mm: NDArray, scan_sigma_mm: float | None, told: ToldNoise
+) -> Outcome | None:
+    """One scan's corner held against the truth; None where there is none."""
+    options = CornerOptions(refinement=RefinementOptions(told=told))
+    corner = find_corner(scan, jig, scan_sigma_mm=scan_sigma_mm, options=options).corner
+    if corner is None:
+        return None
+    error = corner.xyz_mm - apex_mm
+    squared = float(error @ np.linalg.solve(corner.covariance_mm2, error))
+    return squared, float(np.linalg.norm(error)), corner.sigma_mm()
+
+
+def of_scenes(
+    scans: int, points: int, told: ToldNoise = NOTHING_TOLD, **scene: float | str | bool
+) -> list[Outcome]:
+    """Corners of the ray caster's scans."""
+    found = []
+    for seed in range(FIRST_SEED, FIRST_SEED + scans):
+        made = make_scene(np.random.default_rng(seed), points, sigma_mm=WHITE_MM, **scene)  # type: ignore[arg-type]
+        found.append(judged(made.scan, Jig(), made.apex_mm, WHITE_MM, told))
+    return [outcome for outcome in found if outcome is not None]
+
+
+def of_kind(name: str, scans: int, told: ToldNoise = NOTHING_TOLD) -> list[Outcome]:
+    """Corners of the second simulator's fair scans of one kind."""
+    found = []
+    for seed in range(scans):
+        made, jig, sigma_mm = KINDS[name].scan(name, seed)
+        if made.fair:
+            found.append(judged(made.scan, jig, made.apex_mm, sigma_mm, told))
+    return [outcome for outcome in found if outcome is not None]
+
+
+def row(name: str, cells: list[list[Outcome]]) -> str:
+    """One line: mean and median of each cell, then medians of error and sigma over all."""
+    text = "".join(
+        f"{np.mean([o[0] for o in cell]):8.1f}{np.median([o[0] for o in cell]):6.1f}"
+        if cell
+        else f"{'-':>14}"
+        for cell in cells
+    )
+    every = [outcome for cell in cells for outcome in cell]
+    middle = [np.median([o[column] for o in every]) if every else np.nan for column in (1, 2)]
+    return f"{name:30}{text}{middle[0]:10.4f}{middle[1]:9.4f}   of {len(every)}"
+
+
+def waves(arguments: argparse.Namespace) -> Iterator[str]:
+    """Errors along the ray."""
+    scans, points = arguments.scans, arguments.points
+    yield row("white noise alone", [of_scenes(3 * scans, points)])
+    for size in arguments.sizes:
+        for kernel in arguments.kernels:
+            yield row(
+                f"{kernel}, {size} mm",
+                [
+                    of_scenes(scans, points, waves_mm=size, wave_length_mm=length, wave_kernel=kernel)
+                    for length in arguments.lengths
+                ],
+            )
+
+
+def alone(arguments: argparse.Namespace) -> Iterator[str]:
+    """The same before nothing."""
+    scans, points = arguments.scans, arguments.points
+    yield row("white noise alone", [of_scenes(3 * scans, points, background=False)])
+    for size in arguments.sizes:
+        for tell in (False, True):
+            cells = [
+                of_scenes(
+                    scans,
+                    points,
+                    ToldNoise(size, length) if tell else NOTHING_TOLD,
+                    waves_mm=size,
+                    wave_length_mm=length,
+                    background=False,
+                )
+                for length in arguments.lengths
+            ]
+            yield row(f"gaussian, {size} mm{', told' if tell else ''}", cells)
+
+
+def faces(arguments: argparse.Namespace) -> Iterator[str]:
+    """Uneven faces."""
+    for size in arguments.sizes:
+        cells = [
+            of_scenes(arguments.scans, arguments.points, uneven_mm=size, wave_length_mm=length)
+            for length in arguments.lengths
+        ]
+        yield row(f"uneven, {size} mm", cells)
+
+
+def wall(arguments: argparse.Namespace) -> Iterator[str]:
+    """A wall that is bent by itself, by so much over the view."""
+    for bent_mm in (0.02, 0.05, 0.1, 0.3, 1.0):
+        yield row(
+            f"wall bent by {bent_mm} mm", [of_scenes(arguments.scans, arguments.points, wall_bent_mm=bent_mm)]
+        )
+
+
+def scanners(arguments: argparse.Namespace) -> Iterator[str]:
+    """The second simulator."""
+    for name in MESH_KINDS:
+        yield row(name, [of_kind(name, arguments.scans)])
+    told = replace(NOTHING_TOLD, registration_sigma_mm=REGISTRATION_MM)
+    yield row("fused, views off, told", [of_kind("fused, views off", arguments.scans, told)])
+
+
+def main() -> None:
+    """Print the tables, a line as soon as it is known."""
+    parser = argparse.ArgumentParser(description="the covariance of corners under smooth errors")
+    parser.add_argument("--scans", type=int, default=10, help="scans a cell")
+    parser.add_argument("--points", type=int, default=12_000)
+    parser.add_argument("--tables", nargs="*", default=list(TABLES), choices=TABLES, metavar="NAME")
+    parser.add_argument("--kernels", nargs="*", default=list(KERNELS), choices=KERNELS, metavar="NAME")
+    parser.add_argument("--sizes", type=float, nargs="*", default=[0.02], help="standard deviations, mm")
+    parser.add_argument("--lengths", type=float, nargs="*", default=[2, 5, 10, 15, 22, 30, 45, 60])
+    arguments = parser.parse_args()
+    made: dict[str, Callable[[argparse.Namespace], Iterator[str]]] = {
+        "waves": waves, "alone": alone, "faces": faces, "wall": wall, "scanners": scanners,
+    }  # fmt: skip
+    for table in arguments.tables:
+        lengths = arguments.lengths if table in ("waves", "alone", "faces") else ()
+        sys.stdout.write(f"\n{table:30}" + "".join(f"{f'{length:g} mm':>14}" for length in lengths) + "\n")
+        for line in made[table](arguments):
+            sys.stdout.write(line + "\n")
+            sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()
