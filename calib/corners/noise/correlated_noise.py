@@ -43,14 +43,14 @@ _PATCHES_AN_EDGE = 6
 _PATCHES_A_FACE = 36  # at most, of a triangle; a cube's face has 18, that of a long box had hundreds
 _POINTS_A_PATCH = 4  # at least, on average: otherwise the patches are larger
 _POINTS_OF_OTHERS = 3
-_SIZES = np.geomspace(0.02, 100.0, 22)  # of the points' scatter
+_SIZES = np.geomspace(0.02, 60.0, 32)  # of the points' scatter
 _MOST_SIZE = 5.0  # larger smooth errors than so many times a face's scatter leave more scatter than that
-_PRIOR = 0.4, 0.2  # of a smooth error along the sight, and of uneven faces
+_PRIOR = 0.5, 0.2  # of a smooth error along the sight, and of uneven faces
 # Edges: of what leaves residuals on a face; an error that is rough does so at any length, and as like as at another.
 _LONGEST, _LONGEST_ROUGH = 0.6, 1.1
 _MOST_HARM = 0.2
 _SEEN = 1.0  # expected loss of log likelihood
-_PRIOR_FLAT = 0.75  # of a surface beside the jig
+_PRIOR_FLAT = 0.8  # of a surface beside the jig, but for a bow
 _MADE_TO_DEG = 0.02  # angles of a jig
 _OUT_OF_SQUARE = 3.0  # times that: a jig that is off by more tells nothing of the scanner
 
@@ -234,15 +234,16 @@ def _of_faces(
 def _of_surroundings(patches: Patches, edge_mm: float, sizes_mm: Array) -> tuple[Array, float, Array]:
     """(S, W) log likelihood of a surface beside the jig for smooth errors along the sight, for none, and expected loss.
 
-    Either the surface is flat and shows the scanner's error alone, which grows with no, the first or the second power
-    of the depth, or it is uneven by itself and shows that error or anything larger.
+    Walls and tables are bowed, so a quadratic part of their shape is left free. But for that the surface is flat and
+    shows the scanner's error alone, which grows with no, the first or the second power of the depth, or it is uneven by
+    itself and shows that error or anything larger.
     """
     variance = float(np.sum(patches.within_mm2) / np.sum(patches.count - 1))
     kernels = gaussian_kernels(patches.image, LENGTHS * edge_mm)
     kernels *= np.outer(patches.cosine, patches.cosine)
-    found = evidence_of(
-        patches.mean_mm, max(variance, 1e-24) / patches.count, patches.design, kernels, sizes_mm
-    )
+    u, v = (patches.design[:, 1:] / np.std(patches.design[:, 1:], axis=0)).T
+    bow = np.column_stack([patches.design, u * u, u * v, v * v])
+    found = evidence_of(patches.mean_mm, max(variance, 1e-24) / patches.count, bow, kernels, sizes_mm)
     shown = found.log_likelihood
     step = np.log(_SIZES[1] / _SIZES[0])
     place = np.arange(len(_SIZES))

@@ -14,7 +14,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.corners.noise.kernels import LENGTHS, ROUGH_FROM, SHAPES
 
-_LEADING = 24  # modes; with all of them the covariance of the apex is the same to some per cent
+_LEADING = 16  # modes; with all of them the covariance of the apex is the same to some per cent
 _MODES_OF = len(LENGTHS) + int(np.argmin(np.abs(LENGTHS - 1.0))) - ROUGH_FROM  # exponential, an edge long
 
 

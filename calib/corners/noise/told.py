@@ -25,23 +25,23 @@ class ToldNoise:
 NOTHING_TOLD = ToldNoise()
 
 
-def apex_variance_mm2(planes: Sequence[PlaneFit], covariance: Array) -> float:
-    """Trace of the covariance of the point where three planes meet. covariance  # (9, 9) of the planes"""
+def apex_variance_mm2(planes: Sequence[PlaneFit], covariance: Array) -> Array:
+    """Trace (...) of the covariance of the point where three planes meet. covariance  # (..., 9, 9) of the planes"""
     normals = np.array([plane.normal for plane in planes])
     apex = np.linalg.solve(normals, np.array([plane.offset_mm for plane in planes]))
     lever = np.zeros((3, 9))
     for face, plane in enumerate(planes):
         lever[face, 3 * face : 3 * face + 3] = plane.design(apex[None])[0]
     moved = np.linalg.solve(normals, lever)
-    return float(np.einsum("ij,jk,ik->", moved, covariance, moved))
+    return np.einsum("jk,...jk->...", moved.T @ moved, covariance)
 
 
 def no_less_than_told(planes: Sequence[PlaneFit], shown: Array, told: Array) -> Array:
     """The covariance (9, 9) of a smooth error that the scan shows, made up to what is told, as the apex feels both."""
-    told_mm2 = apex_variance_mm2(planes, told)
+    told_mm2 = float(apex_variance_mm2(planes, told))
     if told_mm2 <= 0:
         return shown
-    return np.asarray(shown + max(0.0, 1 - apex_variance_mm2(planes, shown) / told_mm2) * told)
+    return np.asarray(shown + max(0.0, 1 - float(apex_variance_mm2(planes, shown) / told_mm2)) * told)
 
 
 def registration_covariance(planes: Sequence[PlaneFit], sigma_mm: float) -> Array:
