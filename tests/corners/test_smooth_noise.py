@@ -133,5 +133,5 @@ def test_what_would_show_more_is_said() -> None:
     assert short.smooth_shown_mm > 100
     alone = corner(6, smooth_mm=0.04, length_mm=8.0, wall=False).quality
     assert alone.smooth_shown_mm < 70 < short.smooth_shown_mm
-    long = corner(5, smooth_mm=0.06, length_mm=100.0).quality
+    long = corner(6, smooth_mm=0.04, length_mm=25.0, wall=False).quality
     assert "the shape of a face or of what stands beside" in long.doubts()[0]

@@ -49,7 +49,7 @@ _PRIOR = 0.5, 0.2  # of a smooth error along the sight, and of uneven faces
 # Edges: of what leaves residuals on a face; an error that is rough does so at any length, and as like as at another.
 _LONGEST, _LONGEST_ROUGH = 0.6, 1.1
 _MOST_HARM = 0.2
-_SEEN = 1.0  # expected loss of log likelihood
+_DOUBLED, _SEEN = 3.0, 1.0  # variance added to that by white noise; expected loss of log likelihood
 _PRIOR_FLAT = 0.8  # of a surface beside the jig, but for a bow
 _MADE_TO_DEG = 0.02  # angles of a jig
 _OUT_OF_SQUARE = 3.0  # times that: a jig that is off by more tells nothing of the scanner
@@ -143,8 +143,8 @@ def plane_uncertainty(
     covariance = faces.white + smooth + registration_covariance(planes, told.registration_sigma_mm)
     total_mm2 = float(size_mm2.sum())
     length_mm = float(np.exp(size_mm2.sum(axis=0) @ np.log(SHAPE_LENGTHS) / max(total_mm2, 1e-300))) * edge_mm
-    # Of a length that the scan shows, sizes that harm as much as white noise would be seen.
-    at = np.argmin(np.abs(np.log(harm[0])), axis=1)
+    # Of a length that the scan shows, a size that makes the apex twice less certain would be seen.
+    at = np.argmin(np.abs(np.log(harm[0] / _DOUBLED)), axis=1)
     shown = loss[0][np.arange(len(SHAPES)), at] > _SEEN
     shown_mm = float(SHAPE_LENGTHS[shown].max(initial=0.0)) * edge_mm
     return PlaneUncertainty(covariance, faces.white, float(np.sqrt(total_mm2)), length_mm, shown_mm)
