@@ -86,7 +86,7 @@ def correlation(places: NDArray, values: NDArray) -> NDArray:
 
 
 def upright(places: NDArray) -> NDArray:
-    """The places, turned and moved so that the smallest rectangle about them lies along the axes, the long side on x."""
+    """The places turned and moved so that the smallest rectangle about them lies along the axes, its long side on x."""
     hull = places[ConvexHull(places).vertices]
     turns = np.radians(np.arange(0.0, 90.0, 0.25))
     rotations = np.stack([np.cos(turns), -np.sin(turns), np.sin(turns), np.cos(turns)], axis=1).reshape(
