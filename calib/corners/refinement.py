@@ -28,6 +28,7 @@ from calib.corners.faces.face_outline import (
     without_far_points,
 )
 from calib.corners.intersection import Corner, Face, intersect, intersection_covariance, packed
+from calib.corners.narrow_faces import refit_narrow_faces
 from calib.corners.noise.correlated_noise import PlaneUncertainty, plane_uncertainty
 from calib.corners.noise.surroundings import flat_surroundings
 from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
@@ -84,9 +85,18 @@ def refine(
     reach_mm = 1.1 * (np.hypot(middle_mm, longest_mm) if outline.rectangular else longest_mm)
     # From the first apex, so that the planes are fitted in small numbers.
     near, local = points_within(points_mm, origin, reach_mm)
-    planes, margin_mm = _fit_faces(
+    planes, margins_mm = _fit_faces(
         local, near, normals, start_offsets - normals @ origin, jig, outline, sigma_mm, options
     )
+    if options.edge_margin_mm is None:
+
+        def fit(points: Array, heights: Array, indices: IndexArray, face: int, margin_mm: float) -> PlaneFit:
+            plane, band_mm = planes[face], _BAND_SIGMA * planes[face].sigma_mm
+            on = _points_of_face(points, heights, face, band_mm, margin_mm, jig, outline, options)
+            return fit_plane_robustly(points[on], indices[on], plane.normal, plane.offset_mm)
+
+        planes, margins_mm = refit_narrow_faces(local, near, planes, margins_mm, origin, jig, outline, fit)
+    margin_mm = float(margins_mm.max())
     beside = flat_surroundings(
         points_mm, groups, chosen, origin, jig.shortest_mm, max(plane.sigma_mm for plane in planes)
     )
@@ -124,8 +134,8 @@ def _fit_faces(
     outline: Outline,
     sigma_mm: float,
     options: RefinementOptions,
-) -> tuple[list[PlaneFit], float]:
-    """Planes and outlines in turns: the three fits, and the widest margin left out along the edges.
+) -> tuple[list[PlaneFit], Array]:
+    """Planes and outlines in turns: the three fits, and the margins (3,) left out along the edges.
 
     Raises CornerError where a face has too few points, or points along a line.
     """
@@ -164,7 +174,7 @@ def _fit_faces(
         normals = np.array([p.normal for p in planes])
         offsets = np.array([p.offset_mm for p in planes])
         bands = np.array([max(_BAND_SIGMA * p.sigma_mm, 1e-6) for p in planes])
-    return planes, float(margins_mm.max())
+    return planes, margins_mm
 
 
 def _points_of_face(

@@ -38,6 +38,7 @@ class Scene:
     bracket: bool = False
     cable: bool = False
     workshop: bool = True
+    steepest_deg: float | None = None  # the largest incidence, where it is asked for; the others are below 70
 
 
 @dataclass(frozen=True)
@@ -67,17 +68,23 @@ class MeshScan:
         return bool(self.has_jig and self.points_a_face.min() >= 40 and self.seen.min() > 1 / 3)
 
 
-def attitude(apex: NDArray, edge: float, rng: np.random.Generator, jig: str, other_eye: NDArray) -> NDArray:
-    """Any rotation (3, 3) that shows three faces below 80 degrees to the eye at the origin.
+def attitude(
+    apex: NDArray, edge: float, rng: np.random.Generator, scene: Scene, other_eye: NDArray
+) -> NDArray:
+    """Any rotation (3, 3) that shows three faces below 80 degrees to the eye at the origin, or one at `steepest_deg`.
 
     Or one that turns a face away from it, or from the other eye alone.
     """
+    jig = scene.jig
     for _ in range(300_000):
         turn = Rotation.random(rng=rng).as_matrix()
         degrees = incidences(turn, apex, edge)
         fits = degrees.max() < 80
         if jig == "turned away":
             fits = degrees.max() > 93 and np.sort(degrees)[1] < 75
+        if scene.steepest_deg is not None:
+            fits = abs(degrees.max() - scene.steepest_deg) < 0.5 and np.sort(degrees)[1] < 70
+            fits = fits and incidences(turn, apex - other_eye, edge).max() < 86
         if fits and (jig != "in shadow" or incidences(turn, apex - other_eye, edge).max() > 91):
             return turn
     raise AssertionError("no attitude found")
@@ -95,7 +102,7 @@ def scan_of(shape: JigShape, scanner: Scanner, scene: Scene, rng: np.random.Gene
     edge = shape.edge
     apex = np.array([*rng.uniform(-0.3, 0.3, 2) * edge, scanner.distance + rng.uniform(-0.3, 0.3) * edge])
     other_eye = np.array([0.0, 1, 0] if scanner.kind == "laser lines" else [1.0, 0, 0]) * scanner.baseline
-    turn = attitude(apex, edge, rng, scene.jig, other_eye)
+    turn = attitude(apex, edge, rng, scene, other_eye)
     view_T_jig = transform(turn, apex)
     made = jig_mesh(shape, rng).moved(view_T_jig)
     others = robot_behind(view_T_jig, edge, rng)

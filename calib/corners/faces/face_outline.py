@@ -107,18 +107,29 @@ def flat_margins_mm(
     far into a face that is seen at a flat angle.
     """
     margins_mm = np.array(_RINGS) * jig.shortest_mm
-    total, count = np.zeros((2, len(planes), len(margins_mm) + 1))
-    for face, plane in enumerate(planes):
-        one, other = along_edges(heights[face], face, jig)
-        inward = FaceOutline.of(outline, face).inward(one, other)
-        z = heights[face][:, face] / plane.sigma_mm
-        on = (np.abs(z) < TUKEY) & (inward > margins_mm[0])
-        ring = np.searchsorted(margins_mm, inward[on])
-        total[face] = np.bincount(ring, z[on], len(margins_mm) + 1)
-        count[face] = np.bincount(ring, minlength=len(margins_mm) + 1)
+    total, count = (
+        np.array(sums)
+        for sums in zip(*(_rings(h, i, planes[i], jig, outline) for i, h in enumerate(heights)), strict=True)
+    )
     common = _innermost_off(total.sum(axis=0), count.sum(axis=0))
     own = [_innermost_off(total[face], count[face]) for face in range(len(planes))]
     return np.asarray(margins_mm[np.maximum(common, own)])
+
+
+def flat_margin_mm(heights: Array, face: int, plane: PlaneFit, jig: Jig, outline: Outline) -> float:
+    """The least margin of one face by itself. heights  # (K, 3) of its points over all faces"""
+    return float(_RINGS[_innermost_off(*_rings(heights, face, plane, jig, outline))] * jig.shortest_mm)
+
+
+def _rings(heights: Array, face: int, plane: PlaneFit, jig: Jig, outline: Outline) -> tuple[Array, Array]:
+    """For each ring of a face, from margin to margin: its points' heights in sigmas, added up, and their number."""
+    margins_mm = np.array(_RINGS) * jig.shortest_mm
+    inward = FaceOutline.of(outline, face).inward(*along_edges(heights, face, jig))
+    z = heights[:, face] / plane.sigma_mm
+    on = (np.abs(z) < TUKEY) & (inward > margins_mm[0])
+    ring = np.searchsorted(margins_mm, inward[on])
+    total = np.bincount(ring, z[on], len(margins_mm) + 1).astype(float)
+    return total, np.bincount(ring, minlength=len(margins_mm) + 1).astype(float)
 
 
 def _innermost_off(total: Array, count: Array) -> int:

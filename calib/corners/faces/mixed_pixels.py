@@ -1,0 +1,284 @@
+"""Pixels that see across an edge of the jig, in scans so coarse that they are much of a narrow face.
+
+A pixel reports a mean over what it sees, and a scanner smooths over neighbouring pixels. Beside an edge that rounds the
+corner off. Where a face is many pixels wide its margins leave such points out; of a face seen at a flat angle, a few
+pixels wide, they are too many to be left out and too many for robust weights. But what they report follows from the
+planes: along each line of sight the inverse range to plane i is linear in the direction, q_i = n_i . way / d_i, and a
+convex corner shows the smallest q_i. So a pixel on face i that takes the share w_k of each neighbour k is off by
+the sum of w_k (min_j q_j - q_i) over the neighbours' directions: linear in the shares, which are the same for all
+pixels. They are learned from all three faces, and the points are moved back along their rays by what they say.
+
+It is done only where it explains what it should: shares that a pixel can give away, and all rings of points along all
+edges flat afterwards. A bevel or a rounding is not: it has one width in mm, not one in pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.array_types import Array, BoolArray, IndexArray
+from calib.corners.faces.face_outline import FaceOutline, along_edges
+from calib.corners.faces.pixel_grid import PixelGrid, pixel_grid
+from calib.jig import Jig, Outline
+from calib.planes.robust_fit import TUKEY, PlaneFit
+
+_NEIGHBOURS = (
+    ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)),
+    ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)),
+    ((2.0, 0.0), (-2.0, 0.0), (0.0, 2.0), (0.0, -2.0)),
+)
+"""Places in pixels whose shares are alike; a row of these has one unknown."""
+_SHARES = len(_NEIGHBOURS)
+_NEXT = (0, 1)  # the rows of the eight pixels around
+_RING = 0.5  # pixels
+_RINGS = 4  # along an edge
+_EDGE_PIXELS = 1.2  # beside an edge that mix with what is beyond, for a mean direction of the edge
+_UNSURE = 0.25  # pixels from an edge within which a pixel may look at either face
+_BESIDE_BORDER = (
+    1.6  # pixels along a face's outer border that are left out: they mix with what lies far behind
+)
+_NARROW = 0.1  # share of a face's points beside its edges, beyond which leaving them out costs too much
+_MOST_POINTS = 1_500  # a face with more is wide enough for margins, or too finely seen to matter
+_POINTS_A_FACE = 20_000
+_PRIOR = 0.1  # standard deviation of a share
+_LEAST_SIGMAS = 5.0  # of all shares together
+_MOST_GIVEN_AWAY = 0.65  # of a pixel; what gives more away is smoothed farther than these neighbours
+# Mean squared height of a ring in its own sigmas: bevels leave 3 to 120, mixed pixels 0.3 to 2.2.
+_MOST_MISFIT = 2.5
+_GAIN = 6.0  # that the squared residuals must fall by
+_BAND_SIGMA = 12.0
+_BAND_SHARE = 0.15  # of a neighbour: points that are off by this are still looked at
+_REWEIGHTINGS = 12
+
+
+class _Sight(NamedTuple):
+    """Points as the scanner sees them."""
+
+    ranges_mm: Array  # (N,)
+    ways: Array  # (N, 3) unit
+
+
+@dataclass(frozen=True)
+class MixedPixels:
+    """What pixels beside the edges report, and which faces are narrow enough to need it."""
+
+    shares: Array  # (3,) of a neighbour at 1, sqrt(2), 2 pixels
+    grid: PixelGrid
+    faces: BoolArray  # (3,) whether the face's points are to be moved back
+
+
+def find_mixed_pixels(
+    local: Array, planes: Sequence[PlaneFit], origin: Array, jig: Jig, outline: Outline
+) -> MixedPixels | None:
+    """What the points beside the jig's edges say of the scanner's pixels; None where there is nothing to move back.
+
+    local  # (N, 3) points about `origin` (3,), the apex as first found, in the scanner's frame; planes: the three fits.
+    """
+    if min(len(plane.indices) for plane in planes) > _MOST_POINTS:
+        return None
+    sight = _sight(local, origin)
+    widest = max(planes, key=lambda plane: len(plane.indices))
+    grid = pixel_grid(widest.points_mm + origin, widest.centre_mm + origin)
+    if grid is None:
+        return None
+    heights = np.column_stack([local @ plane.normal - plane.offset_mm for plane in planes])
+    rows, values, places = [], [], []
+    narrow = np.array([_edge_share(planes, face, origin, grid, jig, outline) > _NARROW for face in range(3)])
+    if not narrow.any():
+        return None
+    for face, plane in enumerate(planes):
+        own = FaceOutline.of(outline, face).inward(*along_edges(heights, face, jig)) > 0
+        own &= seen_on_face(local, planes, face, origin, grid, jig, outline)
+        on = np.flatnonzero(own)
+        on = on[:: max(1, len(on) // _POINTS_A_FACE)]
+        seen = _Sight(sight.ranges_mm[on], sight.ways[on])
+        moves = _range_moves(seen, planes, face, origin, grid, jig) * (seen.ways @ plane.normal)[:, None]
+        band_mm = _BAND_SIGMA * plane.sigma_mm + _BAND_SHARE * np.abs(moves[:, _NEXT]).sum(axis=1)
+        near = np.abs(heights[on, face]) < band_mm
+        on, moves, seen = on[near], moves[near], _Sight(seen.ranges_mm[near], seen.ways[near])
+        row = np.zeros((len(on), 9 + _SHARES))
+        row[:, 3 * face : 3 * face + 3] = plane.design(local[on])
+        row[:, 9:] = moves
+        rows.append(row / plane.sigma_mm)
+        values.append(heights[on, face] / plane.sigma_mm)
+        places.append(_rings(seen, planes, face, origin, grid))
+    if min(len(value) for value in values) <= 3:
+        return None
+    solution, covariance, left = _robust_solution(np.concatenate(rows), np.concatenate(values))
+    shares = solution[9:]
+    given_away = 4 * float(shares.sum())
+    certain = float(shares @ np.linalg.solve(covariance[9:, 9:], shares))
+    if certain < _LEAST_SIGMAS**2 or not 0 < given_away < _MOST_GIVEN_AWAY:
+        return None
+    if _misfit(places, np.split(left, np.cumsum([len(row) for row in rows])[:-1])) > _MOST_MISFIT:
+        return None
+    if sum(_gain(rows[face], values[face], shares, face) for face in range(3)) < _GAIN:
+        return None
+    return MixedPixels(shares, grid, narrow)
+
+
+def moved_back(
+    local: Array, planes: Sequence[PlaneFit], face: int, origin: Array, jig: Jig, mixed: MixedPixels
+) -> Array:
+    """The points (N, 3) with what the edges of this face did to their ranges taken off."""
+    sight = _sight(local, origin)
+    pulls = _range_moves(sight, planes, face, origin, mixed.grid, jig) @ mixed.shares
+    return np.asarray(local - pulls[:, None] * sight.ways)
+
+
+def seen_on_face(
+    local: Array,
+    planes: Sequence[PlaneFit],
+    face: int,
+    origin: Array,
+    grid: PixelGrid,
+    jig: Jig,
+    outline: Outline,
+) -> BoolArray:
+    """Mask (N,) of the points whose pixels certainly look at the face, and at nothing that lies far behind it.
+
+    They are a part of a pixel away from the two edges, and some pixels inside the outer border.
+    """
+    corners = _outline_corners(planes, face, origin, jig, outline)
+    ways = _sight(local, origin).ways
+    clear = np.ones(len(local), dtype=bool)
+    for away, angle in _beside_edges(ways, planes, face, origin):
+        clear &= (away if jig.convex else -away) * angle > _UNSURE * grid.pitch_rad
+    for start, stop in pairwise(corners[1:]):
+        side = np.cross(start, stop)
+        side *= np.sign(side @ corners[0]) / np.linalg.norm(side)
+        clear &= ways @ side > _BESIDE_BORDER * grid.pitch_rad
+    return clear
+
+
+def _outline_corners(
+    planes: Sequence[PlaneFit], face: int, origin: Array, jig: Jig, outline: Outline
+) -> Array:
+    """Corners (3, 3) or, of a rectangle, (4, 3) of a face in the scanner's frame, the apex first."""
+    normals = np.array([plane.normal for plane in planes])
+    apex = np.linalg.solve(normals, np.array([plane.offset_mm for plane in planes])) + origin
+    ends = []
+    for i in range(3):
+        if i == face:
+            continue
+        edge = np.cross(normals[(i + 1) % 3], normals[(i + 2) % 3])
+        edge *= (-1 if jig.convex else 1) * np.sign(normals[i] @ edge) / np.linalg.norm(edge)
+        ends.append(apex + outline.edges_mm[i] * edge)
+    between = [ends[0] + ends[1] - apex] if outline.rectangular else []
+    return np.array([apex, ends[0], *between, ends[1]])
+
+
+def _edge_share(
+    planes: Sequence[PlaneFit], face: int, origin: Array, grid: PixelGrid, jig: Jig, outline: Outline
+) -> float:
+    """Share of a face's pixels that look at it within one of the two edges."""
+    corners = _outline_corners(planes, face, origin, jig, outline)
+    axes = grid.steps / grid.pitch_rad**2
+    x, y = axes @ (corners / np.linalg.norm(corners, axis=1)[:, None]).T  # pixels
+    area = 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+    edges = np.hypot(x[1] - x[0], y[1] - y[0]) + np.hypot(x[-1] - x[0], y[-1] - y[0])
+    return float(_EDGE_PIXELS * edges / max(area, 1e-12))
+
+
+def _sight(local: Array, origin: Array) -> _Sight:
+    seen = local + origin
+    ranges_mm = np.linalg.norm(seen, axis=1)
+    return _Sight(ranges_mm, seen / ranges_mm[:, None])
+
+
+def _inverse_ranges(planes: Sequence[PlaneFit], origin: Array) -> Array:
+    """(3, 3) rows a_i: a_i . way is the inverse range (1/mm) at which a ray meets plane i."""
+    return np.array([plane.normal / (plane.offset_mm + plane.normal @ origin) for plane in planes])
+
+
+def _range_moves(
+    sight: _Sight, planes: Sequence[PlaneFit], face: int, origin: Array, grid: PixelGrid, jig: Jig
+) -> Array:
+    """(N, 3) mm by which neighbours with a share of 1 move the points along their rays, away where convex."""
+    inverse = _inverse_ranges(planes, origin)
+    others = inverse - inverse[face]
+    here, steps = sight.ways @ others.T, grid.steps @ others.T  # (N, 3), (2, 3): of q_j - q_i
+    moves = np.empty((len(here), _SHARES))
+    for row, places in enumerate(_NEIGHBOURS):
+        there = [here + np.array(place) @ steps for place in places]
+        seen = [np.min(q, axis=1) if jig.convex else np.max(q, axis=1) for q in there]
+        moves[:, row] = -np.sum(seen, axis=0)
+    return np.asarray(moves * sight.ranges_mm[:, None] ** 2)
+
+
+def _beside_edges(
+    ways: Array, planes: Sequence[PlaneFit], face: int, origin: Array
+) -> list[tuple[Array, Array]]:
+    """For each of the face's two edges: on which side of it each ray (N, 3) passes, 1 or -1, and at what angle from it.
+
+    The side is 1 where the ray meets the other face's plane first.
+    """
+    inverse = _inverse_ranges(planes, origin)
+    found = []
+    for other in (i for i in range(3) if i != face):
+        kink = inverse[other] - inverse[face]
+        along = ways @ kink
+        found.append((np.sign(along), np.abs(along) / np.linalg.norm(kink - along[:, None] * ways, axis=1)))
+    return found
+
+
+def _rings(
+    sight: _Sight, planes: Sequence[PlaneFit], face: int, origin: Array, grid: PixelGrid
+) -> list[IndexArray]:
+    """For each of the face's two edges the number (N,) of the ring, half a pixel wide, that a point is seen in."""
+    return [
+        np.minimum(angle / grid.pitch_rad / _RING, _RINGS).astype(int)
+        for _, angle in _beside_edges(sight.ways, planes, face, origin)
+    ]
+
+
+def _misfit(places: Sequence[Sequence[IndexArray]], left: Sequence[Array]) -> float:
+    """Mean over all rings, beside all edges on all faces, of the squared mean height in units of its sigma."""
+    squares = []
+    for edges, z in zip(places, left, strict=True):
+        near = np.abs(z) < TUKEY
+        for ring in edges:
+            total, count = (np.bincount(ring[near], w, _RINGS + 1)[:_RINGS] for w in (z[near], None))
+            squares.append(total[count > 2] ** 2 / count[count > 2])
+    rings = np.concatenate(squares)
+    return float(rings.mean()) if len(rings) else np.inf
+
+
+def _robust_solution(rows: Array, values: Array) -> tuple[Array, Array, Array]:
+    """Nine plane parameters and the shares by Tukey's biweight, their covariance, the residuals over their scale."""
+    prior = np.zeros(rows.shape[1])
+    prior[9:] = 1 / _PRIOR**2
+    prior[:9] = 1e-12
+    weights: Array = np.ones(len(values))
+    scale = 1.0
+    solution: Array = np.zeros(rows.shape[1])
+    normal_matrix: Array = np.diag(prior)
+    left: Array = values
+    for _ in range(_REWEIGHTINGS):
+        normal_matrix = np.asarray((rows * weights[:, None]).T @ rows + np.diag(prior))
+        solution = np.asarray(np.linalg.solve(normal_matrix, rows.T @ (weights * values)), dtype=np.float64)
+        left = values - rows @ solution
+        scale = max(1.0, 1.4826 * float(np.median(np.abs(left))))
+        weights = np.asarray(np.clip(1 - (left / (TUKEY * scale)) ** 2, 0, None) ** 2)
+    return solution, np.asarray(np.linalg.inv(normal_matrix)), np.asarray(left / scale)
+
+
+def _gain(rows: Array, values: Array, shares: Array, face: int) -> float:
+    """By how much the face's bounded squared residuals fall when its points are moved back, the plane free in both."""
+    design = rows[:, 3 * face : 3 * face + 3]
+
+    def loss(z: Array) -> float:
+        weights = np.ones(len(z))
+        left = z
+        for _ in range(_REWEIGHTINGS):
+            weighted = design * weights[:, None]
+            left = z - design @ np.linalg.lstsq(weighted.T @ design, weighted.T @ z, rcond=None)[0]
+            weights = np.clip(1 - (left / TUKEY) ** 2, 0, None) ** 2
+        return float(np.sum(TUKEY**2 / 3 * (1 - np.sqrt(weights) ** 3)))
+
+    return loss(values) - loss(values - rows[:, 9:] @ shares)
