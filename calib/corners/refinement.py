@@ -14,25 +14,22 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.corners.faces.certified_angles import (
-    angle_derivative,
-    found_angles_deg,
     hold_to_angles,
     turned_normals,
 )
 from calib.corners.faces.face_outline import (
-    FaceOutline,
     along_edges,
     face_points,
     flat_margins_mm,
-    outline_shares,
     without_far_points,
 )
+from calib.corners.faces.narrow_faces import refit_narrow_faces
 from calib.corners.intersection import Corner, Face, intersect, intersection_covariance, packed
-from calib.corners.narrow_faces import refit_narrow_faces
-from calib.corners.noise.correlated_noise import PlaneUncertainty, plane_uncertainty
+from calib.corners.noise.correlated_noise import plane_uncertainty
 from calib.corners.noise.surroundings import flat_surroundings
 from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
-from calib.corners.quality import CornerQuality, FaceQuality, angle_errors, incidence_deg, require_faces
+from calib.corners.quality import require_faces
+from calib.corners.quality_figures import height_covariance, quality_figures
 from calib.errors import CornerError
 from calib.jig import Jig, Outline
 from calib.planes.clustering import PlaneGroup
@@ -118,7 +115,7 @@ def refine(
                     len(points_mm))
             for i, (p, group) in enumerate(zip(planes, chosen, strict=True))),  # type: ignore[arg-type]
         covariance,
-        _quality(planes, known, covariance, origin, apex, jig, outline, margin_mm,
+        quality_figures(planes, known, covariance, origin, apex, jig, outline, margin_mm,
                  scan_sigma_mm and float(np.hypot(scan_sigma_mm, options.told.correlated_sigma_mm)),
                  options.told.correlated_sigma_mm, notes),
         outline,
@@ -200,14 +197,6 @@ def _points_of_face(
     raise CornerError(lack)
 
 
-def height_covariance(planes: Sequence[PlaneFit], covariance: Array, point_mm: Array) -> Array:
-    """Covariance (3, 3) in mm^2 of the three planes' heights at one point (3,). covariance  # (9, 9)"""
-    lever = np.zeros((3, 9))
-    for i, plane in enumerate(planes):
-        lever[i, 3 * i : 3 * i + 3] = plane.design(point_mm[None])[0]
-    return np.asarray(lever @ covariance @ lever.T)
-
-
 def _lack_of_points(points: Array, jig: Jig, options: RefinementOptions) -> str:
     """Why a face's points (K, 3) do not define a plane, or ""."""
     if len(points) < options.min_face_points:
@@ -247,59 +236,4 @@ def _face(
         group=group,
         axes=plane.axes - np.outer(plane.axes @ normal, normal),
         covariance=covariance,
-    )
-
-
-def _quality(
-    planes: Sequence[PlaneFit],
-    known: PlaneUncertainty,
-    covariance: Array,
-    origin: Array,
-    apex: Array,
-    jig: Jig,
-    outline: Outline,
-    margin_mm: float,
-    scan_sigma_mm: float | None,
-    smooth_told_mm: float,
-    notes: tuple[str, ...],
-) -> CornerQuality:
-    normals = np.array([p.normal for p in planes])
-
-    def apex_sigma_mm(plane_covariance: Array) -> float:
-        heights = height_covariance(planes, plane_covariance, apex)
-        return float(np.sqrt(np.trace(intersection_covariance(normals, heights))))
-
-    def face(index: int) -> FaceQuality:
-        plane = planes[index]
-        slopes = known.covariance[3 * index + 1 : 3 * index + 3, 3 * index + 1 : 3 * index + 3]
-        others = [p for p in planes if p is not plane]
-        along = np.column_stack([np.abs(plane.points_mm @ p.normal - p.offset_mm) for p in others])
-        filled, _, _ = outline_shares(
-            along, np.zeros(len(along), dtype=bool), along[:0], FaceOutline.of(outline, index)
-        )
-        told = None if not scan_sigma_mm else plane.sigma_mm / scan_sigma_mm
-        return FaceQuality(
-            len(plane.indices), incidence_deg(plane, origin), filled, plane.sigma_mm, told,
-            float(np.degrees(np.sqrt(np.linalg.eigvalsh(slopes)[-1]))),
-        )  # fmt: skip
-
-    angles = found_angles_deg(planes)
-    derivative = angle_derivative(planes) / np.sin(np.radians(angles))[:, None]
-    sigmas = np.degrees(np.sqrt(np.diag(derivative @ known.covariance @ derivative.T)))
-    middles = np.sqrt(sum(known.covariance[3 * i, 3 * i] for i in range(3)))
-    return CornerQuality(
-        faces=(face(0), face(1), face(2)),
-        angles_deg=angles,
-        angle_sigmas_deg=tuple(sigmas.tolist()),
-        angle_errors_deg=tuple(angle_errors(angles, jig.face_angles_deg).tolist()),
-        condition=float(np.linalg.cond(normals)),
-        amplification=apex_sigma_mm(covariance) / float(middles),
-        smooth_error_mm=known.correlated_sigma_mm,
-        smooth_length_mm=known.correlation_length_mm,
-        smooth_factor=apex_sigma_mm(known.covariance) / apex_sigma_mm(known.white_covariance),
-        rigid=jig.certified and not notes,
-        margin_mm=margin_mm,
-        notes=notes,
-        smooth_told_mm=smooth_told_mm,
-        smooth_shown_mm=known.shown_to_mm,
     )

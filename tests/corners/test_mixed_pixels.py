@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.corners import narrow_faces
+from calib.corners.faces import narrow_faces
 from calib.corners.faces.mixed_pixels import MixedPixels, find_mixed_pixels, moved_back
 from calib.corners.search import find_corner
 from calib.jig import Jig, Outline
