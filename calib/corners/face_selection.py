@@ -154,7 +154,10 @@ def _what_was_found(planes: Planes, triples: Sequence[FaceTriple], jig: Jig) -> 
         if count == 2:
             cosine = min(abs(float(planes.normals[0] @ planes.normals[1])), 1.0)
             found = f"two faces only, at {np.degrees(np.arccos(cosine)):.0f} deg to each other: {found}"
-        return f"{found}, a corner needs 3; turn the jig so that three faces are seen, or scan it finer"
+        return (
+            f"{found}, a corner needs 3; turn the jig so that three faces are seen, scan it finer, "
+            f"or check edge_mm ({jig.edge_words()})"
+        )
     if not triples:
         return (
             f"found {count} planes (the largest of {', '.join(sizes)} points), no three of them perpendicular; "
