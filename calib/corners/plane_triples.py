@@ -7,14 +7,15 @@ planes: along an edge, away from the apex, the height over the plane that the ed
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calib.array_types import Array, BoolArray, IndexArray
-from calib.corners.faces.face_outline import FaceOutline, outline_shares
+from calib.array_types import Array, IndexArray
+from calib.corners.faces.face_outline import FaceOutline, filled_share, outline_shares
 from calib.corners.intersection import intersect
 from calib.jig import Jig, Outline
 from calib.planes.clustering import PlaneGroup
@@ -22,7 +23,8 @@ from calib.planes.normals import Neighbourhoods
 
 _MOST_GROUPS = 60
 # Of the triples, those whose faces have the most points; a jig in clutter is among the first few.
-_MOST_SCORED = 60
+_MOST_SCORED = 40
+_ENOUGH_TO_COUNT = 1000  # of a plane's points, to know its share within reach of two others
 _MOST_PAIRS = 20  # for which a third face is voted
 _WALL = 3.0  # largest rectangles between two of the jig's edges; a plane with more area is no face of it
 
@@ -70,9 +72,8 @@ class FaceTriple:
 class _Face:
     """One of three planes: the thinned points at it."""
 
-    heights: Array  # (V,) over the plane
+    heights: NDArray[np.float32]  # (V,) over the plane
     on: IndexArray  # (K,) points within the height tolerance
-    agrees: BoolArray  # (K,) whether their own normals are the plane's
     offset_mm: float
 
 
@@ -88,21 +89,31 @@ class Planes:
         self.offsets = np.array([g.offset_mm for g in large])
         self.around = around
         self.tolerances = tolerances
-        self.heights = self.normals @ around.points_mm.T - self.offsets[:, None]  # (G, V)
-        self.faces = [
-            self._face(*plane) for plane in zip(self.normals, self.offsets, self.heights, strict=True)
+        # From the middle, so that single precision gives heights to a ten thousandth of an edge.
+        self._middle_mm = around.points_mm.mean(axis=0)
+        self._columns = np.asarray((around.points_mm - self._middle_mm).T, dtype=np.float32, order="C")
+        self.faces = [self._face(g) for g in large]
+        self.members = [
+            face.on[around.normals.take(face.on, axis=0) @ normal >= self._least_cosine()]
+            for face, normal in zip(self.faces, self.normals, strict=True)
         ]
-        self.members = [face.on[face.agrees] for face in self.faces]
         self.perpendicular = np.abs(self.normals @ self.normals.T) <= np.sin(tolerances.perpendicular_rad)
         self.jig = jig
         self.outlines = jig.outlines()
         self.face_outlines = {FaceOutline.of(o, face) for o in self.outlines for face in range(3)}
         self.sign = -1.0 if jig.convex else 1.0
 
-    def _face(self, normal: Array, offset_mm: float, heights: Array) -> _Face:
-        on = np.flatnonzero(np.abs(heights) <= self.tolerances.height_mm)
-        agrees = self.around.normals.take(on, axis=0) @ normal >= np.cos(self.tolerances.member_normal_rad)
-        return _Face(heights, on, agrees, float(offset_mm))
+    def _face(self, plane: PlaneGroup) -> _Face:
+        offset_mm = plane.offset_mm - float(plane.normal @ self._middle_mm)
+        heights = plane.normal.astype(np.float32) @ self._columns - np.float32(offset_mm)
+        return _Face(
+            np.asarray(heights, dtype=np.float32),
+            np.flatnonzero(np.abs(heights) <= self.tolerances.height_mm),
+            plane.offset_mm,
+        )
+
+    def _least_cosine(self) -> float:
+        return float(np.cos(self.tolerances.member_normal_rad))
 
     def walls(self) -> list[PlaneGroup]:
         """The planes that have far more points than a face of the jig can."""
@@ -143,11 +154,14 @@ class Planes:
         triples = self.perpendicular_triples
         if len(triples) <= _MOST_SCORED:
             return triples
-        in_reach = (np.abs(self.sign * self.heights / self.jig.longest_mm - 0.5) <= 0.5).astype(np.float32)
+        along = self.sign * np.stack([face.heights for face in self.faces])
         points = np.zeros(len(triples))
         for plane in np.unique(triples):
-            reach = in_reach.take(self.faces[plane].on, axis=1)
-            shared = np.sqrt(reach @ reach.T)
+            on = self.faces[plane].on
+            every = max(1, len(on) // _ENOUGH_TO_COUNT)
+            reach = np.abs(along[:, on[::every]] - 0.5 * self.jig.longest_mm) <= 0.5 * self.jig.longest_mm
+            reach = reach.astype(np.float32)
+            shared = np.sqrt(every * (reach @ reach.T))
             for face in range(3):
                 of_plane = np.flatnonzero(triples[:, face] == plane)
                 one, other = np.delete(triples[of_plane], face, axis=1).T
@@ -165,7 +179,7 @@ class Planes:
     def strip(self, pair: tuple[int, int]) -> IndexArray:
         """Members of the first plane that could be a face which meets the second: from the edge to its length away."""
         members = self.members[pair[0]]
-        along = self.sign * self.heights[pair[1]].take(members)
+        along = self.sign * self.faces[pair[1]].heights.take(members)
         return members[(along > -0.1 * self.jig.shortest_mm) & (along < self.jig.longest_mm)]
 
     def could_be_face(self, strip: IndexArray) -> bool:
@@ -178,37 +192,72 @@ class Planes:
         """Three planes with the score of each as the face between the edges in which it meets the two others.
 
         chosen are indices of groups, the last of them len(groups) where a plane `voted` takes part. Of several outlines
-        of the jig the one with the highest score is taken. Where the faces do not reach the least scores by the area
-        that has points, it is not counted what is seen through them.
+        of the jig the one with the highest score is taken. What makes a score less is not counted where it is too low
+        already.
         """
         groups = self.groups if voted is None else (*self.groups, voted)
         faces = [self.faces[g] for g in chosen if g < len(self.faces)]
         if voted is not None:
-            heights = self.around.points_mm @ voted.normal - voted.offset_mm
-            faces.append(self._face(voted.normal, voted.offset_mm, heights))
+            faces.append(self._face(voted))
+        on = [self._along(faces, face) for face in range(3)]
+        at = np.concatenate([points for _, points in on])
+        spacing_mm = self.around.spacing_mm(at) if len(at) else 0.0
+        # What costs least is counted first: no score is higher than the area that has points.
+        triple = self._best(
+            groups, chosen, lambda i, face: (filled_share(on[i][0], face, spacing_mm), 0.0, 0.0)
+        )
+        if not triple.is_jig(self.tolerances):
+            return triple
         normals = np.array([groups[g].normal for g in chosen])
+        agrees = [
+            self.around.normals.take(points, axis=0) @ normal >= self._least_cosine()
+            for (_, points), normal in zip(on, normals, strict=True)
+        ]
+        nothing = np.zeros((0, 2))
+        triple = self._best(
+            groups, chosen, lambda i, face: outline_shares(on[i][0], agrees[i], nothing, face, spacing_mm)
+        )
+        if not triple.is_jig(self.tolerances):
+            return triple
         apex = intersect(normals, np.array([face.offset_mm for face in faces]))
         # |p x a|^2 = |p|^2 |a|^2 - (p . a)^2, so near the ray to the apex is:
         near = (self.around.points_mm @ apex) ** 2 > (self.squared_mm2 - (1.5 * self.jig.longest_mm) ** 2) * (
             apex @ apex
         )
-        spacing_mm = self.around.spacing_mm(near) if near.any() else 0.0
-        nothing = np.zeros((0, 2))
-        on = [self._along(faces, face) for face in range(3)]
-        triple = self._scored(groups, chosen, on, [nothing] * 3, spacing_mm)
-        if not triple.is_jig(self.tolerances):
-            return triple
         behind = self.solid[near[self.solid]]
-        return self._scored(
-            groups, chosen, on, [self._through(faces, face, behind) for face in range(3)], spacing_mm
+        through = [self._through(faces, face, behind) for face in range(3)]
+        return self._best(
+            groups, chosen, lambda i, face: outline_shares(on[i][0], agrees[i], through[i], face, spacing_mm)
         )
 
-    def _along(self, faces: Sequence[_Face], face: int) -> tuple[Array, BoolArray]:
-        """A plane's points (K, 2) along the two edges of the face, and whether their normals are the plane's."""
+    def _best(
+        self,
+        groups: tuple[PlaneGroup, ...],
+        chosen: tuple[int, int, int],
+        shares: Callable[[int, FaceOutline], tuple[float, float, float]],
+    ) -> FaceTriple:
+        """The triple under the outline of the jig that fits best.
+
+        shares(i, face)  # of face i: filled, spilt over and seen through
+        """
+        areas_of = {(i, face): shares(i, face) for i in range(3) for face in self.face_outlines}
+        triples = []
+        for whole in self.outlines:
+            areas = np.array([areas_of[face, FaceOutline.of(whole, face)] for face in range(3)])
+            filled, spilt, seen_through = areas.T
+            # One face may be mostly broken or cut away, and points be seen through it.
+            seen_through[np.argmin(filled - spilt - seen_through)] = 0.0
+            wrong = spilt + seen_through
+            triples.append(FaceTriple(groups, chosen, filled - wrong, whole, wrong))
+        return max(triples, key=lambda triple: (triple.is_jig(self.tolerances), float(triple.score.sum())))
+
+    def _along(self, faces: Sequence[_Face], face: int) -> tuple[Array, IndexArray]:
+        """A plane's points beside the face: where (K, 2) along its two edges, and their indices."""
         at = faces[face]
-        along = np.stack([self.sign * other.heights.take(at.on) for other in faces if other is not at])
-        beside = np.flatnonzero(np.all(np.abs(along / self.jig.longest_mm - 0.75) < 1.25, axis=0))
-        return along.take(beside, axis=1).T, at.agrees[beside]
+        one, other = (self.sign * o.heights.take(at.on) for o in faces if o is not at)
+        least, most = -0.5 * self.jig.longest_mm, 2 * self.jig.longest_mm
+        beside = np.flatnonzero((np.minimum(one, other) > least) & (np.maximum(one, other) < most))
+        return np.stack([one[beside], other[beside]]).T, at.on[beside]
 
     def _through(self, faces: Sequence[_Face], face: int, behind: IndexArray) -> Array:
         """Where (M, 2) along a face's edges the rays of the points `behind` went through it; the scanner is the origin.
@@ -223,28 +272,5 @@ class Planes:
         through = self.sign * np.stack(
             [(o.heights.take(behind) + o.offset_mm) * share - o.offset_mm for o in others]
         )
-        over = np.all(np.abs(through / self.jig.longest_mm - 0.5) < 0.6, axis=0)
-        return through[:, over].T
-
-    def _scored(
-        self,
-        groups: tuple[PlaneGroup, ...],
-        chosen: tuple[int, int, int],
-        on: Sequence[tuple[Array, BoolArray]],
-        through_mm: Sequence[Array],
-        spacing_mm: float,
-    ) -> FaceTriple:
-        shares = {
-            (face, outline): outline_shares(*on[face], through_mm[face], outline, spacing_mm)
-            for face in range(3)
-            for outline in self.face_outlines
-        }
-        triples = []
-        for whole in self.outlines:
-            areas = np.array([shares[face, FaceOutline.of(whole, face)] for face in range(3)])
-            filled, spilt, seen_through = areas.T
-            # One face may be mostly broken or cut away, and points be seen through it.
-            seen_through[np.argmin(filled - spilt - seen_through)] = 0.0
-            wrong = spilt + seen_through
-            triples.append(FaceTriple(groups, chosen, filled - wrong, whole, wrong))
-        return max(triples, key=lambda triple: (triple.is_jig(self.tolerances), float(triple.score.sum())))
+        over = np.flatnonzero(np.all(np.abs(through / self.jig.longest_mm - 0.5) < 0.6, axis=0))
+        return through.take(over, axis=1).T

@@ -112,3 +112,11 @@ def test_the_same_generator_draws_the_same_sets() -> None:
     neighbours = cKDTree(points).query(points, k=20)[1]
     first = draw_sample_sets(neighbours, 100, np.random.default_rng(7))
     np.testing.assert_array_equal(first, draw_sample_sets(neighbours, 100, np.random.default_rng(7)))
+
+
+def test_sets_are_drawn_around_the_points_that_are_asked_for() -> None:
+    """On a line of points, each the neighbour of those beside it, a walk of 8 steps ends 8 places away at most."""
+    neighbours = np.clip(np.arange(1000)[:, None] + [0, -1, 1], 0, 999)
+    drawn = draw_sample_sets(neighbours, 400, np.random.default_rng(2), around=np.array([500, 900]))
+    assert np.all(np.minimum(np.abs(drawn - 500), np.abs(drawn - 900)) <= 8)
+    assert 0.3 < np.mean(drawn < 700) < 0.7

@@ -138,6 +138,17 @@ def _innermost_off(total: Array, count: Array) -> int:
     return int(off[-1]) + 1 if len(off) else 0
 
 
+def filled_share(along_mm: Array, face: FaceOutline, spacing_mm: float = 0.0) -> float:
+    """The share of a face's area that has points, whatever is seen through it: the most that it can be filled.
+
+    along_mm and spacing_mm as in `outline_shares`.
+    """
+    on = _in_cells(along_mm[:, 0] / face.legs_mm[0], along_mm[:, 1] / face.legs_mm[1], _CELLS)
+    inside = _inside(face)
+    has_points = (on > 0) | _between(along_mm, np.array(face.legs_mm) / _CELLS, spacing_mm)
+    return float(np.sum(inside & has_points) / inside.sum())
+
+
 def outline_shares(
     along_mm: Array, agrees: BoolArray, through_mm: Array, face: FaceOutline, spacing_mm: float = 0.0
 ) -> tuple[float, float, float]:
@@ -162,8 +173,7 @@ def outline_shares(
     spilt = np.count_nonzero(_in_cells(a[spills] + 1, b[spills] + 1, 3 * _CELLS))
     on = _in_cells(a, b, _CELLS)
     behind = _in_cells(through_mm[:, 0] / face.legs_mm[0], through_mm[:, 1] / face.legs_mm[1], _CELLS)
-    row, column = np.indices(on.shape)
-    inside = (row + column <= _CELLS - 2) | face.rectangular
+    inside = _inside(face)
     cells = int(inside.sum())  # whole ones
     open_ = (behind > on) & (on < _SOLID * float(np.prod(cell_mm)) / max(spacing_mm, 1e-9) ** 2)
     filled = int(np.sum(inside & ((on > 0) | _between(along_mm, cell_mm, spacing_mm)) & ~open_))
@@ -172,6 +182,12 @@ def outline_shares(
     area = _CELLS**2 if face.rectangular else _CELLS**2 / 2
     spilt_area = spilt / min(1.0, max(points_a_cell, 0.1)) / area
     return filled / cells, spilt_area, seen_through / cells
+
+
+def _inside(face: FaceOutline) -> BoolArray:
+    """Mask of the cells that lie in the face as a whole."""
+    row, column = np.indices((_CELLS, _CELLS))
+    return np.asarray((row + column <= _CELLS - 2) | face.rectangular)
 
 
 def _in_cells(a: Array, b: Array, count: int) -> IndexArray:
