@@ -18,6 +18,9 @@ MOST_INCIDENCE_DEG = 84.0
 _DEEP = 0.035  # of the edge: points of which nine in ten lie nearer to an edge than this are not a face's
 _ROUGHEST = 10.0  # times the scatter of the other faces; a face seen at 84 deg scatters some 6 times as much
 _ROUGH = 1 / 3000  # of the edge: a scatter below this is not compared
+_MOST_TILT_DEG = (
+    3.0  # standard deviation of a face's direction; a depth camera's of a box are known to 1 to 2
+)
 HIGH_INCIDENCE_DEG = 75.0
 FEW_POINTS = 50
 LOW_COVERAGE = 0.4
@@ -174,6 +177,13 @@ def require_faces(planes: Sequence[PlaneFit], covariance: Array, origin: Array, 
         )
     slopes = [covariance[3 * i + 1 : 3 * i + 3, 3 * i + 1 : 3 * i + 3] for i in range(3)]
     tilt_deg = [np.degrees(np.sqrt(np.linalg.eigvalsh(slope)[-1])) for slope in slopes]
+    loose = int(np.argmax(tilt_deg))
+    if tilt_deg[loose] > _MOST_TILT_DEG:  # any angle between the faces would pass
+        raise CornerError(
+            f"the {len(planes[loose].indices)} points taken for one of the faces tell its direction to "
+            f"{tilt_deg[loose]:.2g} deg only, where {_MOST_TILT_DEG:g} deg will do; turn the jig so that three faces "
+            "are seen, or scan it finer"
+        )
     nominal_slack_deg = SQUARENESS_DEG + jig.out_of_square_deg()
     for i, j in FACE_PAIRS:
         off_deg = float(np.degrees(np.arcsin(np.clip(planes[i].normal @ planes[j].normal, -1, 1))))

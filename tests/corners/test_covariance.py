@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from calib.corners import refinement
 from calib.corners.intersection import Corner, intersect
 from calib.corners.noise import correlated_noise
+from calib.corners.noise.correlated_noise import PlaneUncertainty
 from calib.corners.noise.likelihood import Evidence
 from calib.corners.refinement import RefinementOptions, refine
+from calib.errors import CornerError
 from calib.jig import Jig, jig_geometry
 from calib.planes.clustering import PlaneGroup
 
@@ -175,6 +181,21 @@ def test_the_joint_covariance_is_positive_and_its_blocks_are_the_faces() -> None
         np.testing.assert_array_equal(
             face.covariance, found.plane_covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
         )
+
+
+def test_faces_of_hardly_known_direction_are_no_corner(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else any three planes would do: a twisted cube's gave an apex a metre off, with a sigma of six metres."""
+    uncertainty = refinement.plane_uncertainty
+
+    def hardly(*arguments: Any) -> PlaneUncertainty:
+        known = uncertainty(*arguments)
+        turns = np.sqrt(np.linalg.eigvalsh(known.covariance[1:3, 1:3])[-1])
+        return replace(known, covariance=known.covariance * (np.radians(5.0) / turns) ** 2)
+
+    monkeypatch.setattr(refinement, "plane_uncertainty", hardly)
+    for angle_deg in (80.0, 90.0):
+        with pytest.raises(CornerError, match=r"its direction to \S+ deg only"):
+            corner(np.random.default_rng(1), Jig(face_angles_deg=(angle_deg, 90.0, 90.0)), told=Jig())
 
 
 @pytest.mark.slow
