@@ -1,7 +1,8 @@
-"""The targets that a scanner may look at besides the three-faced jig: spheres, a plate's corner, planes, a socket."""
+"""The targets that a scanner may look at: the three-faced jig, and others. What finds each is in `calib.targets`."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,13 +19,60 @@ class Sphere:
     diameter_mm: float | None = None  # None: not known, it is found with the centre
 
 
-Shape = Jig | Sphere
+@dataclass(frozen=True)
+class Spheres:
+    """Three or more balls of one diameter, each a target, told apart by the distances between them."""
+
+    names: tuple[str, ...]  # of the targets that the centres are
+    distances_mm: tuple[float, ...]  # between centres 1-2, 1-3, ..., 2-3, ...
+    diameter_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A flat plate: the target is the corner where two of its straight edges meet."""
+
+    edge_mm: float = 60.0  # how much of both edges is seen, from the corner on
+    angle_deg: float = 90.0  # between the two edges
+
+
+@dataclass(frozen=True)
+class PlaneSet:
+    """Planes that stand to each other as is known: the target is the origin of their frame, which none need meet."""
+
+    normals: tuple[tuple[float, float, float], ...]  # unit, out of the material
+    offsets_mm: tuple[float, ...]  # normal . p = offset, p in the set's own frame
+    size_mm: float = 60.0  # about how wide each plane is
+
+
+@dataclass(frozen=True)
+class Socket:
+    """What a touch probe touches, a ball or a socket: its places lie on a sphere, whose centre is the target."""
+
+    diameter_mm: float | None = (
+        None  # of that sphere: the ball's and the probe's together, or their difference
+    )
+    probe_sigma_mm: float = 0.005  # of one contact, along the surface's normal
+
+
+@dataclass(frozen=True)
+class OwnShape:
+    """A target that only a finder of the user's own knows."""
+
+    sizes: Mapping[str, Any] = field(default_factory=dict)  # all that dataset.toml tells of it
+
+
+Shape = Jig | Sphere | Spheres | Plate | PlaneSet | Socket | OwnShape
 
 
 @dataclass(frozen=True)
 class Target:
-    """One target of a dataset: its name, as in robot.toml and points.csv, and what it looks like."""
+    """One entry of dataset.toml: a name, as in robot.toml and points.csv, and what it looks like."""
 
     name: str
     shape: Shape
-    extra: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The targets that it stands for: one, or one a ball."""
+        return self.shape.names if isinstance(self.shape, Spheres) else (self.name,)

@@ -29,6 +29,7 @@ def find_corners(
     executor: Executor | None = None,
     in_flight: int = 64,
     intermediate: bool = True,
+    search: Callable[[Path], CornerSearch] | None = None,
 ) -> dict[str, CornerSearch]:
     """The corner of every pose's scan, by pose id, in the dataset's order; none of poses that are left out.
 
@@ -38,7 +39,7 @@ def find_corners(
     one BLAS thread wherever it runs. Each job loads its own scan, so no more scans are in memory than jobs run at a
     time. A scan that cannot be read becomes a failed search with `unreadable` set. Without `intermediate` the
     searches come back without the arrays that are only shown (some 2 MB a scan of 200,000 points): with the corner,
-    the counts and the reason.
+    the counts and the reason. `search` is what a job does with a scan's file, where it is to look for other targets.
 
     Raises DatasetError where the dataset has no scans; CornerError where a process of the executor died.
     """
@@ -50,7 +51,7 @@ def find_corners(
         raise DatasetError(
             f"dataset {dataset.name!r} has no scans to find corners in; name them with scans = ..."
         )
-    search = partial(
+    search = search or partial(
         search_file,
         jig=dataset.jig,
         scan_sigma_mm=dataset.scanner.scan_sigma_mm,
@@ -97,10 +98,10 @@ def search_file(
     options = CornerOptions(refinement=RefinementOptions(told=told))
     search = find_corner(scan, jig, scan_sigma_mm=scan_sigma_mm, options=options)
     search = replace(search, count=PointCount(len(scan.points_mm), scan.dropped))
-    return search if intermediate else _brief(search)
+    return search if intermediate else brief(search)
 
 
-def _brief(search: CornerSearch) -> CornerSearch:
+def brief(search: CornerSearch) -> CornerSearch:
     """The search without its arrays of points: the corner, the counts and the reason stay."""
     none, no_bits = np.zeros((0, 3)), np.zeros(0, dtype=np.uint8)
     corner = search.corner

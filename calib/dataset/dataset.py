@@ -22,6 +22,7 @@ from calib.errors import DatasetError
 from calib.jig import Jig
 from calib.kinematics.robot import Robot
 from calib.noise_shape import NoiseShape
+from calib.target_shapes import Target
 
 ROLES = ("reference", "train", "test")
 
@@ -223,6 +224,16 @@ class Dataset:
     noise: NoiseShape | None = None  # of the points, where it is known to differ from the declared one
     about: About = field(default_factory=About)
     surroundings: Surroundings = field(default_factory=Surroundings)
+    targets: tuple[Target, ...] = ()  # besides the three-faced jig, as dataset.toml describes them
+    finder_file: Path | None = None  # of a finder of the user's own, for what is to be found in the scans
+
+    @property
+    def all_targets(self) -> tuple[Target, ...]:
+        """What is looked for in the scans: the jig, where one is declared or nothing else is, and the other targets."""
+        named = any("jig" in target.names for target in self.targets)
+        if self.targets and (named or not self.jig_is_declared):
+            return self.targets
+        return (Target("jig", self.jig), *self.targets)
 
     def scan_path(self, pose: int) -> Path | None:
         """Where the scan of a pose lies; None where the dataset has no scans."""
@@ -233,6 +244,8 @@ class Dataset:
     @property
     def shows_faces(self) -> bool:
         """Whether what is measured is a jig with faces, not mirrors or balls, as further targets are."""
+        if self.targets and not any(isinstance(target.shape, Jig) for target in self.all_targets):
+            return False
         if self.scan_folder is not None or self.points is None:
             return True
         return self.jig_is_declared and bool(np.all(self.points.target == "jig"))

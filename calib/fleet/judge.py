@@ -17,7 +17,6 @@ import calib
 from calib.blas_threads import one_blas_thread
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.result import Calibration
-from calib.corners.batch import find_corners
 from calib.dataset.dataset import Dataset, points_from_corners
 from calib.dataset.files.fingerprint import fingerprint
 from calib.dataset.files.folder import load_dataset
@@ -33,6 +32,7 @@ from calib.measurement.measured_points import failed_searches, found_corners, re
 from calib.options import FitOptions
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.strict_json import to_json
+from calib.targets.batch import find_targets
 from calib.validation.acceptance import Check, check
 
 LONGEST_REASON = 400  # characters
@@ -121,7 +121,7 @@ def _judged(task: Task) -> Judged | Unchanged:
         return Unchanged(task.path)
     searches = None
     if dataset.points is None:
-        searches = find_corners(dataset, intermediate=False)
+        searches = find_targets(dataset, intermediate=False)
         require_corners(dataset, searches)
     options = task.options
     checked = check(dataset, searches, options.fit, max_test_rmse_mm=options.max_test_rmse_mm)

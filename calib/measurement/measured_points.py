@@ -10,10 +10,12 @@ import numpy as np
 
 from calib.corners.intersection import Corner
 from calib.corners.search import CornerSearch
-from calib.dataset.dataset import Dataset, Orientations, points_from_corners
+from calib.dataset.dataset import Dataset, Orientations, Points, points_from_corners
 from calib.errors import CornerError, ScanError
 from calib.measurement.face_labels import label_corners
 from calib.measurement.labels import FaceLabels
+from calib.targets.assignment import Assignment, told_apart
+from calib.targets.search import ScanSearch
 
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")
 
@@ -23,9 +25,13 @@ def with_corners(
 ) -> Dataset:
     """The dataset with the corners that were found, by pose id, as its points; poses without a corner have none.
 
+    Of searches for other targets or several, each target that can be told from the others is a point.
+
     With `orientation` the points are full poses, except where the jig's faces cannot be labelled. Labelling takes a
     while: a caller that has the labels already (`label_faces`) hands them over.
     """
+    if any(isinstance(search, ScanSearch) for search in searches.values()):
+        return dataset.with_points(points_of_targets(dataset, told_apart(dataset, searches)))
     found = found_corners(searches)
     points = points_from_corners(
         dataset,
@@ -37,6 +43,21 @@ def with_corners(
         ids = [dataset.poses.ids[i] for i in points.pose]
         points = replace(points, orientations=_orientations(labels, ids))
     return dataset.with_points(points)
+
+
+def points_of_targets(dataset: Dataset, found: Assignment) -> Points:
+    """The places of all targets as measured points, pose by pose."""
+    rows = [
+        (i, name, place)
+        for i, pose_id in enumerate(dataset.poses.ids)
+        for name, place in found.points.get(pose_id, {}).items()
+    ]
+    return Points(
+        pose=np.array([i for i, _, _ in rows], dtype=np.int64),
+        xyz_mm=np.array([place.xyz_mm for _, _, place in rows]).reshape(-1, 3),
+        target=np.array([name for _, name, _ in rows], dtype=np.str_),
+        covariance_mm2=np.array([place.covariance_mm2 for _, _, place in rows]).reshape(-1, 3, 3),
+    )
 
 
 def label_faces(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> FaceLabels:
@@ -66,8 +87,8 @@ def found_corners(searches: Mapping[str, CornerSearch]) -> dict[str, Corner]:
 
 
 def failed_searches(searches: Mapping[str, CornerSearch]) -> dict[str, str]:
-    """Why which pose has no corner."""
-    return {pose_id: search.failure for pose_id, search in searches.items() if search.corner is None}
+    """Why which pose has no corner, or none of its targets."""
+    return {pose_id: search.failure for pose_id, search in searches.items() if search.failure}
 
 
 def require_corners(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> None:

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from calib.array_types import Array
-from calib.dataset.files.text_file import read_text
 from calib.errors import DatasetError
+from calib.text_files.text_file import read_text
 
 _MOST_BYTES = 200_000_000
 _SEPARATORS = (",", ";", "\t")

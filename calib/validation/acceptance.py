@@ -25,6 +25,7 @@ from calib.identifiability.structural import fewest_poses
 from calib.measurement.measured_points import failed_searches, with_corners
 from calib.options import FitOptions
 from calib.scans.scan import PointCount
+from calib.targets.search import ScanSearch
 from calib.validation.cross_validation import SUSPICIOUS, noise_ratio
 from calib.validation.remounting import remounting
 from calib.validation.splits import training_groups
@@ -175,7 +176,12 @@ def _corners(searches: Mapping[str, CornerSearch]) -> CheckItem:
         first, reason = next(iter(failed.items()))
         words = f"{len(failed)} of {len(searches)} scans have none; the first, {first}: {reason}"
         return CheckItem("corners", False, words)
-    sigmas = [search.corner.sigma_mm() for search in searches.values() if search.corner is not None]
+    sigmas = [
+        place.sigma_mm()
+        for search in searches.values()
+        for place in (search.places if isinstance(search, ScanSearch) else (search.corner,))
+        if place is not None
+    ]
     return CheckItem(
         "corners", True, f"found in all {len(searches)} scans, median sigma {float(np.median(sigmas)):.4f} mm"
     )

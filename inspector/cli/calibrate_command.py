@@ -58,7 +58,7 @@ def fitted(
 
 def run_calibrate(options: CalibrateOptions) -> int:
     """Fit, and write the calibrated table, the model and more."""
-    dataset = load(options.path, options.leave_out)
+    dataset = load(options.path, options.leave_out, options.finder)
     outputs = [
         options.out, options.model_out, options.residuals, options.scene, options.session, options.learned_out,
         options.urdf_out, options.kinematics_out,

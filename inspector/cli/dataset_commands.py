@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from calib.corners.batch import find_corners
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
@@ -25,6 +25,9 @@ from calib.measurement.measured_points import (
     with_corners,
 )
 from calib.strict_json import to_json
+from calib.targets.assignment import told_apart
+from calib.targets.batch import find_targets
+from calib.targets.protocol.user_file import load_finder
 from inspector.cli.options import (
     CornersOptions,
     Output,
@@ -61,21 +64,24 @@ def run_serve(options: ServeOptions) -> int:
 
 def run_corners(options: CornersOptions) -> int:
     """Find the corner in every scan."""
-    dataset = load(options.path)
-    check_outputs(dataset, [options.out])
+    dataset = load(options.path, finder=options.finder)
+    check_outputs(dataset, [options.out], [options.finder])
     searches = found_corners(dataset, options.processes)
     require_corners(dataset, searches)
+    named = told_apart(dataset, searches)
     labels = label_faces(dataset, searches)
     if options.out is not None:
         found = with_corners(dataset, searches, orientation=labels if options.orientation else False)
         write_text_atomically(options.out, corners_csv(found))
     failed = failed_searches(searches)
     lines = [f"{search.summary()}{_left_out(search)}" for search in searches.values()]
-    lines.append(f"{len(searches) - len(failed)} of {len(searches)} corners found")
+    lines += named.lines()
+    lines += named.counts(dataset) or [f"{len(searches) - len(failed)} of {len(searches)} corners found"]
     if failed:
         lines.append(f"no corner: {counted_reasons(failed)}")
-    lines.append(labels.summary())
-    show(options, documents.corners_document(searches, labels), "\n".join(lines))
+    if dataset.shows_faces:
+        lines.append(labels.summary())
+    show(options, documents.corners_document(searches, labels, named), "\n".join(lines))
     return 0
 
 
@@ -110,9 +116,14 @@ def run_effects(options: Output) -> int:
     return 0
 
 
-def load(path: Path, leave_out: Sequence[str] = ()) -> Dataset:
-    """Load the dataset, without what was measured at some poses, and print its warnings and notes to stderr."""
+def load(path: Path, leave_out: Sequence[str] = (), finder: Path | None = None) -> Dataset:
+    """Load the dataset, without what was measured at some poses, and print its warnings and notes to stderr.
+
+    `finder` is the file of a finder of the user's own, which is tried at once.
+    """
     dataset = load_dataset(path).leave_out(leave_out)
+    if finder is not None:
+        dataset = replace(dataset, finder_file=load_finder(finder).path)
     for warning in dataset.warnings:
         print(f"inspector: warning: {warning}", file=sys.stderr)
     for note in dataset.notes:
@@ -138,6 +149,8 @@ def searched(dataset: Dataset) -> dict[str, CornerSearch]:
     require_corners(dataset, searches)
     for pose_id, reason in failed_searches(searches).items():
         print(f"inspector: warning: {pose_id} has no corner and is left out: {reason}", file=sys.stderr)
+    for line in told_apart(dataset, searches).lines():
+        print(f"inspector: warning: {line}", file=sys.stderr)
     return searches
 
 
@@ -145,7 +158,7 @@ def found_corners(dataset: Dataset, wanted: int | None = None) -> dict[str, Corn
     """The corners by as many processes as wanted; None: one for each core."""
     scans = 0 if dataset.scan_folder is None else len(dataset.poses)
     with progress("corners") as on_progress, processes(scans, wanted) as executor:
-        return find_corners(dataset, on_progress=on_progress, executor=executor, intermediate=False)
+        return find_targets(dataset, on_progress=on_progress, executor=executor, intermediate=False)
 
 
 def show(options: Output, document: dict[str, Any], text: str) -> None:

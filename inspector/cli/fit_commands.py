@@ -48,7 +48,9 @@ def run_validate(options: ValidateOptions) -> int:
     """Cross-validate over poses, and measure the learning curve."""
     if options.model is not None:
         return validate_model(options, options.model)
-    dataset = measured(load(options.path, options.leave_out), orientation=options.residual == "pose")
+    dataset = measured(
+        load(options.path, options.leave_out, options.finder), orientation=options.residual == "pose"
+    )
     asked = options.fit_options()
     effects = effects_named(dataset, options.effect, loaded_effects(options.effects_file, dataset))
     with progress("fits", "fit") as on_progress:
@@ -68,7 +70,7 @@ def run_correct(options: CorrectOptions) -> int:
     """Joint targets that bring the real arm where the nominal one was meant to be."""
     if options.model is not None:
         return correct_by_model(options, options.model)
-    dataset = load(options.path, options.leave_out)
+    dataset = load(options.path, options.leave_out, options.finder)
     check_outputs(dataset, [options.out], [options.joints, options.effects_file])
     if is_point_list(options.out):
         require_point_list(options.out, dataset.robot.is_revolute.tolist())
@@ -103,7 +105,7 @@ def run_report(options: ReportOptions) -> int:
         raise CalibError(
             f"{options.out}: exists and is no report; name another file, or --force to replace it"
         )
-    dataset = load(options.path, options.leave_out)
+    dataset = load(options.path, options.leave_out, options.finder)
     check_outputs(dataset, [options.out], [options.effects_file])
     session = Session(dataset, searched(dataset) if dataset.points is None else {})
     if options.residual == "pose":
@@ -127,7 +129,7 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     """Select the missing effects step by step."""
     if options.max_steps < 0:
         raise DatasetError(f"--max-steps {options.max_steps}: a number of steps is 0 or more")
-    dataset = load(options.path, options.leave_out)
+    dataset = load(options.path, options.leave_out, options.finder)
     check_outputs(dataset, [options.learned_out, options.model_out], [options.effects_file])
     dataset = measured(dataset, orientation=options.residual == "pose")
     user_effects = loaded_effects(options.effects_file, dataset)

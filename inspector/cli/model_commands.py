@@ -21,7 +21,7 @@ from inspector.export import json_documents as documents
 def validate_model(options: ValidateOptions, path: Path) -> int:
     """The errors of a saved model at the points of a dataset, training and test poses apart."""
     _refuse_fit_options(options)
-    dataset = load(options.path)
+    dataset = load(options.path, finder=options.finder)
     model = load_model(path, options.effects_file)
     model.require_same_arm(dataset)
     dataset = measured(dataset)
@@ -40,7 +40,7 @@ def validate_model(options: ValidateOptions, path: Path) -> int:
 def correct_by_model(options: CorrectOptions, path: Path) -> int:
     """Corrected targets by a saved model; the dataset needs no measurements."""
     _refuse_fit_options(options)
-    dataset = load(options.path)
+    dataset = load(options.path, finder=options.finder)
     check_outputs(dataset, [options.out], [options.joints, options.effects_file, path])
     model = load_model(path, options.effects_file)
     model.require_same_arm(dataset)

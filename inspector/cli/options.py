@@ -38,6 +38,7 @@ class CornersOptions(Output):
     out: Path | None
     orientation: bool
     processes: int | None  # None: one for each core
+    finder: Path | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +64,7 @@ class _FittingOptions(Output):
     hold: Sequence[str]
     robust: bool
     leave_out: Sequence[str]  # ids of poses
+    finder: Path | None  # of targets in the scans, a file of the user's own
 
     def fit_options(self) -> FitOptions:
         """What --residual, --hold, --no-prior, --tolerance and --robust ask of a fit."""

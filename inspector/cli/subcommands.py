@@ -20,6 +20,7 @@ from inspector.cli.arguments.fit import (
 from inspector.cli.arguments.fleet import fleet_arguments
 from inspector.cli.arguments.plan import plan_arguments
 from inspector.cli.arguments.shared import (
+    add_finder,
     add_fit,
     add_json,
     add_learned_out,
@@ -65,6 +66,7 @@ def _corners(sub: ArgumentParser) -> None:
     sub.add_argument("--out", type=Path, metavar="FILE", help="write the corners as points.csv")
     sub.add_argument("--orientation", action="store_true", help="with the jig's orientation in --out")
     sub.add_argument("--processes", type=values.process_count, metavar="N", help="default: one for each core")
+    add_finder(sub)
     add_json(sub)
 
 

@@ -10,10 +10,16 @@ from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import FreeFrameRank
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import failed_searches
+from calib.targets.assignment import Assignment
 
 
-def corners_document(searches: Mapping[str, CornerSearch], labels: FaceLabels) -> dict[str, Any]:
-    """What `corners --json` prints: the corners with their planes, the jig's orientations, and what failed and why."""
+def corners_document(
+    searches: Mapping[str, CornerSearch], labels: FaceLabels, named: Assignment
+) -> dict[str, Any]:
+    """What `corners --json` prints: the corners with their planes, the jig's orientations, and what failed and why.
+
+    `targets` are all that have a name, where a dataset has others than one jig.
+    """
 
     def scan(pose_id: str) -> dict[str, int | None]:
         count = searches[pose_id].count
@@ -47,7 +53,31 @@ def corners_document(searches: Mapping[str, CornerSearch], labels: FaceLabels) -
         {"pose": pose_id, "reason": reason, **scan(pose_id)}
         for pose_id, reason in failed_searches(searches).items()
     ]
-    return {"corners": found, "failed": failed, "orientations": labels.document()}
+    document = {"corners": found, "failed": failed, "orientations": labels.document()}
+    return document | _targets_document(named)
+
+
+def _targets_document(named: Assignment) -> dict[str, Any]:
+    targets = [
+        {
+            "pose": pose_id,
+            "target": name,
+            "xyz_mm": place.xyz_mm,
+            "covariance_mm2": place.covariance_mm2,
+            "points": place.points,
+            "rms_mm": place.rms_mm,
+            "facts": dict(place.facts),
+            "doubts": place.doubts,
+        }
+        for pose_id, of_pose in named.points.items()
+        for name, place in of_pose.items()
+    ]
+    failed = [
+        {"pose": pose_id, "target": name, "reason": reason}
+        for pose_id, reasons in named.refused.items()
+        for name, reason in reasons.items()
+    ]
+    return {"targets": targets, "targets_failed": failed} if targets or failed else {}
 
 
 def redundancy_document(redundancy: Redundancy, unknown: FreeFrameRank) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import viser
 
+from calib.targets.search import ScanSearch
 from inspector.markup.parts import elements, numbers
 from inspector.markup.parts.links import Names, linked
 from inspector.markup.parts.palette import DOUBT, FAILED, LEFT_OUT, ROLE_WORDS, role_colour
@@ -217,7 +218,7 @@ class ReviewPanel:
         elif found is None:
             rows.append((what, "waiting for the search" if scanned else "not measured"))
         elif search is None or search.corner is None:
-            rows.append((what, "measured (points.csv)"))
+            rows.append((what, search.state() if isinstance(search, ScanSearch) else "measured (points.csv)"))
         else:
             doubts = len(search.corner.quality.doubts())
             said = f"found, {numbers.count(doubts, 'doubt')}: see the tab Corner"

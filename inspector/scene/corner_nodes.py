@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import viser
 
 from calib.array_types import Array, ByteArray
+from calib.targets.protocol.finder import FoundPoint
 from inspector.markup.parts.palette import HIGHLIGHT, rgb
 from inspector.scene.scene_view import M_PER_MM, cloud, to_scene
 from inspector.scene.shapes import ellipsoids, unit_sphere
@@ -50,6 +51,18 @@ def corner(
         api.add_label(f"{name}/label", text, position=at, font_screen_scale=0.85, anchor="bottom-left")
     )
     return nodes
+
+
+def targets(api: viser.SceneApi, name: str, places: Sequence[FoundPoint]) -> list[viser.SceneNodeHandle]:
+    """Other targets that were found: a sphere as it was fitted, a small one about a point without a radius."""
+    return [
+        api.add_icosphere(
+            f"{name}/target{k}", radius=(place.radius_mm or DOT_MM / 2) * M_PER_MM, color=rgb(HIGHLIGHT),
+            opacity=0.25, position=tuple(to_scene(place.xyz_mm).astype(float)), cast_shadow=False,
+            receive_shadow=False,
+        )
+        for k, place in enumerate(places)
+    ]  # fmt: skip
 
 
 def corners(

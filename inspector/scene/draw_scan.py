@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.scans.scan import Scan
+from calib.targets.search import ScanSearch
 from inspector.markup.measure.corner import ellipsoid_words
 from inspector.markup.measure.planes import group_colours
 from inspector.markup.parts import numbers
@@ -27,6 +28,8 @@ def draw_pose(scene: SceneView, view: View, scan: Scan | None, visible: set[str]
     search = view.search
     corner = None if search is None else search.corner
     faces = [] if corner is None or scan is None else [face.inliers for face in corner.faces]
+    if scan is not None and isinstance(search, ScanSearch):
+        faces = [place.inliers for place in search.places]
     drawn = scene.draw_scan(np.zeros((0, 3)) if scan is None else scan.points_mm, faces)
     draw_planes(scene, view, visible)
     draw_corner(scene, view)
@@ -54,7 +57,12 @@ def draw_corner(scene: SceneView, view: View) -> None:
         text += f": σ {numbers.length(float(np.sqrt(np.trace(covariance))))}, {ellipsoid_words(view.factor)}"
     scene.draw(
         "corner",
-        lambda api, name: corner_nodes.corner(api, name, xyz, covariance, view.factor, edges, text),
+        lambda api, name: [
+            *corner_nodes.corner(api, name, xyz, covariance, view.factor, edges, text),
+            *corner_nodes.targets(
+                api, name, view.search.places if isinstance(view.search, ScanSearch) else ()
+            ),
+        ],
     )
 
 

@@ -195,7 +195,7 @@ class SceneView:
         """The selected scan; `faces` are index arrays into it. Returns how many points are drawn."""
         face_of = np.full(len(points_mm), -1)
         for number, inliers in enumerate(faces):
-            face_of[inliers] = number
+            face_of[inliers] = number % len(FACE_COLOURS)
         kept = thin(points_mm, DETAIL_POINTS)
         points, face_of = points_mm[kept], face_of[kept]
         rest, on_face = face_of < 0, face_of >= 0

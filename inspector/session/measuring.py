@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from calib.corners.batch import search_file, told_noise
+from calib.corners.batch import told_noise
 from calib.dataset.files.folder import load_dataset
 from calib.errors import CalibError, DatasetError
 from calib.fitting.observations import Observations
@@ -14,6 +14,7 @@ from calib.identifiability.structural import redundancy
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import label_faces
 from calib.options import RESIDUAL_KINDS
+from calib.targets.batch import finder_of, search_targets_file
 from inspector.session.session import Session, untested
 
 
@@ -27,8 +28,14 @@ def with_search(session: Session, pose: int) -> Session:
     path = session.dataset.scan_path(pose)
     if path is None:
         raise DatasetError(f"dataset {session.dataset.name}: it has no scans to search")
-    scanner = session.dataset.scanner
-    search = search_file(path, session.dataset.jig, scanner.scan_sigma_mm, told=told_noise(scanner))
+    dataset = session.dataset
+    search = search_targets_file(
+        path,
+        dataset.all_targets,
+        dataset.scanner.scan_sigma_mm,
+        finder_of(dataset),
+        told=told_noise(dataset.scanner),
+    )
     searches = {**session.searches, session.dataset.poses.ids[pose]: search}
     if session.dataset.points is not None:
         return replace(session, searches=searches)
@@ -63,7 +70,10 @@ def no_full_poses(session: Session) -> str:
 def measured_kinds(session: Session) -> tuple[str, ...]:
     """The residuals that these data could have: full poses only of a jig that is scanned, or with orientations."""
     points = session.dataset.points
-    full = points is None or (points.orientations is not None and bool(points.orientations.known.any()))
+    scanned = points is None and session.dataset.shows_faces
+    full = scanned or (
+        points is not None and points.orientations is not None and bool(points.orientations.known.any())
+    )
     return RESIDUAL_KINDS if full else tuple(kind for kind in RESIDUAL_KINDS if kind != "pose")
 
 

@@ -126,7 +126,7 @@ class Session:
     @property
     def unlabelled(self) -> bool:
         """Whether full poses would have to wait until the jig's faces are named in the corners found so far."""
-        return self.dataset.points is None and self.face_labels is None
+        return self.dataset.points is None and self.face_labels is None and self.dataset.shows_faces
 
     @property
     def waiting(self) -> tuple[int, ...]:

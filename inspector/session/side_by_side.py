@@ -12,7 +12,6 @@ from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
 from calib.calibration.pose_errors import PoseErrors, pose_errors_of
 from calib.calibration.result import Calibration
-from calib.corners.batch import find_corners
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset
 from calib.errors import CalibError
@@ -21,6 +20,7 @@ from calib.monitoring.control_chart import in_time, repeated_poses
 from calib.monitoring.iso9283 import PoseFigures
 from calib.monitoring.watch import Watched, watch
 from calib.options import FitOptions
+from calib.targets.batch import find_targets
 from calib.validation.comparison import Comparison, compare
 from inspector.session.session import Session
 
@@ -46,7 +46,7 @@ def measured_dataset(folder: Path, *, orientation: bool = False) -> Dataset:
     """A dataset that is not open, its scans searched where it has no points. Raises CalibError."""
     dataset = load_dataset(folder)
     if dataset.points is None:
-        dataset = with_corners(dataset, find_corners(dataset, intermediate=False), orientation=orientation)
+        dataset = with_corners(dataset, find_targets(dataset, intermediate=False), orientation=orientation)
     return dataset
 
 

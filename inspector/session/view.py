@@ -11,6 +11,7 @@ from calib.calibration.model_versions import EFFECTS, LINKS, NOMINAL, Version, f
 from calib.calibration.result import Calibration
 from calib.corners.search import CornerSearch
 from calib.options import RESIDUAL_KINDS
+from calib.targets.search import ScanSearch
 from inspector.session.session import Session
 
 RESIDUALS = RESIDUAL_KINDS
@@ -172,6 +173,8 @@ def corner_of(view: View, pose: int) -> tuple[Array, Array | None] | None:
             covariance = points.covariance_mm2[rows[0]]
         return points.xyz_mm[rows].mean(axis=0), covariance
     search = view.session.searches.get(view.session.dataset.poses.ids[pose])
+    if isinstance(search, ScanSearch) and search.places:
+        return search.places[0].xyz_mm, search.places[0].covariance_mm2
     if search is None or search.corner is None:
         return None
     return search.corner.xyz_mm, search.corner.covariance_mm2

@@ -8,7 +8,7 @@ import pytest
 from calib.errors import TargetError
 from calib.scans.scan import Scan
 from calib.target_shapes import Sphere
-from calib.targets.found import FoundPoint
+from calib.targets.protocol.finder import FoundPoint, Wanted
 from calib.targets.spheres.sphere_finder import find_spheres
 from tests.support.sphere_scene import Ball, BallScan, one_ball, scan_of, surroundings
 
@@ -16,8 +16,12 @@ MOST_RATIO = 1.2  # RMS of error over bound
 RAYS = 12_000
 
 
+def wanted(diameter_mm: float | None, most: int = 1) -> Wanted:
+    return Wanted(Sphere(diameter_mm), tuple("abcdef"[:most]), 0.02)
+
+
 def centre_of(scene: BallScan, diameter_mm: float | None) -> FoundPoint:
-    return find_spheres(scene.scan, Sphere(diameter_mm), 0.02)[0]
+    return find_spheres(scene.scan, wanted(diameter_mm))[0]
 
 
 def judged(scenes: list[BallScan], *, known: bool) -> tuple[float, float]:
@@ -59,7 +63,7 @@ def test_an_error_along_the_ray_biases_no_free_radius() -> None:
     depth = []
     for _ in range(12):
         scene = scan_of(rng, [ball], [], rays=40_000, field_mm=60.0, sigma_mm=0.1)
-        found = find_spheres(scene.scan, Sphere(None), 0.1)[0]
+        found = find_spheres(scene.scan, wanted(None))[0]
         depth.append((found.facts["diameter_mm"] - 40.0) / found.facts["diameter_sigma_mm"])
     assert abs(np.mean(depth)) < 4 / np.sqrt(12)
 
@@ -68,20 +72,20 @@ def test_an_error_along_the_ray_biases_no_free_radius() -> None:
 def test_no_sphere_is_found_where_there_is_none(diameter_mm: float | None) -> None:
     scene = one_ball(np.random.default_rng(5), rays=6_000, absent=True)
     with pytest.raises(TargetError, match=r"; "):
-        find_spheres(scene.scan, Sphere(diameter_mm), 0.02)
+        find_spheres(scene.scan, wanted(diameter_mm))
 
 
 def test_a_sphere_of_another_size_is_told() -> None:
     scene = one_ball(np.random.default_rng(6), rays=RAYS, diameter_mm=40.0)
     with pytest.raises(TargetError, match=r"a sphere of 40.* mm is in view, diameter_mm is 38\.1"):
-        find_spheres(scene.scan, Sphere(38.1), 0.02)
+        find_spheres(scene.scan, wanted(38.1))
 
 
 def test_several_spheres_are_found_each_once() -> None:
     rng = np.random.default_rng(7)
     balls = [Ball(np.array(at), 12.7) for at in ([-40.0, 0, 690], [35.0, 20, 700], [0.0, -45, 720])]
     scene = scan_of(rng, balls, surroundings(rng, 700.0), rays=RAYS)
-    found = find_spheres(scene.scan, Sphere(25.4), 0.02, most=3)
+    found = find_spheres(scene.scan, wanted(25.4, 3))
     assert len(found) == 3
     nearest = [min(np.linalg.norm(one.xyz_mm - ball.centre) for one in found) for ball in balls]
     assert max(nearest) < 0.05
@@ -90,15 +94,15 @@ def test_several_spheres_are_found_each_once() -> None:
 def test_inliers_are_points_of_the_ball_and_same_scan_same_centre() -> None:
     scene = one_ball(np.random.default_rng(8), rays=RAYS)
     holed = np.insert(scene.scan.points_mm, [0, 500, 500], np.nan, axis=0)
-    first, again = (find_spheres(Scan("x", p), Sphere(40.0), 0.02)[0] for p in (scene.scan.points_mm, holed))
+    first, again = (find_spheres(Scan("x", p), wanted(40.0))[0] for p in (scene.scan.points_mm, holed))
     assert np.mean(scene.label[first.inliers] == 0) > 0.98
     assert len(again.inliers) == again.points
     np.testing.assert_array_equal(np.linalg.norm(holed[again.inliers] - again.xyz_mm, axis=1).round() - 20, 0)
-    np.testing.assert_array_equal(find_spheres(scene.scan, Sphere(40.0), 0.02)[0].xyz_mm, first.xyz_mm)
+    np.testing.assert_array_equal(find_spheres(scene.scan, wanted(40.0))[0].xyz_mm, first.xyz_mm)
 
 
 @pytest.mark.parametrize("points", [np.zeros((0, 3)), np.full((60, 3), 700.0), np.full((60, 3), np.nan)])
 def test_a_scan_of_nothing_is_refused(points: np.ndarray) -> None:
-    for shape in (Sphere(), Sphere(40.0)):
+    for diameter_mm in (None, 40.0):
         with pytest.raises(TargetError):
-            find_spheres(Scan("nothing", points), shape)
+            find_spheres(Scan("nothing", points), wanted(diameter_mm))

@@ -8,10 +8,10 @@ from typing import Any
 from calib.dataset.dataset import Scanner
 from calib.dataset.files.points_csv import LEAST_SIGMA_DEG, LEAST_SIGMA_MM, MOST_SIGMA_DEG, MOST_SIGMA_MM
 from calib.dataset.files.poses_csv import is_one_line
-from calib.dataset.files.toml_table import TomlTable
 from calib.dataset.surroundings import Box, Surroundings
 from calib.errors import CornerError
 from calib.jig import Jig, jig_normals
+from calib.text_files.toml_table import TomlTable
 
 _FARTHEST_MM = 1e5
 _SHORTEST_WAVE_MM = 0.01

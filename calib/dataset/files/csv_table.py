@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 
 from calib.array_types import Array
-from calib.dataset.files.text_file import read_text
 from calib.errors import DatasetError
+from calib.text_files.text_file import read_text
 
 MOST_BYTES = 200_000_000  # a million rows of two hundred characters
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.dataset.files.csv_table import TableFile
-from calib.dataset.files.toml_table import TomlTable
 from calib.errors import DatasetError
+from calib.text_files.toml_table import TomlTable
 
 QUATERNION_COLUMNS = ("qw", "qx", "qy", "qz")
 QUATERNION_ORDERS = ("wxyz", "xyzw")

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from calib.dataset.dataset import Dataset
-from calib.dataset.files.toml_table import TomlTable
 from calib.errors import DatasetError
 from calib.scans.scan import scan_file
+from calib.text_files.toml_table import TomlTable
 
 _CHUNK = 1 << 20
 

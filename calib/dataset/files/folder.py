@@ -26,10 +26,12 @@ from calib.dataset.files.points_checks import unmeasured_note
 from calib.dataset.files.points_csv import load_points, points_frame
 from calib.dataset.files.poses_csv import is_one_line, load_poses, poses_frame
 from calib.dataset.files.robot_toml import load_robot, robot_to_toml
-from calib.dataset.files.toml_table import TomlTable
+from calib.dataset.files.target_tables import load_targets, target_document
 from calib.dataset.robot_checks import refuse_beyond
 from calib.errors import DatasetError
+from calib.jig import Jig
 from calib.scans.scan import scan_file
+from calib.text_files.toml_table import TomlTable
 
 FORMAT = 1
 ABOUT = ("serial", "operator", "site", "date")
@@ -92,7 +94,10 @@ def load_dataset(folder: str | Path) -> Dataset:
                 raise missing
             warnings.append(str(missing))
         _check_scans(folder, scans, poses, poses_path, needed=points is None)
-    jig, jig_extra = load_jig(top.table("jig"))
+    jig_table = top.table("jig")
+    targets = load_targets(jig_table, top.tables("targets"), robot)
+    other = jig_table.data.get("shape") if targets and targets[0].name == "jig" else None
+    jig, jig_extra = (Jig(), {}) if other else load_jig(jig_table)
     about = _about(top.table("about"))
     surroundings = load_surroundings(top.table("cell"))
     scanner = load_scanner(scanner_table)
@@ -115,9 +120,10 @@ def load_dataset(folder: str | Path) -> Dataset:
         warnings=tuple(warnings),
         notes=notes,
         extra=dict(top.unread()) | ({"jig": jig_extra} if jig_extra else {}),
-        jig_is_declared="jig" in top.data,
+        jig_is_declared="jig" in top.data and not other,
         about=about,
         surroundings=surroundings,
+        targets=targets,
     )
 
 
@@ -227,4 +233,6 @@ def _dataset_document(dataset: Dataset) -> dict[str, Any]:
         document["about"] = about
     if dataset.jig_is_declared:
         document["jig"] = jig_document(dataset.jig) | dict(jig_extra)
+    if dataset.targets:
+        document["targets"] = [target_document(target) for target in dataset.targets]
     return document

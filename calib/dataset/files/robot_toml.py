@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from calib.dataset.files.toml_table import TomlTable
 from calib.errors import DatasetError
 from calib.kinematics.robot import TARGET_TOLERANCE_MM, Base, Joint, Robot, Target, Tool
 from calib.options import BUILTIN_ROBOTS
+from calib.text_files.toml_table import TomlTable
 
 _MOST_CONDITION = 1e6  # of the coupling; beyond it commands do not follow from joints
 _ROW_KEYS = ("a_mm", "alpha_deg", "d_mm", "theta_deg", "beta_deg")

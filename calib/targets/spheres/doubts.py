@@ -8,7 +8,7 @@ from calib.array_types import Array, BoolArray, IndexArray
 from calib.planes.robust_fit import TUKEY
 from calib.targets.spheres.cap_fit import CapFit, ray_sines
 
-FEWEST_POINTS = 40
+FEWEST_POINTS = 25
 _ROUGHEST = 5.0  # times the noise of the scan's flat parts
 _NO_SURFACE = 0.03  # of the radius: a scatter above this is no surface's, whatever the noise
 _ROUGH = 0.003  # of the radius: a scatter below this is not compared

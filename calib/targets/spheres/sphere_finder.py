@@ -14,8 +14,8 @@ from calib.errors import TargetError
 from calib.planes.normals import NEIGHBOURS, estimate_normals, finite_rows, thin_to_voxels
 from calib.scans.scan import Scan
 from calib.scans.seeding import seeded
-from calib.target_shapes import SPHERE_MM, Sphere
-from calib.targets.found import FoundPoint
+from calib.target_shapes import SPHERE_MM, Sphere, Spheres
+from calib.targets.protocol.finder import FoundPoint, Wanted
 from calib.targets.spheres.cap_fit import CapFit, fit_cap
 from calib.targets.spheres.doubts import FEWEST_POINTS, doubts_of, why_no_sphere
 from calib.targets.spheres.hypotheses import Hypothesis, hypotheses
@@ -34,14 +34,14 @@ class _Tried:
 
 
 @one_blas_thread()
-def find_spheres(
-    scan: Scan, shape: Sphere, scan_sigma_mm: float | None = None, most: int = 1
-) -> Sequence[FoundPoint]:
-    """The centres of at most `most` spheres, the one with most of its cap seen first.
+def find_spheres(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
+    """The centres of as many spheres as are wanted at most, the surest first.
 
     With a known diameter the radius is held in the fit, and a sphere whose own radius disagrees is no candidate.
     Raises TargetError where there is none.
     """
+    shape, most = wanted.shape, wanted.most
+    assert isinstance(shape, Sphere | Spheres)
     points = scan.points_mm[finite_rows(scan.points_mm)]
     if len(points) < FEWEST_POINTS:
         raise TargetError(
@@ -53,7 +53,7 @@ def find_spheres(
     refused: list[_Tried] = []
     for voxels in _VOXELS_A_RADIUS:
         for hypothesis, noise_mm in _guesses(points, known_mm, voxels, rng):
-            tried = _tried(points, hypothesis, known_mm, max(noise_mm, scan_sigma_mm or 0.0))
+            tried = _tried(points, hypothesis, known_mm, max(noise_mm, wanted.scan_sigma_mm or 0.0))
             if tried is None:
                 continue
             (refused if tried.refusal else accepted).append(tried)
@@ -72,7 +72,7 @@ def find_spheres(
     return [_found(tried.fit, finite, len(scan.points_mm), shape) for tried in accepted[:most]]
 
 
-def _words(shape: Sphere) -> str:
+def _words(shape: Sphere | Spheres) -> str:
     return "sphere" if shape.diameter_mm is None else f"sphere of {shape.diameter_mm:g} mm"
 
 
@@ -138,7 +138,7 @@ def _apart(tried: Sequence[_Tried]) -> list[_Tried]:
     return out
 
 
-def _found(fit: CapFit, finite: IndexArray, count: int, shape: Sphere) -> FoundPoint:
+def _found(fit: CapFit, finite: IndexArray, count: int, shape: Sphere | Spheres) -> FoundPoint:
     facts = {"diameter_mm": 2 * fit.radius_mm, "cap_deg": fit.cap_deg, "smooth_factor": fit.smooth_factor}
     if shape.diameter_mm is None:
         facts["diameter_sigma_mm"] = 2 * float(np.sqrt(fit.covariance_mm2[3, 3]))

@@ -31,6 +31,7 @@ def add_fit(sub: ArgumentParser) -> None:
         "--hold", action="append", default=[], metavar="NAME", help="keep a parameter at its nominal"
     )
     add_leave_out(sub)
+    add_finder(sub)
     sub.add_argument("--robust", action="store_true", help="leave poses out that stand out of all others")
 
 
@@ -91,6 +92,16 @@ def add_effects(sub: ArgumentParser) -> None:
         help="put a whole effect into the model, all joints",
     )
     sub.add_argument("--effects-file", type=Path, metavar="FILE.py", help="effects of your own")
+
+
+def add_finder(sub: ArgumentParser) -> None:
+    """The option --finder."""
+    sub.add_argument(
+        "--finder",
+        type=Path,
+        metavar="FILE.py",
+        help="find(scan, wanted) of your own, for targets in the scans",
+    )
 
 
 def add_residual(sub: ArgumentParser) -> None:

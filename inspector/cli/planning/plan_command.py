@@ -78,7 +78,7 @@ def _dataset_of(options: PlanOptions) -> tuple[Dataset, tuple[Family, ...]]:
         raise CalibError(f"{options.path}: --poses is a first set; give --add for more of a dataset")
     if options.noise_mm is not None:
         raise CalibError(f"{options.path}: the noise is known from the fit; leave out --noise-mm")
-    dataset = load(options.path, options.leave_out)
+    dataset = load(options.path, options.leave_out, options.finder)
     check_outputs(dataset, [options.out], [options.effects_file])
     dataset = measured(dataset, orientation=options.residual == "pose")
     return dataset, loaded_effects(options.effects_file, dataset)
@@ -134,7 +134,7 @@ def _first_start(options: PlanOptions) -> FromRobot:
         raise CalibError(
             f"{options.path}: the scanner stands where it stood; leave out --scanner with --poses"
         )
-    dataset = load(options.path, options.leave_out)
+    dataset = load(options.path, options.leave_out, options.finder)
     check_outputs(dataset, [options.out])
     cell = workcell_of_dataset(measured(dataset))
     noise_mm = options.noise_mm or dataset.scanner.point_sigma_mm or DEFAULT_NOISE_MM

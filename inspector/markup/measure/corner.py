@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.corners.intersection import Corner
+from calib.targets.search import ScanSearch
 from inspector.markup.parts import elements, numbers
 from inspector.markup.parts.palette import DOUBT, FACE_COLOURS
 from inspector.session.view import View, corner_of
@@ -27,7 +28,8 @@ def corner_html(view: View) -> str:
     found, search = corner_of(view, view.pose), view.search
     if found is None:
         if search is not None and search.failure:
-            return title + elements.alert(f"No corner: {search.failure}")
+            words = "Not found" if isinstance(search, ScanSearch) else "No corner"
+            return title + elements.alert(f"{words}: {search.failure}")
         waiting = view.session.dataset.scan_path(view.pose) is not None
         return title + elements.note(
             "This scan has not been searched yet." if waiting else "Nothing was measured here."
@@ -53,8 +55,39 @@ def corner_html(view: View) -> str:
     if search is not None and corner is not None:
         took = f"{search.seconds:.2f} s, {numbers.count(search.search_passes, 'look')}"
         parts += [*quality_html(corner), elements.facts([*quality_facts(corner), ("search took", took)])]
+    if isinstance(search, ScanSearch):
+        parts.append(targets_html(search))
     what = "point" if view.session.dataset.scan_folder is None else "corner"
     return "".join([*parts, elements.note(f"Click a {what} in the scene to select its pose.")])
+
+
+def targets_html(search: ScanSearch) -> str:
+    """All targets of a scan: where they are, what was found of them besides, or why they were not found."""
+    rows, said = [], []
+    for found in search.found:
+        names = ", ".join(found.names)
+        if found.failure:
+            said.append(elements.alert(f"{names}: {found.failure}"))
+        for place in found.places:
+            size = "–" if place.radius_mm is None else f"ø {2 * place.radius_mm:.3f} mm"
+            at = " ".join(f"{value:.3f}" for value in place.xyz_mm)
+            rows.append(
+                (
+                    place.name or names,
+                    at,
+                    numbers.length(place.sigma_mm()),
+                    f"{place.points:,}",
+                    numbers.length(place.rms_mm),
+                    size,
+                )
+            )
+            said += [
+                elements.alert(f"{place.name or names}: {doubt}", colour=DOUBT) for doubt in place.doubts
+            ]
+    table = (
+        elements.table(("target", "x y z, mm", "sigma, 3D", "points", "rms", "size"), rows) if rows else ""
+    )
+    return elements.heading("Targets") + table + "".join(said)
 
 
 def doubts_html(corner: Corner) -> list[str]:

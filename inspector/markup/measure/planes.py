@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from calib.corners.search import CornerSearch
+from calib.targets.search import ScanSearch
 from inspector.markup.parts import elements, numbers
 from inspector.markup.parts.palette import FACE_COLOURS, FILTER_COLOURS, REJECTED, group_colour
 from inspector.session.view import View
@@ -13,6 +14,9 @@ WHY_NOT = (
 )
 WHY_NONE = "None was chosen: no three groups are mutually perpendicular and fill the outline of the jig."
 NOT_SEARCHED = "No planes were looked for in this scan, for the reason above."
+NO_PLANES = (
+    "No planes are looked for in this scan: its targets are no jig with three faces. See the tab Corner."
+)
 SHOWN_GROUPS = 15
 _USUAL_PASSES = 2  # a coarse one, a fine one
 
@@ -28,6 +32,8 @@ def planes_html(view: View) -> str:
             )
         return title + elements.note("This scan has not been searched yet.")
     failure = elements.alert(f"No corner: {search.failure}") if search.failure else ""
+    if isinstance(search, ScanSearch) and not len(search.sets):
+        return title + failure + elements.note(NO_PLANES)
     if not len(search.sets):
         return title + failure + elements.note(NOT_SEARCHED)
     return (

@@ -35,6 +35,8 @@ def faces_words(session: Session) -> str:
     if session.unlabelled:
         return "pose needs the jig's faces named in the scans, which is done once their corners are found."
     if "pose" not in measured_kinds(session):
+        if session.dataset.points is None:
+            return "Full poses are not offered: what is scanned is no jig with three faces."
         return "Full poses are not offered: points.csv has no orientations (qw, qx, qy, qz)."
     problem = no_full_poses(session)
     if problem:

@@ -120,5 +120,5 @@ def corner_state(view: View, pose: int) -> elements.Html | str:
         doubts = len(search.corner.quality.doubts())
         return elements.named_swatch(DOUBT, numbers.count(doubts, "doubt")) if doubts else "found"
     if corner_of(view, pose) is not None:
-        return "measured"
+        return "measured" if search is None else "found"
     return "waiting" if view.session.dataset.scan_path(pose) is not None else "none"

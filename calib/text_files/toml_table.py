@@ -9,8 +9,8 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from calib.dataset.files.text_file import read_text
 from calib.errors import DatasetError
+from calib.text_files.text_file import read_text
 
 MOST_BYTES = 10_000_000
 LARGEST_INTEGER = 2**63  # beyond it TOML promises nothing

@@ -1,19 +1,36 @@
-"""What a finder says of one target in one scan, and the protocol that every finder has, a user's own too.
+"""The protocol that every finder of targets has, a user's own too: what it is asked for and what it answers.
 
-A finder is a function from a scan and a target to the places where such a target is. It does not know which of several
-equal targets a place belongs to: `calib.targets.assignment` tells them apart, from all poses together.
+A finder is a function from a scan and what is wanted in it to the places where such targets are. It does not know which
+of several equal targets a place belongs to: `calib.targets.assignment` tells them apart, from all poses together.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from calib.array_types import Array, ByteArray, IndexArray
+from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
 from calib.scans.scan import Scan
+from calib.target_shapes import Shape
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a finder is asked for: all targets of one shape."""
+
+    shape: Shape
+    names: tuple[str, ...] = ("jig",)  # of the targets that have this shape
+    scan_sigma_mm: float | None = None  # the scanner's declared noise along the ray
+    told: ToldNoise = NOTHING_TOLD  # of its smooth error
+
+    @property
+    def most(self) -> int:
+        """How many places are wanted."""
+        return len(self.names)
 
 
 @dataclass(frozen=True)
@@ -30,6 +47,7 @@ class FoundPoint:
     facts: Mapping[str, float] = field(default_factory=dict)  # name with its unit -> what was found besides
     doubts: tuple[str, ...] = ()  # what should be checked, each with what would help
     radius_mm: float | None = None  # of a sphere to draw about the point
+    name: str = ""  # of the target, where the shape itself tells which of them it is
 
     @property
     def inliers(self) -> IndexArray:
@@ -42,13 +60,9 @@ class FoundPoint:
 
 
 class TargetFinder(Protocol):
-    """Find every place in a scan where a target of this shape is, the surest first.
+    """Find at most `wanted.most` places where a target of that shape is, the surest first.
 
-    `shape` is one of `calib.target_shapes`, `scan_sigma_mm` the scanner's declared noise along the ray or None. At most
-    `most` places are wanted: as many as the dataset has targets of this shape. Raises TargetError with the reason, in
-    one line that says what would help, where there is none.
+    Raises TargetError with the reason, in one line that says what would help, where there is none.
     """
 
-    def __call__(
-        self, scan: Scan, shape: Any, scan_sigma_mm: float | None = None, most: int = 1
-    ) -> Sequence[FoundPoint]: ...
+    def __call__(self, scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]: ...

@@ -1,0 +1,215 @@
+"""Targets of dataset.toml: [[targets]], each with a name, a shape and its sizes, and a [jig] of another shape."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from calib.dataset.files.cell_tables import jig_document, load_jig
+from calib.dataset.files.poses_csv import is_one_line
+from calib.jig import Jig
+from calib.kinematics.robot import Robot
+from calib.target_shapes import (
+    SPHERE_MM,
+    OwnShape,
+    PlaneSet,
+    Plate,
+    Shape,
+    Socket,
+    Sphere,
+    Spheres,
+    Target,
+)
+from calib.text_files.toml_table import TomlTable
+
+_MOST_TARGETS = 50
+_FARTHEST_MM = 1e4
+_LEAST_TURN = 0.17  # of three planes' normals: the smallest singular value
+
+
+def load_targets(jig: TomlTable, tables: Sequence[TomlTable], robot: Robot) -> tuple[Target, ...]:
+    """The targets besides a three-faced [jig]; a [jig] of another shape is the first. Raises DatasetError."""
+    targets: list[Target] = []
+    if jig.data.get("shape") in _READERS and jig.data.get("shape") != "trihedral":
+        targets.append(_target(jig, "jig"))
+    if len(tables) > _MOST_TARGETS:
+        raise tables[0].error("name", f"found {len(tables)} targets", f"{_MOST_TARGETS} or fewer would do")
+    targets += [_target(table, "") for table in tables]
+    names = [name for target in targets for name in target.names]
+    if jig.data and len(targets) == len(tables):
+        names.append("jig")  # the three-faced one
+    known = ("jig", *(target.name for target in robot.targets))
+    places = [jig] * (len(targets) - len(tables)) + list(tables)
+    for table, target in zip(places, targets, strict=True):
+        for name in target.names:
+            if names.count(name) > 1:
+                raise table.error(
+                    "name", f"found {name!r} more than once", "give each target a name of its own"
+                )
+            if not robot.carries_scanner and name not in known:
+                remedy = (
+                    f"robot.toml knows {', '.join(known)}; add [[targets]] with this name and its xyz_mm there, the "
+                    "place on the tool"
+                )
+                raise table.error("name", f"found {name!r}", remedy)
+    return tuple(targets)
+
+
+def _target(table: TomlTable, name: str) -> Target:
+    kind = table.text("shape", choices=tuple(_READERS))
+    if kind is None:
+        raise table.error("shape", "the key is missing", f"give one of {', '.join(_READERS)}")
+    name = table.text("name") or name or ("spheres" if kind == "spheres" else "")
+    if not name or not is_one_line(name):
+        found = "the key is missing or empty" if not name else f"found {name!r}"
+        raise table.error("name", found, "give the name that the target has in robot.toml, in one line")
+    return Target(name, _READERS[kind](table))
+
+
+def _length(table: TomlTable, key: str, least: float = 0.0, most: float = _FARTHEST_MM) -> float | None:
+    """A length in mm between two limits; None where the key is absent."""
+    value = table.number(key, positive=True)
+    if value is not None and not least <= value <= most:
+        raise table.error(key, f"found {value:g} mm", f"{least:g} to {most:g} mm is needed")
+    return value
+
+
+def _no_more(table: TomlTable, *keys: str) -> None:
+    for key in table.unread():
+        if key not in keys:
+            raise table.error(key, "is no key of a target of this shape", "see README, Other targets")
+
+
+def _trihedral(table: TomlTable) -> Shape:
+    jig, _ = load_jig(table)
+    return jig
+
+
+def _sphere(table: TomlTable) -> Shape:
+    diameter_mm = _length(table, "diameter_mm", *SPHERE_MM)
+    _no_more(table)
+    return Sphere(diameter_mm)
+
+
+def _spheres(table: TomlTable) -> Shape:
+    names = table.data.get("spheres")
+    if (
+        not isinstance(names, list)
+        or len(names) < 3
+        or not all(isinstance(n, str) and is_one_line(n) for n in names)
+    ):
+        raise table.error(
+            "spheres", f"found {names!r}", 'three or more names are needed, such as ["s1", "s2", "s3"]'
+        )
+    distances = _numbers(table, "distances_mm")
+    pairs = len(names) * (len(names) - 1) // 2
+    if len(distances) != pairs or min(distances) <= 0:
+        raise table.error(
+            "distances_mm",
+            f"found {list(distances)}",
+            f"{pairs} lengths above 0 are needed, between centres 1 and 2, 1 and 3, ..., 2 and 3, ...",
+        )
+    if len(names) == 3 and max(distances) >= sum(distances) - max(distances):
+        raise table.error(
+            "distances_mm", f"found {list(distances)}", "three centres on a line, or none; mend them"
+        )
+    diameter_mm = _length(table, "diameter_mm", *SPHERE_MM)
+    _no_more(table, "spheres", "distances_mm")
+    return Spheres(tuple(names), distances, diameter_mm)
+
+
+def _plate(table: TomlTable) -> Shape:
+    edge_mm = _length(table, "edge_mm", 5.0) or Plate().edge_mm
+    angle = table.number("angle_deg", 90.0)
+    if angle is None or not 20.0 <= angle <= 160.0:
+        raise table.error("angle_deg", f"found {angle}", "20 to 160, between the two edges, is needed")
+    _no_more(table)
+    return Plate(edge_mm, angle)
+
+
+def _planes(table: TomlTable) -> Shape:
+    rows = table.tables("planes")
+    if len(rows) < 3:
+        raise table.error("planes", f"found {len(rows)}", "three or more [[targets.planes]] are needed")
+    normals, offsets = [], []
+    for row in rows:
+        normal, offset = row.vector("normal"), row.number("offset_mm")
+        if normal is None or math.hypot(*normal) < 1e-9:
+            raise row.error("normal", f"found {normal}", "a direction such as [0.0, 0.0, 1.0] is needed")
+        if offset is None or abs(offset) > _FARTHEST_MM:
+            raise row.error("offset_mm", f"found {offset}", f"a length within {_FARTHEST_MM:g} mm is needed")
+        _no_more(row, "name")
+        size = math.hypot(*normal)
+        normals.append((normal[0] / size, normal[1] / size, normal[2] / size))
+        offsets.append(offset)
+    if np.linalg.svd(np.array(normals), compute_uv=False)[-1] < _LEAST_TURN:
+        raise table.error(
+            "planes", "found planes along one direction", "three that face different ways are needed"
+        )
+    size_mm = _length(table, "size_mm", 5.0) or 60.0
+    _no_more(table)
+    return PlaneSet(tuple(normals), tuple(offsets), size_mm)
+
+
+def _socket(table: TomlTable) -> Shape:
+    diameter_mm = _length(table, "diameter_mm", 0.5)
+    sigma_mm = _length(table, "probe_sigma_mm", 1e-6, 1.0) or Socket().probe_sigma_mm
+    _no_more(table)
+    return Socket(diameter_mm, sigma_mm)
+
+
+def _own(table: TomlTable) -> Shape:
+    return OwnShape({key: value for key, value in table.data.items() if key not in ("name", "shape")})
+
+
+def _numbers(table: TomlTable, key: str) -> tuple[float, ...]:
+    value = table.data.get(key)
+    if not isinstance(value, list) or not value or not all(_is_number(v) for v in value):
+        raise table.error(key, f"found {value!r}", "finite numbers in [ ] are needed")
+    return tuple(map(float, value))
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+_READERS: dict[str, Callable[[TomlTable], Shape]] = {
+    "trihedral": _trihedral,
+    "sphere": _sphere,
+    "spheres": _spheres,
+    "plate": _plate,
+    "planes": _planes,
+    "socket": _socket,
+    "own": _own,
+}
+
+
+def target_document(target: Target) -> dict[str, Any]:
+    """One of [[targets]] as it is written; `load_targets` gives the same target back."""
+    shape = target.shape
+    if isinstance(shape, Jig):
+        return {"name": target.name, **jig_document(shape)}
+    if isinstance(shape, OwnShape):
+        return {"name": target.name, "shape": "own", **shape.sizes}
+    if isinstance(shape, Spheres):
+        sizes: dict[str, Any] = {"spheres": list(shape.names), "distances_mm": list(shape.distances_mm)}
+        sizes |= {} if shape.diameter_mm is None else {"diameter_mm": shape.diameter_mm}
+        return {"name": target.name, "shape": "spheres", **sizes}
+    if isinstance(shape, PlaneSet):
+        planes = [
+            {"normal": list(normal), "offset_mm": offset}
+            for normal, offset in zip(shape.normals, shape.offsets_mm, strict=True)
+        ]
+        return {"name": target.name, "shape": "planes", "size_mm": shape.size_mm, "planes": planes}
+    if isinstance(shape, Plate):
+        return {"name": target.name, "shape": "plate", "edge_mm": shape.edge_mm, "angle_deg": shape.angle_deg}
+    kind = "sphere" if isinstance(shape, Sphere) else "socket"
+    document: dict[str, Any] = {"name": target.name, "shape": kind}
+    if shape.diameter_mm is not None:
+        document["diameter_mm"] = shape.diameter_mm
+    if isinstance(shape, Socket):
+        document["probe_sigma_mm"] = shape.probe_sigma_mm
+    return document

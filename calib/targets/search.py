@@ -1,0 +1,134 @@
+"""From a scan to all its targets: each kind of target has its finder, and what was found, or why not, is kept."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
+from calib.corners.refinement import RefinementOptions
+from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
+from calib.errors import TargetError
+from calib.jig import Jig
+from calib.scans.scan import Scan
+from calib.target_shapes import OwnShape, Sphere, Spheres, Target
+from calib.targets.protocol.finder import FoundPoint, TargetFinder, Wanted
+from calib.targets.protocol.user_file import UserFinder, checked_answer
+from calib.targets.spheres.constellation import find_constellation
+from calib.targets.spheres.sphere_finder import find_spheres
+from calib.targets.trihedral import Jigs, find_jigs
+
+_FINDERS: dict[type, TargetFinder] = {Sphere: find_spheres, Spheres: find_constellation}
+"""Of each shape. A new kind of target is a shape in `calib.target_shapes` and a line here."""
+
+UserFunction = Callable[[Scan, Wanted], Any]
+
+
+@dataclass(frozen=True)
+class TargetSearch:
+    """What a finder says of the targets of one shape in one scan."""
+
+    names: tuple[str, ...]  # of the targets
+    places: tuple[FoundPoint, ...]  # where such targets are; which is which is told from all poses together
+    failure: str  # "" or why there is none
+
+
+@dataclass(frozen=True)
+class ScanSearch(CornerSearch):
+    """The search of a scan for several targets: the corner of the first jig, if any, and all that was found."""
+
+    found: tuple[TargetSearch, ...] = ()
+
+    @property
+    def places(self) -> tuple[FoundPoint, ...]:
+        """All places of all targets."""
+        return tuple(place for search in self.found for place in search.places)
+
+    def state(self) -> str:
+        """In a word or two: whether all targets were found."""
+        missing = sum(bool(one.failure) for one in self.found)
+        return f"found, {missing} missing" if missing else "found"
+
+    def summary(self) -> str:
+        """One line: how many of which targets were found, or why none."""
+        said = []
+        for search in self.found:
+            names = ", ".join(search.names)
+            if search.failure:
+                said.append(f"{names}: {search.failure}")
+                continue
+            each = ", ".join(f"{p.sigma_mm():.4f} mm of {p.points} points" for p in search.places)
+            count = f"{len(search.places)} of {len(search.names)} found" if len(search.names) > 1 else "found"
+            said.append(f"{names}: {count}, sigma {each}")
+        return f"{self.scan}: {' | '.join(said)} | {self.seconds:.2f} s"
+
+
+def wanted_of(targets: Sequence[Target], scan_sigma_mm: float | None) -> list[Wanted]:
+    """Targets of equal shape together: they are looked for at once, and told apart later."""
+    out: list[Wanted] = []
+    for target in targets:
+        same = next((k for k, w in enumerate(out) if w.shape == target.shape), None)
+        if same is None or isinstance(target.shape, OwnShape):
+            out.append(Wanted(target.shape, target.names, scan_sigma_mm))
+        else:
+            out[same] = replace(out[same], names=(*out[same].names, *target.names))
+    return out
+
+
+def find_targets_in(
+    scan: Scan,
+    targets: Sequence[Target],
+    *,
+    scan_sigma_mm: float | None = None,
+    finder: UserFunction | UserFinder | None = None,
+    told: ToldNoise = NOTHING_TOLD,
+) -> CornerSearch:
+    """Find all targets in one scan; where the one target is a jig, this is `find_corner`.
+
+    `finder` is asked for targets of shape "own"; where there is none, in place of the product's own finders. Never
+    raises on a scan: reasons are kept.
+    """
+    started = time.perf_counter()
+    own = any(isinstance(target.shape, OwnShape) for target in targets)
+    wanted = [replace(one, told=told) for one in wanted_of(targets, scan_sigma_mm)]
+    if finder is None and len(targets) == 1 and isinstance(targets[0].shape, Jig):
+        options = CornerOptions(refinement=RefinementOptions(told=told))
+        return find_corner(scan, targets[0].shape, scan_sigma_mm=scan_sigma_mm, options=options)
+    corner_search: CornerSearch | None = None
+    jigs = Jigs(tuple(w.shape for w in wanted if isinstance(w.shape, Jig)))
+    found = []
+    for one in wanted:
+        try:
+            if finder is not None and (not own or isinstance(one.shape, OwnShape)):
+                places = _asked(finder, scan, one)
+            elif isinstance(one.shape, OwnShape):
+                raise TargetError(
+                    "no finder of your own is given for this target; give one with --finder FILE.py"
+                )
+            elif isinstance(one.shape, Jig):
+                first, places = find_jigs(scan, one, jigs)
+                corner_search = corner_search or first
+            else:
+                places = _FINDERS[type(one.shape)](scan, one)
+        except TargetError as error:
+            found.append(TargetSearch(one.names, (), str(error)))
+        else:
+            found.append(TargetSearch(one.names, tuple(places), ""))
+    base = corner_search or failed_search(scan.name, "")
+    none = not any(search.places for search in found)
+    failure = "; ".join(_named(search) for search in found) if none else ""
+    values = {f.name: getattr(base, f.name) for f in fields(CornerSearch)}
+    values |= {"failure": failure, "seconds": time.perf_counter() - started}
+    return ScanSearch(**values, found=tuple(found))
+
+
+def _named(search: TargetSearch) -> str:
+    return search.failure if len(search.names) == 1 else f"{', '.join(search.names)}: {search.failure}"
+
+
+def _asked(finder: UserFunction | UserFinder, scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
+    if isinstance(finder, UserFinder):
+        return finder(scan, wanted)
+    return checked_answer(finder, scan, wanted, getattr(finder, "__name__", "finder"))
