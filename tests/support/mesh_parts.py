@@ -163,10 +163,12 @@ def _face_with_holes(corners: NDArray, face: int, shape: JigShape, rng: np.rando
     return parts
 
 
-def robot_behind(view_T_jig: NDArray, edge: float, rng: np.random.Generator) -> list[Mesh]:
-    """An adapter, a flange and two links that go away from the jig along its diagonal."""
+def robot_behind(
+    view_T_jig: NDArray, edge: float, rng: np.random.Generator, whole_cube: bool = False
+) -> list[Mesh]:
+    """An adapter, a flange and two links that go away from the jig, or from a cube in its place, along its diagonal."""
     diagonal = view_T_jig[:3, :3] @ np.ones(3) / np.sqrt(3)
-    base = view_T_jig[:3, 3] + diagonal * edge / np.sqrt(3)
+    base = view_T_jig[:3, 3] + diagonal * edge * (np.sqrt(3) if whole_cube else 1 / np.sqrt(3))
     turn = Rotation.align_vectors([diagonal], [[0, 0, 1.0]])[0]
     turn = (turn * Rotation.from_euler("z", rng.uniform(0, 360), degrees=True)).as_matrix()
     adapter = rng.uniform(4, 12)

@@ -105,7 +105,7 @@ def scan_of(shape: JigShape, scanner: Scanner, scene: Scene, rng: np.random.Gene
     turn = attitude(apex, edge, rng, scene, other_eye)
     view_T_jig = transform(turn, apex)
     made = jig_mesh(shape, rng).moved(view_T_jig)
-    others = robot_behind(view_T_jig, edge, rng)
+    others = robot_behind(view_T_jig, edge, rng, scene.jig == "cube instead")
     if scene.jig == "absent":
         made = Mesh(made.vertices_mm, made.triangles[:0], made.label[:0])
     elif scene.jig == "cube instead":
