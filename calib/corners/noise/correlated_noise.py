@@ -46,9 +46,8 @@ _POINTS_OF_OTHERS = 3
 _SIZES = np.geomspace(0.02, 60.0, 32)  # of the points' scatter
 _MOST_SIZE = 5.0  # larger smooth errors than so many times a face's scatter leave more scatter than that
 _PRIOR = 0.5, 0.2  # of a smooth error along the sight, and of uneven faces
-# Edges: of what leaves residuals on a face; an error that is rough does so at any length, and as like as at another.
-_LONGEST, _LONGEST_ROUGH = 0.6, 1.1
-_MOST_HARM = 0.2
+_LONGEST_ON_FACE = 0.6  # edges: longer ones leave too little in a face's residuals to be told apart
+_MOST_HARM = 0.3
 _DOUBLED, _SEEN = 3.0, 1.0  # variance added to that by white noise; expected loss of log likelihood
 _PRIOR_FLAT = 0.8  # of a surface beside the jig, but for a bow
 _MADE_TO_DEG = 0.02  # angles of a jig
@@ -157,11 +156,12 @@ def _prior(harm: Array, expected_loss: Array, surroundings: bool) -> Array:
     white, both (2, S, W). What harms much and would show little is all but left out: else white noise alone would make
     the covariance larger than it is.
     """
-    on_face = np.where(np.arange(len(SHAPES)) < len(LENGTHS), _LONGEST, _LONGEST_ROUGH) >= SHAPE_LENGTHS
+    on_face = SHAPE_LENGTHS < _LONGEST_ON_FACE
     shape = np.array([on_face | surroundings, on_face])
-    size = (_SIZES <= _MOST_SIZE) / np.sum(_SIZES <= _MOST_SIZE)
+    # Uniform in the standard deviation (Gelman 2006); the steps are equal in its logarithm.
+    size = np.where(_SIZES <= _MOST_SIZE, _SIZES, 0.0)
     of_form = np.array(_PRIOR)[:, None] * shape / shape.sum(axis=1, keepdims=True)
-    whole = np.multiply.outer(of_form, size)
+    whole = np.multiply.outer(of_form, size / size.sum())
     return np.asarray(whole * np.minimum(1.0, _MOST_HARM / np.maximum(harm * np.exp(-expected_loss), 1e-300)))
 
 
@@ -241,7 +241,7 @@ def _of_surroundings(patches: Patches, edge_mm: float, sizes_mm: Array) -> tuple
     variance = float(np.sum(patches.within_mm2) / np.sum(patches.count - 1))
     kernels = gaussian_kernels(patches.image, LENGTHS * edge_mm)
     kernels *= np.outer(patches.cosine, patches.cosine)
-    u, v = (patches.design[:, 1:] / np.std(patches.design[:, 1:], axis=0)).T
+    u, v = (patches.design[:, 1:] / np.maximum(np.std(patches.design[:, 1:], axis=0), 1e-9)).T
     bow = np.column_stack([patches.design, u * u, u * v, v * v])
     found = evidence_of(patches.mean_mm, max(variance, 1e-24) / patches.count, bow, kernels, sizes_mm)
     shown = found.log_likelihood
