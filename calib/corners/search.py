@@ -18,7 +18,7 @@ from calib.corners.refinement import RefinementOptions, refine
 from calib.corners.unit_check import MOST_EDGES, extent_of, failure_with_unit
 from calib.errors import CornerError
 from calib.jig import Jig
-from calib.planes.clustering import ClusterTolerances, PlaneGroup, cluster
+from calib.planes.clustering import ClusterTolerances, PlaneGroup, cluster, off_planes
 from calib.planes.filters import FilterTolerances, SampleSets, apply_filters, draw_sample_sets, walk_for
 from calib.planes.normals import (
     NEIGHBOURS,
@@ -35,6 +35,7 @@ MIN_POINTS = 60  # below this even a perfect scan leaves no face enough points
 MOST_TRIPLES = 4  # of planes, that are refined in one search pass
 # Share of loose points, beyond which the finer passes go without them: stray points hide a jig of few points.
 _MOST_LOOSE = 0.3
+_WALL_STEP = 4
 _POINTS_A_SET = 8  # thinned points a sample set; a wide scene needs more sets for some to fall on the jig
 
 # (voxels along the jig's edge, neighbours of a normal, factor on the number of sample sets) of the search passes, until
@@ -136,14 +137,14 @@ def _search(
     walls: list[PlaneGroup] = []
     tried = TriedPairs()
     try:
-        for around, times in _looks(scan.points_mm, jig):
+        for around, times in _looks(scan.points_mm, jig, planes):
             more = replace(options, sample_sets=round(times * options.sample_sets))
             search, found = _search_pass(scan, around, jig, scan_sigma_mm, rng, more, walls, tried)
             searches.append(search)
             planes.append(found)
             if search.corner is not None:
                 break
-            walls = found.walls()
+            walls += found.walls()
     except CornerError as error:
         return failed_search(scan.name, str(error))
     # Of failed passes the first is reported, unless a later one came as far as three planes.
@@ -154,11 +155,18 @@ def _search(
     return reported
 
 
-def _looks(points_mm: Array, jig: Jig) -> Iterator[tuple[Neighbourhoods, float]]:
-    """What each pass looks at, and its factor on the number of sample sets. Raises CornerError as `_thinned` does."""
+def _looks(points_mm: Array, jig: Jig, found: list[Planes]) -> Iterator[tuple[Neighbourhoods, float]]:
+    """What each pass looks at, and its factor on the number of sample sets; `found` is of the passes before.
+
+    Raises CornerError as `_thinned` does.
+    """
     voxels, neighbours, times = _COARSE
     yield estimate_normals(points_mm.take(_thinned(points_mm, jig, voxels), axis=0), neighbours), times
-    around = estimate_normals(points_mm.take(_thinned(points_mm, jig, _FINE_VOXELS), axis=0))
+    points_mm = points_mm.take(_thinned(points_mm, jig, _FINE_VOXELS), axis=0)
+    kept = off_planes(found[0].walls(), points_mm, found[0].tolerances.height_mm)
+    # Of walls some points will do, for what is seen through a face and where it spills over.
+    kept[np.flatnonzero(~kept)[::_WALL_STEP]] = True
+    around = estimate_normals(points_mm[kept])
     loose = around.loose()
     if len(loose) * _MOST_LOOSE < loose.sum() < len(loose) - NEIGHBOURS:
         around = estimate_normals(around.points_mm[~loose])
@@ -178,12 +186,13 @@ def _search_pass(
 ) -> tuple[CornerSearch, Planes]:
     """One pass over the scan's thinned points: sample sets, plane groups, the three faces and their refinement.
 
-    No sets are drawn around the points of known walls; fewer are drawn then, as many a point as without walls.
-
-    Of triples that all fail in the refinement the likeliest is reported; where there is none no reason is given yet.
+    No sets are drawn around the points of known walls; fewer are drawn then, as many a point as without walls. Of
+    triples that all fail in the refinement the likeliest is reported; where there is none no reason is given yet.
     """
     tolerances = _Tolerances.of(around, jig, max(scan_sigma_mm or 0.0, around.noise_mm()))
-    beside = _beside(walls, around, tolerances.selection)
+    allowed = tolerances.selection
+    free = off_planes(walls, around.points_mm, allowed.height_mm, around.normals, allowed.member_normal_rad)
+    beside = np.flatnonzero(free if np.count_nonzero(free) >= MIN_POINTS else np.ones_like(free))
     count = max(options.sample_sets, len(around.points_mm) // _POINTS_A_SET)
     drawn = draw_sample_sets(
         around.neighbours,
@@ -216,17 +225,6 @@ def _search_pass(
         else:
             return replace(search, corner=corner), planes
     return (failed or [search])[0], planes
-
-
-def _beside(
-    walls: Sequence[PlaneGroup], around: Neighbourhoods, tolerances: SelectionTolerances
-) -> IndexArray:
-    """Indices of the thinned points on no wall; of all where hardly any are left."""
-    free = np.ones(len(around.points_mm), dtype=bool)
-    for wall in walls:
-        on = np.abs(around.points_mm @ wall.normal - wall.offset_mm) <= tolerances.height_mm
-        free &= ~(on & (around.normals @ wall.normal >= np.cos(tolerances.member_normal_rad)))
-    return np.flatnonzero(free if np.count_nonzero(free) >= MIN_POINTS else np.ones_like(free))
 
 
 @dataclass(frozen=True)

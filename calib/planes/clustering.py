@@ -8,6 +8,7 @@ again, more narrowly, before the next group is founded.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -140,3 +141,18 @@ def _found_group(free: _FreeSets, tolerances: ClusterTolerances) -> tuple[IndexA
             break  # narrower tolerances add nothing
     # The founder stays a member even where it is off the fitted plane, or it would found the same group again.
     return members if members[0] == 0 else np.r_[0, members], centre, normal
+
+
+def off_planes(
+    groups: Sequence[PlaneGroup],
+    points_mm: Array,
+    height_mm: float,
+    normals: Array | None = None,
+    parallel_rad: float = np.pi,
+) -> BoolArray:
+    """Mask of the points (V, 3) on none of the planes; given normals (V, 3), on none that a point's own agrees with."""
+    off = np.ones(len(points_mm), dtype=bool)
+    for group in groups:
+        on = np.abs(points_mm @ group.normal - group.offset_mm) <= height_mm
+        off &= ~(on if normals is None else on & process_1(group.normal, normals, parallel_rad))
+    return off

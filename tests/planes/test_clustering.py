@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.planes.clustering import ClusterTolerances, cluster, process_1, process_2, process_3
+from calib.planes.clustering import (
+    ClusterTolerances,
+    PlaneGroup,
+    cluster,
+    off_planes,
+    process_1,
+    process_2,
+    process_3,
+)
 from calib.planes.filters import FilterTolerances, SampleSets, apply_filters
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -83,3 +91,12 @@ def test_every_passed_set_is_in_exactly_one_group() -> None:
 def test_no_sets_no_groups() -> None:
     sets = apply_filters(np.zeros((5, 4, 3)), np.tile(UP, (5, 4, 1)), FilterTolerances((1, 2), 0.1, 0.1))
     assert cluster(sets, TOLERANCES) == ()
+
+
+def test_points_off_planes_are_those_far_from_them_or_of_another_direction() -> None:
+    floor = PlaneGroup(np.zeros(0, dtype=np.int64), np.zeros(3), UP, 0.0)
+    points = np.array([[0.0, 0, 0.1], [5, 5, -0.1], [0, 0, 2]])
+    assert off_planes([], points, 0.5).tolist() == [True, True, True]
+    assert off_planes([floor], points, 0.5).tolist() == [False, False, True]
+    leaning = np.array([UP, [0.0, 1, 0], UP])
+    assert off_planes([floor], points, 0.5, leaning, np.radians(15)).tolist() == [False, True, True]
