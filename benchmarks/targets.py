@@ -2,10 +2,11 @@
 
     python benchmarks/targets.py [--scans 20] [--absent 100] [--cases NAME ...] [--second 10]
 
-Spheres stand on a flange among wall, table, box and rod, some 700 mm away: noise of 0.02 mm * (0.5 + 0.5 / cos^2 incidence)
-along the ray, 35 % mixed pixels at jumps of depth, dropouts at grazing incidence (tests/support/sphere_scene.py). The second
-simulator (tests/support/mesh_balls.py) shares no code with it: blurred and quantised pixels, heavy tails, shadows of the
-projector. The bound is that of all points of the sphere with their true sigmas, its radius known or not. Columns:
+Spheres stand on a flange among wall, table, box and rod, some 700 mm away: 0.02 mm * (0.5 + 0.5 / cos^2 incidence) of
+noise along the ray, 35 % mixed pixels at jumps of depth, dropouts at grazing incidence (tests/support/sphere_scene.py).
+The second simulator (tests/support/mesh_balls.py) shares no code with it: blurred and quantised pixels, heavy tails,
+shadows of the projector; things of a workshop may hide the sphere, as where fewer than 25 of its points are seen. The
+bound knows of no blur; it is that of all points of the sphere with their true sigmas, its radius known or not. Columns:
 
     RMS/bound   root mean square of error over bound: 1 is the best there is
     Mahal.^2    mean squared error in units of the reported covariance: 3 is honest
