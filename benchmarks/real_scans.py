@@ -1,6 +1,7 @@
 """Real scans of boxes, spheres and things without a corner: repeatability, radii by views, and what must be refused.
 
     python benchmarks/real_scans.py boxes FOLDER [--boxes 12] [--splits 2]
+    python benchmarks/real_scans.py halves FOLDER --edge-mm 19 57 57 [--splits 2]
     python benchmarks/real_scans.py spheres FOLDER [--splits 4]
     python benchmarks/real_scans.py negatives FOLDER [FOLDER ...] [--edge-mm 57] [--scans 40]
 
@@ -10,13 +11,15 @@ The scans are read where they lie; none is part of this project. They are, on Gi
   Alexandrov), 111 scenes of a Kinect from a metre away, a label a point, 2 MB each. learn0 to learn24 and test0 to
   test23 are boxes: what `boxes` reads. The others have no box: learn33 to 44 and test31 to 42 are cylinders.
 - Shiyu-Xing/RegHEC (MIT), folder data: 13 objects seen from 9 places each by a structured-light scanner on an arm, of
-  0.2 MB. data/Sphere is what `spheres` reads; in all others, the twisted cube data/Rubik among them, is no corner.
+  0.2 MB. data/Sphere is what `spheres` reads; in all others is no corner of a jig of 57 mm, in data/Rubik neither: its
+  middle layer is turned. But an outer layer is a box of 19 by 57 by 57 mm, with grooves: for `halves`.
 
 `boxes`: each labelled box of which three faces are seen gets its edges from generous RANSAC planes (they are nowhere
 told), then its points are split at random into halves; a corner is found in each half, by this project as for a target
 of these three edges and by Open3D's RANSAC. The distance of the two over sqrt(2) is the repeatability of one. It says
 how much of the error is noise of single points; what the camera bends, both halves share, so that the reported sigma,
 which counts that too, may well be larger. A cardboard box's angles are 90 deg within one or so.
+`halves` does the same with whole scans of one known target.
 
 `spheres`: the centre in two halves beside its sigma, the radius by views, which is one sphere's, beside that of a plain
 least-squares sphere. `negatives`: corners, which should be none, with the reasons counted and the time.
@@ -127,9 +130,25 @@ def boxes(folder: Path, most: int, splits: int) -> None:
     paths = [folder.rglob(f"{name}{i}.pcd") for name, n in (("learn", 25), ("test", 24)) for i in range(n)]
     found = ((points, edges) for some in paths for path in some for points in objects(path)
              if (edges := edges_of_box(points)) is not None)  # fmt: skip
-    crops = [box for box, _ in zip(found, range(most), strict=False)]
+    compare([box for box, _ in zip(found, range(most), strict=False)], splits)
+
+
+def halves(folder: Path, edges_mm: list[float], splits: int) -> None:
+    """Print the same of whole scans of one target."""
+    edges = edges_of(edges_mm)
+    compare([(in_mm(path), edges) for path in sorted(folder.glob("*.pcd"))], splits)
+
+
+def edges_of(edges_mm: list[float]) -> tuple[float, float, float]:
+    """One edge or three, as three."""
+    a, b, c = edges_mm * 3 if len(edges_mm) == 1 else edges_mm
+    return a, b, c
+
+
+def compare(crops: list[tuple[NDArray, tuple[float, float, float]]], splits: int) -> None:
+    """Print the table for these points (N, 3) and edges."""
     if not crops:
-        sys.exit(f"{folder}: no box with three faces; see --help for the scans that this wants")
+        sys.exit("no box with three faces there; see --help for the scans that this wants")
     peers = {f"Open3D {t:g} mm": peer(t) for t in PEER_MM}
     apart = {name: np.full((len(crops), splits), np.nan) for name in ["this project", *peers]}
     told, seconds, refused = [], [], {}
@@ -209,7 +228,7 @@ def took(seconds: list[float]) -> str:
 
 def negatives(folders: list[Path], edges_mm: list[float], most: int) -> None:
     """Print corners where there are none."""
-    jig = Jig(edge_mm=edges_mm[0] if len(edges_mm) == 1 else (edges_mm[0], edges_mm[1], edges_mm[2]))
+    jig = Jig(edge_mm=edges_of(edges_mm))
     for folder in folders:
         paths = sorted(p for p in folder.rglob("*") if p.suffix in (".pcd", ".ply", ".e57"))[:most]
         seconds, found, refused = [], [], {}
@@ -233,7 +252,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=["boxes", "spheres", "negatives"])
+    parser.add_argument("what", choices=["boxes", "halves", "spheres", "negatives"])
     parser.add_argument("folder", type=Path, nargs="+")
     parser.add_argument("--boxes", type=int, default=12)
     parser.add_argument("--splits", type=int, default=2)
@@ -244,6 +263,8 @@ def main() -> None:
         parser.error("--edge-mm: give one length above 0, or three")
     if arguments.what == "boxes":
         boxes(arguments.folder[0], arguments.boxes, arguments.splits)
+    elif arguments.what == "halves":
+        halves(arguments.folder[0], arguments.edge_mm, arguments.splits)
     elif arguments.what == "spheres":
         spheres(arguments.folder[0], arguments.splits)
     else:
