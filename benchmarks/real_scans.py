@@ -2,6 +2,7 @@
 
     python benchmarks/real_scans.py boxes FOLDER [--boxes 12] [--splits 2]
     python benchmarks/real_scans.py halves FOLDER --edge-mm 19 57 57 [--splits 2]
+    python benchmarks/real_scans.py layers FOLDER
     python benchmarks/real_scans.py spheres FOLDER [--splits 4]
     python benchmarks/real_scans.py negatives FOLDER [FOLDER ...] [--edge-mm 57] [--scans 40]
 
@@ -19,7 +20,9 @@ told), then its points are split at random into halves; a corner is found in eac
 of these three edges and by Open3D's RANSAC. The distance of the two over sqrt(2) is the repeatability of one. It says
 how much of the error is noise of single points; what the camera bends, both halves share, so that the reported sigma,
 which counts that too, may well be larger. A cardboard box's angles are 90 deg within one or so.
-`halves` does the same with whole scans of one known target.
+`halves` does the same with whole scans of one known target. `layers` finds the corners of both outer layers of the
+cube: their distance is the same in every view, whatever the arm did (two thirds of the cube's edge along it, and some
+millimetre across, as the layers are turned a little); beside it Open3D's, of the same points.
 
 `spheres`: the centre in two halves beside its sigma, the radius by views, which is one sphere's, beside that of a plain
 least-squares sphere. `negatives`: corners, which should be none, with the reasons counted and the time.
@@ -42,7 +45,7 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from calib.corners.intersection import intersect  # noqa: E402
+from calib.corners.intersection import Corner, intersect  # noqa: E402
 from calib.corners.search import find_corner  # noqa: E402
 from calib.jig import Jig  # noqa: E402
 from calib.measurement.measured_points import counted_reasons  # noqa: E402
@@ -137,6 +140,43 @@ def halves(folder: Path, edges_mm: list[float], splits: int) -> None:
     """Print the same of whole scans of one target."""
     edges = edges_of(edges_mm)
     compare([(in_mm(path), edges) for path in sorted(folder.glob("*.pcd"))], splits)
+
+
+def layers(folder: Path) -> None:
+    """Print the distance of two corners of one object in each view."""
+    layer_mm, width_mm = 19.0, 57.0
+    jig = Jig(edge_mm=(layer_mm, width_mm, width_mm))
+    by_name: dict[str, list[float]] = {"this project": [], **{f"Open3D {t:g} mm": [] for t in PEER_MM}}
+    for path in sorted(folder.glob("*.pcd")):
+        points = in_mm(path)
+        first = find_corner(Scan("layer", points), jig).corner
+        for axis in range(3) if first is not None else ():
+            along = edge_along(first, axis)
+            height = (points - first.xyz_mm) @ along
+            crops = [points[(height > low) & (height < high)] for low, high in ((-4, 23), (23, np.inf))]
+            second = find_corner(Scan("layer", crops[1]), jig).corner if len(crops[1]) > 800 else None
+            apart = 0.0 if second is None else float(np.linalg.norm(second.xyz_mm - first.xyz_mm))
+            if second is None or not 36.0 < apart < 41.0:
+                continue
+            if max(abs(edge_along(second, k) @ along) for k in range(3)) < 0.99:
+                continue
+            sigma = np.hypot(first.sigma_mm(), second.sigma_mm())
+            print(f"{path.stem}: {apart:.3f} mm apart; reported sigma {sigma:.2f} mm", flush=True)
+            by_name["this project"].append(apart)
+            for threshold in PEER_MM:
+                pair = [peer(threshold)(crop) for crop in crops]
+                if pair[0] is not None and pair[1] is not None:
+                    by_name[f"Open3D {threshold:g} mm"].append(float(np.linalg.norm(pair[0] - pair[1])))
+    for name, values in by_name.items():
+        middle, scatter = (np.mean(values), np.std(values, ddof=1)) if len(values) > 1 else (np.nan, np.nan)
+        print(f"{name:14} {len(values)} views, {middle:.2f} mm, standard deviation {scatter:.3f}")
+
+
+def edge_along(corner: Corner, axis: int) -> NDArray:
+    """(3,) unit, from the apex along the edge that leaves face `axis`."""
+    normals = np.array([face.normal for face in corner.faces])
+    along = np.cross(normals[(axis + 1) % 3], normals[(axis + 2) % 3])
+    return along * -np.sign(along @ normals[axis]) / np.linalg.norm(along)
 
 
 def edges_of(edges_mm: list[float]) -> tuple[float, float, float]:
@@ -252,7 +292,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=["boxes", "halves", "spheres", "negatives"])
+    parser.add_argument("what", choices=["boxes", "halves", "layers", "spheres", "negatives"])
     parser.add_argument("folder", type=Path, nargs="+")
     parser.add_argument("--boxes", type=int, default=12)
     parser.add_argument("--splits", type=int, default=2)
@@ -265,6 +305,8 @@ def main() -> None:
         boxes(arguments.folder[0], arguments.boxes, arguments.splits)
     elif arguments.what == "halves":
         halves(arguments.folder[0], arguments.edge_mm, arguments.splits)
+    elif arguments.what == "layers":
+        layers(arguments.folder[0])
     elif arguments.what == "spheres":
         spheres(arguments.folder[0], arguments.splits)
     else:
