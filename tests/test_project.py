@@ -258,3 +258,12 @@ def test_readmes_library_example_runs(tmp_path: Path):
     hidden = json.loads((ROOT / "tests" / "truth" / "hidden_effect_b.json").read_text())["effects"]
     assert hidden
     assert all(name in done.stdout for name in hidden), "it prints the verdict"
+
+
+def test_papers_agree_with_the_project():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    citation = (ROOT / "CITATION.cff").read_text()
+    assert f"version: {project['version']}\n" in citation
+    assert f"license: {project['license']}\n" in citation
+    assert ".ci/run" in (ROOT / ".github/workflows/tests.yml").read_text()
+    assert "./run test" in (ROOT / ".ci/run").read_text()

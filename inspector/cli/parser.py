@@ -64,6 +64,17 @@ def _run(subcommand: Subcommand, options: object) -> int:
         return int(run(options))
 
 
+class _Version(argparse.Action):
+    """Prints which version this is; it is looked up where it is asked for, which takes longer than all the rest."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from importlib.metadata import version
+
+        python = ".".join(map(str, sys.version_info[:3]))
+        print(f"inspector {version('robot-calibration-inspector')}, Python {python}")
+        parser.exit()
+
+
 class _Parser(argparse.ArgumentParser):
     """Wrong usage in one line."""
 
@@ -75,6 +86,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="inspector",
         description="Calibrate a robot arm from scans of a three-faced jig, and see every step.",
+    )
+    parser.add_argument(
+        "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="which version this is"
     )
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for subcommand in SUBCOMMANDS:

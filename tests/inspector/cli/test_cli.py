@@ -77,6 +77,13 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     return lines[0]
 
 
+def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0
+    assert re.fullmatch(r"inspector \d+\.\d+\.\d+, Python 3\.\d+\.\d+\n", capsys.readouterr().out)
+
+
 def test_calibrate_has_the_promised_keys(capsys: pytest.CaptureFixture[str], points_folder: Path) -> None:
     for residual in ("position", "distance"):
         document = run_json(capsys, "calibrate", points_folder, "--residual", residual)
