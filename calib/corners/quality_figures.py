@@ -78,7 +78,7 @@ def quality_figures(
         smooth_factor=apex_sigma_mm(known.covariance) / apex_sigma_mm(known.white_covariance),
         rigid=jig.certified and not notes,
         margin_mm=margin_mm,
-        notes=notes,
+        notes=(*notes, *known.notes),
         smooth_told_mm=smooth_told_mm,
         smooth_shown_mm=known.shown_to_mm,
     )

@@ -135,3 +135,12 @@ def test_what_would_show_more_is_said() -> None:
     assert alone.smooth_shown_mm < 70 < short.smooth_shown_mm
     long = corner(6, smooth_mm=0.04, length_mm=25.0, wall=False).quality
     assert "the shape of a face or of what stands beside" in long.doubts()[0]
+
+
+def test_errors_shared_by_neighbours_ask_how_views_were_joined() -> None:
+    def asks(found: Corner) -> bool:
+        return "registration_sigma_mm" in " ".join(found.quality.doubts())
+
+    assert asks(corner(0, smooth_mm=0.02, length_mm=2.0))
+    assert not asks(corner(0, smooth_mm=0.02, length_mm=2.0, told=ToldNoise(0.02, 2.0)))
+    assert not asks(corner(0))

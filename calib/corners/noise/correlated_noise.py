@@ -30,6 +30,7 @@ from calib.corners.noise.likelihood import Evidence, evidence_of
 from calib.corners.noise.patches import Patches, View, joined, patches_of
 from calib.corners.noise.surroundings import patches_of_surroundings
 from calib.corners.noise.told import (
+    MESH_NOTE,
     NOTHING_TOLD,
     ToldNoise,
     apex_variance_mm2,
@@ -49,6 +50,7 @@ _PRIOR = 0.5, 0.2  # of a smooth error along the sight, and of uneven faces
 _LONGEST_ON_FACE = 0.6  # edges: longer ones leave too little in a face's residuals to be told apart
 _MOST_HARM = 0.3
 _DOUBLED, _SEEN = 3.0, 1.0  # variance added to that by white noise; expected loss of log likelihood
+_AS_IN_MESHES, _LIKELY = 1 / 14, 0.4  # edges, of a smooth error; its probability
 _PRIOR_FLAT = 0.8  # of a surface beside the jig, but for a bow
 _MADE_TO_DEG = 0.02  # angles of a jig
 _OUT_OF_SQUARE = 3.0  # times that: a jig that is off by more tells nothing of the scanner
@@ -65,6 +67,7 @@ class PlaneUncertainty:
     correlated_sigma_mm: float  # standard deviation of the smooth part; near 0 where there is none
     correlation_length_mm: float  # l of its correlation exp(-r^2 / 2 l^2) or exp(-r / l)
     shown_to_mm: float  # the longest such length of which this scan shows anything
+    notes: tuple[str, ...]  # what the scan cannot show
 
 
 @dataclass(frozen=True)
@@ -146,7 +149,9 @@ def plane_uncertainty(
     at = np.argmin(np.abs(np.log(harm[0] / _DOUBLED)), axis=1)
     shown = loss[0][np.arange(len(SHAPES)), at] > _SEEN
     shown_mm = float(SHAPE_LENGTHS[shown].max(initial=0.0)) * edge_mm
-    return PlaneUncertainty(covariance, faces.white, float(np.sqrt(total_mm2)), length_mm, shown_mm)
+    short = float(share[:, np.flatnonzero(LENGTHS < _AS_IN_MESHES)].sum()) > _LIKELY
+    notes = (MESH_NOTE,) if short and told == NOTHING_TOLD else ()
+    return PlaneUncertainty(covariance, faces.white, float(np.sqrt(total_mm2)), length_mm, shown_mm, notes)
 
 
 def _prior(harm: Array, expected_loss: Array, surroundings: bool) -> Array:

@@ -23,6 +23,10 @@ class ToldNoise:
 
 
 NOTHING_TOLD = ToldNoise()
+MESH_NOTE = (
+    "neighbouring points share their errors, as in a mesh or where views were joined; how well those were joined no "
+    "scan shows: give registration_sigma_mm or, of one view, correlated_sigma_mm under [scanner] in dataset.toml"
+)
 
 
 def apex_variance_mm2(planes: Sequence[PlaneFit], covariance: Array) -> Array:
