@@ -190,27 +190,27 @@ def _points_of_face(
     """
     for share in _LESS_MARGIN:
         on = np.flatnonzero(face_points(heights, face, band_mm, jig, outline, share * margin_mm))
-        on = on[without_far_points(np.column_stack(along_edges(heights[on], face, jig)))]
-        lack = _lack_of_points(points[on], jig, options)
+        on = on[without_far_points(np.stack(along_edges(heights.take(on, axis=0), face, jig)).T)]
+        lack = _lack_of_points(points, on, jig, options)
         if not lack:
             return on
     raise CornerError(lack)
 
 
-def _lack_of_points(points: Array, jig: Jig, options: RefinementOptions) -> str:
-    """Why a face's points (K, 3) do not define a plane, or ""."""
-    if len(points) < options.min_face_points:
+def _lack_of_points(points: Array, on: IndexArray, jig: Jig, options: RefinementOptions) -> str:
+    """Why a face's points, the rows `on` of (K, 3), do not define a plane, or ""."""
+    if len(on) < options.min_face_points:
         return (
-            f"only {len(points)} points on one of the faces, at least {options.min_face_points} are needed; "
+            f"only {len(on)} points on one of the faces, at least {options.min_face_points} are needed; "
             "turn the jig toward the scanner, or scan it finer"
         )
-    some = points[:: max(1, len(points) // _POINTS_FOR_SPREAD)]
+    some = points.take(on[:: max(1, len(on) // _POINTS_FOR_SPREAD)], axis=0)
     centred = some - some.mean(axis=0)
     # Of points on one line the eigenvalue is zero but for rounding, which may fall below it.
     across = np.sqrt(max(np.linalg.eigvalsh(centred.T @ centred)[1], 0.0) / len(some))
     if across < _LEAST_SPREAD * jig.shortest_mm:
         return (
-            f"the {len(points)} points on one of the faces lie along a line ({across:.2g} mm wide); "
+            f"the {len(on)} points on one of the faces lie along a line ({across:.2g} mm wide); "
             "turn the jig toward the scanner, or scan it finer"
         )
     return ""

@@ -15,7 +15,7 @@ from calib.corners.face_selection import TriedPairs, face_triples, why_no_triple
 from calib.corners.intersection import Corner
 from calib.corners.plane_triples import Planes, SelectionTolerances
 from calib.corners.refinement import RefinementOptions, refine
-from calib.corners.unit_check import MOST_EDGES, extent_of, failure_with_unit
+from calib.corners.unit_check import MOST_EDGES, extent_of, failure_with_unit, some_finite
 from calib.errors import CornerError
 from calib.jig import Jig
 from calib.planes.clustering import ClusterTolerances, PlaneGroup, cluster, off_planes
@@ -24,7 +24,6 @@ from calib.planes.normals import (
     NEIGHBOURS,
     Neighbourhoods,
     estimate_normals,
-    finite_rows,
     thin_to_voxels,
     with_fewer_neighbours,
 )
@@ -260,10 +259,10 @@ class _Tolerances:
 
 def _thinned(points_mm: Array, jig: Jig, voxels: int) -> IndexArray:
     """Indices of one point a voxel. Raises CornerError where the scan is too sparse, small or large for the jig."""
-    finite = np.flatnonzero(finite_rows(points_mm))
-    if len(finite) < MIN_POINTS:
+    finite = len(some_finite(points_mm))
+    if finite < MIN_POINTS:
         raise CornerError(
-            f"the scan holds {len(finite)} points, a corner needs at least {MIN_POINTS}; scan the pose again, finer"
+            f"the scan holds {finite} points, a corner needs at least {MIN_POINTS}; scan the pose again, finer"
         )
     extent, edge = extent_of(points_mm), jig.shortest_mm
     if extent < edge / 10:

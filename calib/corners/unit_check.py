@@ -12,9 +12,20 @@ from calib.planes.normals import finite_rows
 from calib.units import UNITS_MM
 
 MOST_EDGES = 400.0  # across, in edges of the jig: a hall; larger scans are not searched
+_ENOUGH = 5000  # points, to know how far a scan reaches
 _LEAST_EDGES = 0.5  # scans smaller than a face are not searched either
 # Across in edges, of a scan in millimetres that shows the jig; beyond, where no jig is found, its unit is in doubt.
 _USUAL_EDGES = (1.0, 200.0)
+
+
+def some_finite(points_mm: Array) -> Array:
+    """Some thousands of the finite points of (N, 3), or all of fewer."""
+    some = points_mm[:: max(1, len(points_mm) // (2 * _ENOUGH))]
+    some = some[finite_rows(some)]
+    if len(some) >= _ENOUGH:
+        return some
+    finite = np.flatnonzero(finite_rows(points_mm))
+    return points_mm.take(finite[:: max(1, len(finite) // _ENOUGH)], axis=0)
 
 
 def extent_of(points_mm: Array) -> float:
@@ -22,10 +33,9 @@ def extent_of(points_mm: Array) -> float:
 
     Zero where there are none.
     """
-    finite = np.flatnonzero(finite_rows(points_mm))
-    if len(finite) == 0:
+    points = some_finite(points_mm)
+    if len(points) == 0:
         return 0.0
-    points = points_mm[finite[:: max(1, len(finite) // 5000)]]
     low, high = np.quantile(points, (0.02, 0.98), axis=0)
     return float(np.max(high - low))
 

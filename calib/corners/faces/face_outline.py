@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -144,7 +145,7 @@ def filled_share(along_mm: Array, face: FaceOutline, spacing_mm: float = 0.0) ->
     along_mm and spacing_mm as in `outline_shares`.
     """
     on = _in_cells(along_mm[:, 0] / face.legs_mm[0], along_mm[:, 1] / face.legs_mm[1], _CELLS)
-    inside = _inside(face)
+    inside = _inside(face.rectangular)
     has_points = (on > 0) | _between(along_mm, np.array(face.legs_mm) / _CELLS, spacing_mm)
     return float(np.sum(inside & has_points) / inside.sum())
 
@@ -173,7 +174,7 @@ def outline_shares(
     spilt = np.count_nonzero(_in_cells(a[spills] + 1, b[spills] + 1, 3 * _CELLS))
     on = _in_cells(a, b, _CELLS)
     behind = _in_cells(through_mm[:, 0] / face.legs_mm[0], through_mm[:, 1] / face.legs_mm[1], _CELLS)
-    inside = _inside(face)
+    inside = _inside(face.rectangular)
     cells = int(inside.sum())  # whole ones
     open_ = (behind > on) & (on < _SOLID * float(np.prod(cell_mm)) / max(spacing_mm, 1e-9) ** 2)
     filled = int(np.sum(inside & ((on > 0) | _between(along_mm, cell_mm, spacing_mm)) & ~open_))
@@ -184,10 +185,11 @@ def outline_shares(
     return filled / cells, spilt_area, seen_through / cells
 
 
-def _inside(face: FaceOutline) -> BoolArray:
-    """Mask of the cells that lie in the face as a whole."""
+@cache
+def _inside(rectangular: bool) -> BoolArray:
+    """Mask of the cells that lie as a whole in a face, a rectangle or a triangle."""
     row, column = np.indices((_CELLS, _CELLS))
-    return np.asarray((row + column <= _CELLS - 2) | face.rectangular)
+    return np.asarray((row + column <= _CELLS - 2) | rectangular)
 
 
 def _in_cells(a: Array, b: Array, count: int) -> IndexArray:
