@@ -268,7 +268,7 @@ def took(seconds: list[float]) -> str:
 
 def negatives(folders: list[Path], edges_mm: list[float], most: int) -> None:
     """Print corners where there are none."""
-    jig = Jig(edge_mm=edges_of(edges_mm))
+    jig = Jig(edge_mm=edges_mm[0] if len(edges_mm) == 1 else edges_of(edges_mm))
     for folder in folders:
         paths = sorted(p for p in folder.rglob("*") if p.suffix in (".pcd", ".ply", ".e57"))[:most]
         seconds, found, refused = [], [], {}
