@@ -186,15 +186,19 @@ def jang(many: int) -> None:
         began = time.process_time()
         plan = plan_poses(start, 5)
         took = time.process_time() - began
-        now, then = simulated(start, None, many), simulated(start, plan.poses.q, many)
+        errors = [simulated(start, further, many) for further in (None, plan.poses.q)]
+        now, then = (float(np.sqrt(np.mean(e**2))) for e in errors)
+        now_middle, then_middle = (float(np.median(e)) for e in errors)
+        far = int(np.sum(errors[1] > 4.0 * plan.then.geometry_mm))
         print(
             f"jang, {words}: at {plan.region} predicted {plan.now.geometry_mm:.4f} -> {plan.then.geometry_mm:.4f} mm, "
-            f"simulated ({many} arms) {now:.4f} -> {then:.4f}; {took:.2f} s"
+            f"simulated ({many} arms) {now:.4f} -> {then:.4f}, median {now_middle:.4f} -> {then_middle:.4f}, "
+            f"{far} more than four times the prediction; {took:.2f} s"
         )
 
 
-def simulated(start: FromFit, further: Array | None, many: int) -> float:
-    """The held-out error of arms like the fitted one, measured at its poses and further ones with its noise."""
+def simulated(start: FromFit, further: Array | None, many: int) -> Array:
+    """(many,) held-out errors of arms like the fitted one, measured at its poses and further ones with its noise."""
     calibration = start.calibration
     dataset, points = calibration.fitted_dataset, calibration.fitted_dataset.points
     assert points is not None
@@ -213,7 +217,7 @@ def simulated(start: FromFit, further: Array | None, many: int) -> float:
     place = start.cell.base_T_scanner
     assert place is not None
     wanted = ("joint_compliance",) if calibration.model.added_effects else ()
-    squares = []
+    errors = []
     for seed in range(many):
         rng = np.random.default_rng(seed)
         truth = draw_truth(dataset.robot, place, q, rng=rng, effects=wanted)
@@ -228,8 +232,8 @@ def simulated(start: FromFit, further: Array | None, many: int) -> float:
         chosen = [m for m in effects if m in calibration.model.effects] if wanted else []
         error = calibrate(made, calibration.options, effects=chosen).after.test
         assert error is not None
-        squares.append(error.rmse_mm**2)
-    return float(np.sqrt(np.mean(squares)))
+        errors.append(error.rmse_mm)
+    return np.array(errors)
 
 
 def times() -> None:
