@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from tests.support.app import idle_app  # noqa: E402
-from tests.support.browser import browser, node_drawn, open_page, open_tab, says  # noqa: E402
+from tests.support.browser import browser, open_page, open_tab, says  # noqa: E402
 
 WIDTH, HEIGHT = 1600, 900
 SETTLED_S = 12.0  # fonts, camera and plots, on a machine without a GPU
@@ -24,17 +24,20 @@ SETTLED_S = 12.0  # fonts, camera and plots, on a machine without a GPU
 
 def corner_picture(pose: str, out: Path) -> None:
     """Measure, Corner: one pose's corner with its faces."""
-    with idle_app(ROOT / "sample_data" / "rb5_jang", as_users_see_it=True) as app, browser() as running:
-        with open_page(running, f"http://127.0.0.1:{app.server.get_port()}", WIDTH, HEIGHT, dpr=1.0) as page:
-            open_tab(page, "Corner")
-            page.get_by_label("Pose", exact=True).first.click()
-            page.get_by_role("option", name=f"{pose} ·").click()
-            says(page, f"Pose {pose}")
-            notice = page.locator(".mantine-Notification-closeButton")  # that there is no GPU
-            if notice.count():
-                notice.first.click()
-            time.sleep(SETTLED_S)
-            page.screenshot(path=str(out))
+    with (
+        idle_app(ROOT / "sample_data" / "rb5_jang", as_users_see_it=True) as app,
+        browser() as running,
+        open_page(running, f"http://127.0.0.1:{app.server.get_port()}", WIDTH, HEIGHT, dpr=1.0) as page,
+    ):
+        open_tab(page, "Corner")
+        page.get_by_label("Pose", exact=True).first.click()
+        page.get_by_role("option", name=f"{pose} ·").click()
+        says(page, f"Pose {pose}")
+        notice = page.locator(".mantine-Notification-closeButton")  # that there is no GPU
+        if notice.count():
+            notice.first.click()
+        time.sleep(SETTLED_S)
+        page.screenshot(path=str(out))
 
 
 def main() -> None:
