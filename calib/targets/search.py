@@ -13,7 +13,8 @@ from calib.corners.search import CornerOptions, CornerSearch, failed_search, fin
 from calib.errors import TargetError
 from calib.jig import Jig
 from calib.scans.scan import Scan
-from calib.target_shapes import OwnShape, Socket, Sphere, Spheres, Target
+from calib.target_shapes import OwnShape, PlaneSet, Socket, Sphere, Spheres, Target
+from calib.targets.flat.plane_set import find_plane_set
 from calib.targets.protocol.finder import FoundPoint, TargetFinder, Wanted
 from calib.targets.protocol.user_file import UserFinder, checked_answer
 from calib.targets.spheres.constellation import find_constellation
@@ -21,7 +22,12 @@ from calib.targets.spheres.socket import find_socket
 from calib.targets.spheres.sphere_finder import find_spheres
 from calib.targets.trihedral import Jigs, find_jigs
 
-_FINDERS: dict[type, TargetFinder] = {Sphere: find_spheres, Spheres: find_constellation, Socket: find_socket}
+_FINDERS: dict[type, TargetFinder] = {
+    Sphere: find_spheres,
+    Spheres: find_constellation,
+    Socket: find_socket,
+    PlaneSet: find_plane_set,
+}
 """Of each shape. A new kind of target is a shape in `calib.target_shapes` and a line here."""
 
 UserFunction = Callable[[Scan, Wanted], Any]

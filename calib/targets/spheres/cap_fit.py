@@ -1,13 +1,15 @@
 """A sphere's centre from all points of its cap: robust orthogonal distances, each weighted by its noise.
 
 A scanner's noise lies along the ray and grows with the incidence i, so the distances to the surface scatter by a
-sigma(i) that the distances themselves show. Three things would shift a centre by more than its noise, and are seen to:
+sigma(i) that the distances themselves show. Four things would shift a centre by more than its noise:
 
 - pixels at the silhouette lie between the sphere and what is behind it: a margin along the silhouette is left out, by
   the rays and not by the measured points, which would choose the points by their noise;
 - an error e along the ray moves a point sideways as well, by which its distance from the centre grows by
   e^2 sin^2 i / (2 r) and its normal turns with its error: a radius that is free comes out too small. So the surface is
   met where the ray meets it, and the distance is e cos i, which has neither;
+- a pixel that averages over its footprint, of variance v in each direction, lies inside of a sphere, where it is bent:
+  by v (1 + 1 / cos^2 i) / 2 r to second order. Where the distances show such a v it is fitted with the centre;
 - near what holds the sphere (a stem, a socket) points belong to neither surface: places where most points about the
   sphere's surface lie off it are left out.
 """
@@ -23,14 +25,16 @@ from calib.array_types import Array, BoolArray, IndexArray
 from calib.planes.robust_fit import TUKEY
 from calib.targets.spheres.sphere_noise import NoiseGrowth, growth_of, patch_factor
 
-_ROUNDS = 14
+_ROUNDS = 18
 _SETTLED = 1e-3  # of the centre's own sigma
 _MOST_INCIDENCE_DEG = 80.0
 _MARGINS_PIXELS = (0.35, 1.6)  # left out along the silhouette, in distances between neighbouring points
 _RING_SIGMAS = (
     3.5  # the mean distance of the points between those two margins that makes the margin the wider one
 )
-_MARGIN_ROUND, _RING_ROUND = 2, 5
+_MARGIN_ROUND, _RING_ROUND, _BLUR_ROUND = 2, 5, 8
+_BLUR_SIGMAS = 3.5  # of a blur that is taken for one
+_LEAST_COSINE = 0.2
 _BAND_SIGMA = 12.0
 _FEWEST_POINTS = 12
 _NEIGHBOURS = 12
@@ -51,6 +55,7 @@ class CapFit:
     sigma_mm: float  # of the distances, seen squarely: 1.4826 MAD
     growth: NoiseGrowth
     smooth_factor: float  # sigma of the centre over what white noise alone would make it
+    blur_mm: float  # sqrt(v) of a pixel's footprint; 0 where the distances show none
 
     @property
     def cap_deg(self) -> float:
@@ -83,7 +88,8 @@ def fit_cap(
     most_sine = np.sin(np.radians(_MOST_INCIDENCE_DEG))
     clear: BoolArray = np.ones(len(near), dtype=bool)
     growth = NoiseGrowth(max(band_mm / _BAND_SIGMA, least_sigma_mm), np.zeros(2))
-    pixel = 0.0
+    pixel = blur_mm2 = 0.0
+    blurred = False
     for turn in range(_ROUNDS):
         sine, _ = ray_sines(local, centre, radius)
         outward = local - centre
@@ -92,6 +98,8 @@ def fit_cap(
         over, normals = reach - radius, outward / np.maximum(reach, 1e-9)[:, None]
         if turn >= _MARGIN_ROUND:
             over, normals = _met_by_rays(local, centre, radius, sine, over, normals)
+        bend = _bend(sine, radius)
+        over = over - blur_mm2 * bend
         sigma = growth.sigma(sine)
         on = (
             clear & front & (sine < most_sine) & (np.abs(over) < max(band_mm, 1e-9) * sigma / growth.sigma_mm)
@@ -112,18 +120,22 @@ def fit_cap(
         growth = growth_of(over[on], sine[on], least_sigma_mm)
         sigma = growth.sigma(sine[on])
         weight = np.clip(1 - (over[on] / (TUKEY * sigma)) ** 2, 0, None) ** 2
-        rows = np.column_stack([normals[on], np.ones(np.count_nonzero(on))])
-        rows = rows[:, :3] if held else rows
+        free = [] if held else [np.ones(np.count_nonzero(on))]
+        if turn == _BLUR_ROUND:
+            trial = np.column_stack([normals[on], *free, bend[on]])
+            blurred = _shows_blur(trial / sigma[:, None], over[on] / sigma, weight)
+        rows = np.column_stack([normals[on], *free, *([bend[on]] if blurred else [])])
         normal = rows.T @ (rows * (weight / sigma**2)[:, None])
         step, _ = _step(normal, rows.T @ (weight / sigma**2 * over[on]))
         if step is None:
             return None
         centre = centre + step[:3]
         radius = radius if held else radius + float(step[3])
+        blur_mm2 += float(step[-1]) if blurred else 0.0
         if radius <= 0 or not np.isfinite(radius):
             return None
         band_mm = _BAND_SIGMA * growth.sigma_mm
-        if turn > _RING_ROUND and step @ normal @ step < _SETTLED**2 * len(step):
+        if turn > _BLUR_ROUND and step @ normal @ step < _SETTLED**2 * len(step):
             break
     kept = weight > 0
     indices, rows, sigma = near[on][kept], rows[kept], sigma[kept]
@@ -136,10 +148,24 @@ def fit_cap(
     white = inverse * float(psi @ psi) / freedom / slope**2
     factor = patch_factor(rows / sigma[:, None], psi, inverse)
     covariance = np.zeros((4, 4))
-    covariance[: len(white), : len(white)] = white * factor**2
+    known = 3 if held else 4
+    covariance[:known, :known] = white[:known, :known] * factor**2
     return CapFit(
-        centre, radius, covariance, indices, over[on][kept], sine[on][kept], growth.sigma_mm, growth, factor
+        centre, radius, covariance, indices, over[on][kept], sine[on][kept], growth.sigma_mm, growth, factor,
+        float(np.sqrt(max(blur_mm2, 0.0))),
     )  # fmt: skip
+
+
+def _bend(sine: Array, radius: float) -> Array:
+    """(N,) by how much a footprint of variance 1 mm^2 lifts a point off a sphere: -(1 + 1 / cos^2 i) / 2 r."""
+    square = np.maximum(1 - np.minimum(sine, 1.0) ** 2, _LEAST_COSINE**2)
+    return np.asarray(-(1 + 1 / square) / (2 * radius))
+
+
+def _shows_blur(rows: Array, over: Array, weight: Array) -> bool:
+    """Whether the last column of the design (K, p), over sigma, has a coefficient well above 0."""
+    step, inverse = _step(rows.T @ (rows * weight[:, None]), rows.T @ (weight * over))
+    return step is not None and bool(step[-1] > _BLUR_SIGMAS * np.sqrt(inverse[-1, -1]))
 
 
 def _within(points: Array, centre: Array, radius: float, band_mm: float) -> BoolArray:
