@@ -89,20 +89,80 @@ print(json.dumps(loaded))
 IMPORTED_AS = {"open3d-cpu": "open3d", "pillow": "PIL"}  # where a package's name is not its module's
 
 
+def modules_of(requirements: list[str]) -> set[str]:
+    """The modules that some of pyproject's lines bring."""
+    packages = {re.match(r"[\w.-]+", line)[0] for line in requirements}
+    return {IMPORTED_AS.get(package, package.replace("-", "_")) for package in packages}
+
+
+WITHOUT_EXTRAS = """
+import sys
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {extras!r}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+if __name__ == "__main__":
+    sys.meta_path.insert(0, Blocked())
+    from inspector.cli.parser import main
+    sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("command", "says", "code"),
+    [
+        (("diagnose", str(ROOT / "sample_data/hidden_effect_a")), "Verdict: What is missing", 0),
+        pytest.param(
+            ("corners", str(ROOT / "sample_data/rb5_repeats"), "--processes", "1"),
+            "corner",
+            0,
+            marks=pytest.mark.thorough,
+        ),
+        (("serve", str(ROOT / "sample_data")), "needs viser, which is not installed", 2),
+        (("report", str(ROOT / "sample_data/hidden_effect_a"), "--out", "r.html"), "needs plotly", 2),
+        (("simulate", "made", "--robot", "rb5", "--scans"), "[scans]", 2),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else "",
+)
+def test_the_core_works_without_the_extras(tmp_path: Path, command: tuple[str, ...], says: str, code: int):
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    program = tmp_path / "core.py"
+    program.write_text(WITHOUT_EXTRAS.format(extras=modules_of(extras["scans"] + extras["page"])))
+    done = subprocess.run(
+        [sys.executable, program, *command],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == code, done.stderr
+    assert says in done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["core.py"]
+
+
 @pytest.mark.slow
 def test_packages_import_only_what_pyproject_requires():
-    requirements = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
-    packages = {re.match(r"[\w.-]+", line)[0] for line in requirements}
-    required = {IMPORTED_AS.get(package, package.replace("-", "_")) for package in packages}
-    allowed = required | set(sys.stdlib_module_names) | {"calib", "inspector"}
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    offered = {  # imported where it is used
-        re.match(r"[\w.-]+", line)[0] for name, lines in extras.items() if name != "test" for line in lines
-    }
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    allowed = modules_of(project["dependencies"]) | set(sys.stdlib_module_names) | {"calib", "inspector"}
+    offered = {name for extra, lines in extras.items() if extra != "test" for name in modules_of(lines)}
+    page = modules_of(
+        extras["page"]
+    )  # of which the page's own files are built, loaded by commands that need them
     foreign = {
         str(path.relative_to(ROOT)): sorted(found)
-        for path in [*python_files("calib"), *python_files("inspector")]
-        if (found := imported_names(path) - allowed - (offered - imported_at_once(path)))
+        for package in ("calib", "inspector")
+        for path in python_files(package)
+        if (
+            found := imported_names(path)
+            - allowed
+            - (offered - imported_at_once(path))
+            - (page if package == "inspector" else set())
+        )
     }
     assert foreign == {}
 

@@ -18,6 +18,16 @@ from typing import NoReturn
 from calib.errors import CalibError
 from inspector.cli.subcommands import SUBCOMMANDS, Subcommand
 
+EXTRA_OF = {
+    "open3d": "scans",
+    "trimesh": "scans",
+    "viser": "page",
+    "websockets": "page",
+    "plotly": "page",
+    "PIL": "page",
+}
+"""Of packages that not every installation has, the extra of pyproject.toml that brings them."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code."""
@@ -46,12 +56,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         if os.environ.get("INSPECTOR_DEBUG"):
             raise
+        if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] in EXTRA_OF:
+            return _without(str(error.name).partition(".")[0])
         message = " ".join(f"{type(error).__name__}: {error}".split())
         print(
             f"inspector: internal error, {message}; INSPECTOR_DEBUG=1 shows where, please report it",
             file=sys.stderr,
         )
         return 2
+
+
+def _without(module: str) -> int:
+    print(
+        f"inspector: this needs {module}, which is not installed: "
+        f"pip install 'robot-calibration-inspector[{EXTRA_OF[module]}]', or [all] for everything",
+        file=sys.stderr,
+    )
+    return 2
 
 
 def _run(subcommand: Subcommand, options: object) -> int:
