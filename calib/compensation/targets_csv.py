@@ -30,6 +30,7 @@ from calib.dataset.files.poses_csv import (
 from calib.dataset.files.robot_toml import degrees
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
+from calib.text_files.csv_text import frame_csv
 
 
 @dataclass(frozen=True)
@@ -94,4 +95,4 @@ def corrected_table(targets: Targets, correction: Correction) -> str:
             repr(degrees(v) if column.endswith("_deg") else in_unit_of(column, float(v))) for v in q
         ]
     cells["reached"] = ["true" if reached else "false" for reached in correction.reached]
-    return cells.to_csv(index=False, lineterminator="\n")
+    return frame_csv(cells)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +20,7 @@ from calib.dataset_import.reading import Work
 from calib.dataset_import.roles import roles_of
 from calib.errors import CalibError, DatasetError
 from calib.kinematics.robot import Robot
+from calib.text_files.csv_text import rows_csv
 from calib.user_tables.user_table import UserTable
 
 
@@ -71,7 +70,7 @@ def poses_text(
                     f"{table.path}: line {table.lines[i]}: no such scan as {ids[i][:40]!r} among those given"
                 )
             row.append(scans[ids[i]].name if ids[i] in scans else f"{ids[i]}.ply")
-    return _csv([header, *body])
+    return rows_csv([header, *body])
 
 
 def _condition(work: Work, table: UserTable, meant: Recognised, meaning: str) -> list[str]:
@@ -98,13 +97,7 @@ def points_text(table: UserTable, meant: Recognised, poses: Sequence[str], xyz_m
         [pose, *("" if np.isnan(v) else repr(float(v)) for v in place), *(column[i] for column in columns)]
         for i, (pose, place) in enumerate(zip(poses, xyz_mm, strict=True))
     ]
-    return _csv([["pose", "x_mm", "y_mm", "z_mm", *further], *body])
-
-
-def _csv(rows: Sequence[Sequence[str]]) -> str:
-    out = StringIO()
-    csv.writer(out, lineterminator="\n").writerows(rows)
-    return out.getvalue()
+    return rows_csv([["pose", "x_mm", "y_mm", "z_mm", *further], *body])
 
 
 @dataclass(frozen=True)

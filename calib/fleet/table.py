@@ -11,6 +11,7 @@ import pandas as pd
 from calib.dataset.files.atomic_write import write_bytes_atomically
 from calib.errors import CalibError
 from calib.fleet.row import EffectSize, Row
+from calib.text_files.csv_text import frame_csv
 
 SUFFIXES = (".csv", ".parquet")
 FIRST = ("path", "name", "serial")
@@ -57,7 +58,7 @@ def table_bytes(rows: Sequence[Row], suffix: str) -> bytes:
     """The file's content. Raises CalibError for another suffix, and where pyarrow is missing for .parquet."""
     frame = fleet_frame(rows)
     if suffix.lower() == ".csv":
-        return frame.to_csv(index=False, lineterminator="\n").encode("utf-8")
+        return frame_csv(frame).encode("utf-8")
     require_table_kind(suffix)
     content = io.BytesIO()
     frame.to_parquet(content, engine="pyarrow", index=False)

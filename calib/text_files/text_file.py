@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from calib.errors import DatasetError
@@ -23,13 +24,17 @@ def read_text(path: Path, *, missing: str, kind: str, most_bytes: int, pipe: boo
     try:
         if path.exists() and not (path.is_file() or (pipe and path.is_fifo())):
             raise DatasetError(f"{path}: this is no file; put a {kind} file in its place")
-        size = path.stat().st_size
+        size, content = path.stat().st_size, b""
+        if size <= most_bytes:
+            with path.open("rb") as file:
+                content = file.read(size or most_bytes + 1)  # a pipe has no size
+        size = max(size, len(content))
         if size > most_bytes:
             raise DatasetError(
                 f"{path}: the file has {size / 1e6:.4g} MB; a {kind} file of a dataset has at most "
                 f"{most_bytes / 1e6:g} MB"
             )
-        return path.read_text(encoding="utf-8-sig")
+        return re.sub("\r\n?", "\n", content.decode("utf-8-sig"))
     except FileNotFoundError:
         raise DatasetError(f"{path}: no such file; {missing}") from None
     except NotADirectoryError:

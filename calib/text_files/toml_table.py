@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from datetime import date
 from pathlib import Path
 from typing import Any
 
-from calib.errors import DatasetError
+from calib.errors import DatasetError, is_one_line
 from calib.text_files.text_file import read_text
 
 MOST_BYTES = 10_000_000
@@ -68,12 +69,18 @@ class TomlTable:
             raise self.error(key, "the key is missing", f"add a line such as {key} = 0.0")
         return value
 
-    def text(self, key: str, default: str | None = None, *, choices: Iterable[str] = ()) -> str | None:
+    def text(
+        self, key: str, default: str | None = None, *, choices: Iterable[str] = (), lines: bool = False
+    ) -> str | None:
+        """A text without hidden characters, of one line unless `lines`; `default` where the key is absent."""
         value = self._get(key)
         if value is None:
             return default
         if not isinstance(value, str):
             raise self.error(key, f"found {value!r}", "a text in quotes is needed")
+        if not all(map(is_one_line, re.split(r"[\r\n\t]", value) if lines else [value])):
+            needed = "a text" if lines else "a text of one line"
+            raise self.error(key, f"found {value!r}", f"{needed} without control characters is needed")
         allowed = tuple(choices)
         if allowed and value not in allowed:
             raise self.error(key, f"found {value!r}", "expected " + " or ".join(repr(c) for c in allowed))

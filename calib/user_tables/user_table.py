@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 
 import numpy as np
 
 from calib.array_types import Array
 from calib.errors import DatasetError
+from calib.text_files.csv_text import MOST_BYTES, as_number, csv_rows, lines_of
 from calib.text_files.text_file import read_text
 
-_MOST_BYTES = 200_000_000
 _SEPARATORS = (",", ";", "\t")
 
 
@@ -59,7 +57,7 @@ def load_table(path: Path, fault: Callable[[str], None] | None = None) -> UserTa
     """
 
     return parse_table(
-        path, read_text(path, missing="name a table of numbers", kind="CSV", most_bytes=_MOST_BYTES), fault
+        path, read_text(path, missing="name a table of numbers", kind="CSV", most_bytes=MOST_BYTES), fault
     )
 
 
@@ -71,21 +69,17 @@ def parse_table(path: Path, text: str, fault: Callable[[str], None] | None = Non
             raise DatasetError(words)
         fault(words)
 
-    first = next((line for line in text.splitlines() if line.strip()), "")
+    first = next((line for line in lines_of(text) if line.strip()), "")
     if not first:
         raise DatasetError(f"{path}: the file is empty; a header line with column names is needed")
     separator = max(_SEPARATORS, key=first.count)
     if not first.count(separator) and len(first.split()) > 1:
         text, separator = "\n".join(",".join(line.split()) for line in text.splitlines()), ","
-    try:
-        reader = csv.reader(StringIO(text, newline=""), delimiter=separator, skipinitialspace=True)
-        numbered = [
-            (reader.line_num, [" ".join(c.split()) for c in row])
-            for row in reader
-            if any(c.strip() for c in row)
-        ]
-    except csv.Error as error:
-        raise DatasetError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
+    numbered = [
+        (line, [" ".join(c.split()) for c in row])
+        for line, row in csv_rows(path, text, separator)
+        if any(c.strip() for c in row)
+    ]
     if separator == ";":
         numbered = [
             (line, [c.replace(",", ".") if _is_comma_number(c) else c for c in row]) for line, row in numbered
@@ -114,15 +108,6 @@ def parse_table(path: Path, text: str, fault: Callable[[str], None] | None = Non
     width = len(columns)
     rows = tuple(tuple((row + [""] * width)[:width]) for _, row in body)
     return UserTable(path, tuple(columns), rows, tuple(number for number, _ in body), has_header)
-
-
-def as_number(cell: str) -> float | None:
-    """A cell's finite number; None where it has none."""
-    try:
-        value = float(cell) if "_" not in cell else math.nan
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None
 
 
 def _is_comma_number(cell: str) -> bool:

@@ -11,6 +11,7 @@ from calib.errors import CalibError
 from calib.monitoring.control_chart import repeat_lines, repeated_poses, series
 from calib.monitoring.iso9283 import PoseFigures
 from calib.monitoring.watch import Watched, watch
+from calib.text_files.csv_text import frame_csv
 from calib.validation.comparison import compare
 from inspector.cli.calibrate_command import fitted
 from inspector.cli.dataset_commands import load, measured, show
@@ -57,7 +58,7 @@ def run_watch(options: WatchOptions) -> int:
 
 def _write(out: Path, base: str, seen: Sequence[Watched], repeats: Sequence[PoseFigures]) -> None:
     if out.suffix.lower() == ".csv":
-        write_text_atomically(out, series(seen).to_csv(index=False, lineterminator="\n"))
+        write_text_atomically(out, frame_csv(series(seen)))
         return
     from inspector.report.watch_page import watch_html, watch_svg  # with plotly, which takes a while to load
 

@@ -15,7 +15,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
 
-from calib.errors import CalibError
+from calib.errors import CalibError, shown
 from inspector.cli.subcommands import SUBCOMMANDS, Subcommand
 
 EXTRA_OF = {
@@ -41,15 +41,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with aside:
             return _run(subcommand, subcommand.options(**given))
     except CalibError as error:
-        print(f"inspector: {error}", file=sys.stderr)
-        return 2
+        return _refused(str(error))
     except BrokenPipeError:  # the reader of our output has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
-        print(f"inspector: {where}{error.strerror or error}", file=sys.stderr)
-        return 2
+        return _refused(f"{where}{error.strerror or error}")
     except KeyboardInterrupt:
         print("inspector: stopped", file=sys.stderr)
         return 130
@@ -59,11 +57,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] in EXTRA_OF:
             return _without(str(error.name).partition(".")[0])
         message = " ".join(f"{type(error).__name__}: {error}".split())
-        print(
-            f"inspector: internal error, {message}; INSPECTOR_DEBUG=1 shows where, please report it",
-            file=sys.stderr,
-        )
-        return 2
+        return _refused(f"internal error, {message}; INSPECTOR_DEBUG=1 shows where, please report it")
+
+
+def _refused(words: str) -> int:
+    """Say why on stderr; the exit code for it."""
+    print(f"inspector: {shown(words)}", file=sys.stderr)
+    return 2
 
 
 def _without(module: str) -> int:
@@ -100,7 +100,7 @@ class _Parser(argparse.ArgumentParser):
     """Wrong usage in one line."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"inspector: {message}; see {self.prog} --help\n")
+        self.exit(2, f"inspector: {shown(message)}; see {self.prog} --help\n")
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -6,7 +6,6 @@ import io
 import re
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from calib.calibration.residual_table import residual_table
@@ -14,6 +13,7 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.points_csv import points_frame
 from calib.identifiability.redundancy import Redundancy
+from calib.text_files.csv_text import frame_csv
 
 NAME_LIMIT = 60  # characters of a dataset's name in a file's
 
@@ -21,21 +21,17 @@ NAME_LIMIT = 60  # characters of a dataset's name in a file's
 def corners_csv(dataset: Dataset) -> str:
     """The measured points in the form of points.csv."""
     assert dataset.points is not None
-    return _csv(points_frame(dataset.poses, dataset.points))
+    return frame_csv(points_frame(dataset.poses, dataset.points))
 
 
 def residuals_csv(calibration: Calibration) -> str:
     """What the fit leaves over, a row a pose; see `calib.calibration.residual_table`."""
-    return _csv(residual_table(calibration))
+    return frame_csv(residual_table(calibration))
 
 
 def redundancy_csv(redundancy: Redundancy) -> str:
     """Pearson's r of all pairs, parameters by parameters; empty where a parameter has no influence."""
-    return _csv(redundancy.to_frame().rename_axis("parameter").reset_index())
-
-
-def _csv(frame: pd.DataFrame) -> str:
-    return str(frame.to_csv(index=False, lineterminator="\n"))
+    return frame_csv(redundancy.to_frame().rename_axis("parameter").reset_index())
 
 
 def file_name(dataset: str, what: str) -> str:

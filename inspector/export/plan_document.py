@@ -7,6 +7,7 @@ from typing import Any
 from calib.dataset.files.poses_csv import joint_columns, poses_frame
 from calib.planning.plan import Plan
 from calib.planning.prediction import Prediction
+from calib.text_files.csv_text import frame_csv
 
 
 def plan_document(plan: Plan) -> dict[str, Any]:
@@ -42,7 +43,7 @@ def plan_document(plan: Plan) -> dict[str, Any]:
 
 def plan_csv(plan: Plan) -> str:
     """The planned poses in the form of poses.csv."""
-    return str(poses_frame(plan.poses, plan.start.dataset.robot).to_csv(index=False, lineterminator="\n"))
+    return frame_csv(poses_frame(plan.poses, plan.start.dataset.robot))
 
 
 def _band(prediction: Prediction) -> list[float]:

@@ -182,11 +182,11 @@ def test_each_mistake_is_one_line_that_names_its_place(
     [
         (
             edit("dataset.toml", 'robot = "robot.toml"', 'robot = "a\\u0000b"'),
-            "robot: found 'a\\x00b', which is not",
+            "robot: found 'a\\x00b'; a text of one line without",
         ),
         (
             edit("dataset.toml", 'name = "test"', 'name = "two\\nlines"'),
-            r"name: found 'two\nlines'; a name is one",
+            r"name: found 'two\nlines'; a text of one line",
         ),
         (
             edit("dataset.toml", "format = 1\n", ""),

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from io import StringIO
 from itertools import islice, zip_longest
 from pathlib import Path
 
@@ -15,9 +13,8 @@ import pandas as pd
 
 from calib.array_types import Array
 from calib.errors import DatasetError
+from calib.text_files.csv_text import MOST_BYTES, as_number, csv_rows, names_in_short
 from calib.text_files.text_file import read_text
-
-MOST_BYTES = 200_000_000  # a million rows of two hundred characters
 
 
 @dataclass(frozen=True)
@@ -34,11 +31,7 @@ class TableFile:
     def load(cls, path: Path, *, pipe: bool = False) -> TableFile:
         """The file's cells; `pipe` as `read_text` has it. Raises DatasetError."""
         text = read_text(path, missing="dataset.toml names it", kind="CSV", most_bytes=MOST_BYTES, pipe=pipe)
-        try:
-            reader = csv.reader(StringIO(text, newline=""), skipinitialspace=True)
-            numbered = [(reader.line_num, row) for row in reader if any(row)]
-        except csv.Error as error:
-            raise DatasetError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
+        numbered = csv_rows(path, text)
         if not numbered:
             raise DatasetError(f"{path}: the file is empty; a header line with column names is needed")
         (_, names), *_ = numbered
@@ -61,7 +54,7 @@ class TableFile:
                 )
         repeated = next((name for name, times in Counter(names).items() if times > 1), None)
         if repeated is not None:
-            raise DatasetError(f"{path}: line 1: column {repeated!r} stands there twice; rename one")
+            raise DatasetError(f"{path}: line 1: column {short(repeated)} stands there twice; rename one")
         columns = zip_longest(*body, fillvalue="")
         cells = pd.DataFrame(
             dict(zip_longest(names, islice(columns, len(names)), fillvalue=[""] * len(body))), dtype=str
@@ -85,7 +78,8 @@ class TableFile:
         missing = [name for name in columns if name not in self]
         if missing:
             raise DatasetError(
-                f"{self.path}: line 1: missing column {', '.join(missing)}; found {', '.join(self.cells.columns)}"
+                f"{self.path}: line 1: missing column {', '.join(missing)}; found "
+                f"{names_in_short(list(self.cells.columns))}"
             )
 
     def text(self, column: str, *, allow_empty: bool = False) -> list[str]:
@@ -100,21 +94,19 @@ class TableFile:
         out = np.empty((len(self), len(columns)))
         for k, column in enumerate(columns):
             texts = self.text(column)
-            try:
-                out[:, k] = np.array(texts, dtype=np.str_).astype(np.float64)
-            except ValueError:
-                wrong = next(row for row, text in enumerate(texts) if not _is_number(text))
-                raise self.error(wrong, column, f"found {texts[wrong]!r}", "a number is needed") from None
-            if not np.all(np.isfinite(out[:, k])):
-                row = int(np.flatnonzero(~np.isfinite(out[:, k]))[0])
-                raise self.error(row, column, f"found {texts[row]!r}", "a finite number is needed")
+            values = list(map(as_number, texts))
+            if None in values:
+                row = values.index(None)
+                needed = "a finite number" if _is_number(texts[row]) else "a number"
+                raise self.error(row, column, f"found {short(texts[row])}", f"{needed} is needed")
+            out[:, k] = values
         return out
 
     def choices(self, column: str, allowed: tuple[str, ...]) -> list[str]:
         values = self.text(column)
         for row, value in enumerate(values):
             if value not in allowed:
-                raise self.error(row, column, f"found {value!r}", "expected " + ", ".join(allowed))
+                raise self.error(row, column, f"found {short(value)}", "expected " + ", ".join(allowed))
         return values
 
     def rest(self, known: Iterable[str]) -> pd.DataFrame:
@@ -122,15 +114,21 @@ class TableFile:
         known = set(known)
         frame = self.cells[[name for name in self.cells.columns if name not in known]].copy()
         for name in frame.columns:
-            numeric = pd.to_numeric(frame[name], errors="coerce")
-            if len(numeric) and numeric.notna().all():
-                frame[name] = numeric
+            values = list(map(as_number, frame[name]))
+            if values and None not in values:
+                frame[name] = pd.to_numeric(frame[name])
         return frame
 
 
 def _is_number(text: str) -> bool:
+    """Whether a text is a number that Python reads, nan and inf among them."""
     try:
-        np.float64(text)
+        float(text)
     except ValueError:
         return False
-    return True
+    return text.isascii() and "_" not in text
+
+
+def short(text: str, most: int = 60) -> str:
+    """A text in quotes, cut to `most` characters: an unclosed quote makes one cell of the rest of a file."""
+    return repr(text) if len(text) <= most else f"{text[:most]!r} ..."

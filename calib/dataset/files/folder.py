@@ -24,13 +24,14 @@ from calib.dataset.files.csv_table import TableFile
 from calib.dataset.files.declared_units import load_units
 from calib.dataset.files.points_checks import unmeasured_note
 from calib.dataset.files.points_csv import load_points, points_frame
-from calib.dataset.files.poses_csv import is_one_line, load_poses, poses_frame
+from calib.dataset.files.poses_csv import load_poses, poses_frame
 from calib.dataset.files.robot_toml import load_robot, robot_to_toml
 from calib.dataset.files.target_tables import load_targets, target_document
 from calib.dataset.robot_checks import refuse_beyond
-from calib.errors import DatasetError
+from calib.errors import DatasetError, is_one_line
 from calib.jig import Jig
 from calib.scans.scan import scan_file
+from calib.text_files.csv_text import frame_csv
 from calib.text_files.toml_table import TomlTable
 
 FORMAT = 1
@@ -64,7 +65,7 @@ def load_dataset(folder: str | Path) -> Dataset:
     name = top.text("name") or folder.resolve().name
     if not is_one_line(name):
         raise top.error("name", f"found {name!r}", "a name is one line without control characters")
-    description = top.text("description", "") or ""
+    description = top.text("description", "", lines=True) or ""
     robot_path = _inside(folder, top.text("robot", "robot.toml") or "", top, "robot")
     scanner_table = top.table("scanner")
     robot = replace(load_robot(robot_path), carries_scanner=load_mount(scanner_table))
@@ -201,10 +202,10 @@ def write_dataset(dataset: Dataset, folder: str | Path) -> None:
     write_text_atomically(folder / "robot.toml", robot_to_toml(dataset.robot))
     write_text_atomically(
         folder / "poses.csv",
-        poses_frame(dataset.poses, dataset.robot).to_csv(index=False, lineterminator="\n"),
+        frame_csv(poses_frame(dataset.poses, dataset.robot)),
     )
     if dataset.points is not None:
-        text = points_frame(dataset.poses, dataset.points).to_csv(index=False, lineterminator="\n")
+        text = frame_csv(points_frame(dataset.poses, dataset.points))
         write_text_atomically(folder / "points.csv", text)
     # dataset.toml last: a folder without it is not taken for a dataset.
     write_text_atomically(folder / "dataset.toml", tomli_w.dumps(_dataset_document(dataset)))

@@ -10,8 +10,8 @@ import numpy as np
 from calib import frames
 from calib.array_types import Array
 from calib.dataset.dataset import Points, Poses
-from calib.dataset.files.csv_table import TableFile
-from calib.dataset.files.poses_csv import is_one_line, short
+from calib.dataset.files.csv_table import TableFile, short
+from calib.errors import is_one_line
 from calib.kinematics import chain as kinematics
 from calib.kinematics.robot import Robot
 from calib.units import UNITS_MM

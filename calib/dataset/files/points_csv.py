@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from calib.array_types import Array
 from calib.dataset.dataset import Orientations, Points, Poses
-from calib.dataset.files.csv_table import TableFile
+from calib.dataset.files.csv_table import TableFile, short
 from calib.dataset.files.declared_units import (
     NOT_DECLARED,
     QUATERNION_COLUMNS,
@@ -31,7 +31,6 @@ from calib.dataset.files.declared_units import (
     unit_of,
 )
 from calib.dataset.files.points_checks import copied_rows, order_doubt, require_targets, unit_doubt
-from calib.dataset.files.poses_csv import short
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 

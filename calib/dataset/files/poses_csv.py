@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 from pathlib import Path
 from typing import Any
-from unicodedata import category
 
 import numpy as np
 import pandas as pd
 
 from calib.array_types import Array
 from calib.dataset.dataset import ROLES, Poses
-from calib.dataset.files.csv_table import TableFile
+from calib.dataset.files.csv_table import TableFile, short
 from calib.dataset.files.declared_units import NOT_DECLARED, DeclaredUnits, internal, unit_of
 from calib.dataset.files.robot_toml import degrees
-from calib.errors import DatasetError
+from calib.errors import DatasetError, is_one_line
 from calib.kinematics.robot import Robot
 
 CONDITIONS = ("payload_kg", "temperature_c", "time_s")
@@ -82,7 +81,7 @@ def load_poses(path: Path, robot: Robot, units: DeclaredUnits = NOT_DECLARED) ->
         if first.setdefault(pose_id, row) != row:
             line = file.line(first[pose_id])
             raise file.error(
-                row, "pose", f"{pose_id!r} stands in line {line} too", "each pose needs its own id"
+                row, "pose", f"{short(pose_id)} stands in line {line} too", "each pose needs its own id"
             )
     role = file.choices("role", ROLES)
     references = [row for row, value in enumerate(role) if value == "reference"]
@@ -116,16 +115,6 @@ def names(file: TableFile, column: str, *, allow_empty: bool = False) -> list[st
                 row, column, f"found {short(name)}", "a name is one line without control characters"
             )
     return found
-
-
-def is_one_line(name: str) -> bool:
-    """Whether a name can stand in a line of output: without line ends and control characters."""
-    return not any(category(c) in ("Cc", "Zl", "Zp") for c in name)
-
-
-def short(text: str, most: int = 60) -> str:
-    """A text in quotes, cut to `most` characters: an unclosed quote makes one cell of the rest of a file."""
-    return repr(text) if len(text) <= most else f"{text[:most]!r} ..."
 
 
 def approach_columns(robot: Robot) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from calib.dataset.files.cell_tables import jig_document, load_jig
-from calib.dataset.files.poses_csv import is_one_line
+from calib.errors import is_one_line
 from calib.jig import Jig
 from calib.kinematics.robot import Robot
 from calib.target_shapes import (

@@ -15,7 +15,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.errors import ScanError
-from calib.scans.readers.parsing import PointsAndNormals, one_line, truncated
+from calib.scans.readers.parsing import PointsAndNormals, one_line, require_bounded, truncated
 
 SUFFIX = ".e57"
 _SIGNATURE = b"ASTM-E57"
@@ -102,6 +102,7 @@ def _points(path: Path, libe57: Any, image: Any, scan: Any, file_bytes: int) -> 
     rows = scan.point_count
     if rows > 8 * file_bytes:  # a coordinate takes a bit at least
         raise truncated(path, rows, 0)
+    require_bounded(path, rows)
     invalid = fields[0].removesuffix("X").removesuffix("Range") + "InvalidState"
     read = [*fields, invalid] if invalid in scan.point_fields else [*fields]
     values = np.zeros((len(read), rows))

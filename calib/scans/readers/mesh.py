@@ -8,7 +8,14 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.errors import ScanError
-from calib.scans.readers.parsing import PointsAndNormals, doubles, numbers, text_lines, truncated
+from calib.scans.readers.parsing import (
+    PointsAndNormals,
+    doubles,
+    numbers,
+    require_bounded,
+    text_lines,
+    truncated,
+)
 
 _STL_START = 84  # bytes before the triangles: a free text of 80, the number of triangles
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -26,12 +33,13 @@ def read_stl(path: Path, content: bytes) -> PointsAndNormals:
         raise ScanError(f"{path}: not a readable .stl (no triangles in it); export the scan again")
     if held < promised:
         raise truncated(path, 3 * promised, 3 * held)
+    require_bounded(path, 3 * promised)
     table = np.frombuffer(content, _TRIANGLE, promised, _STL_START)
     return _once(doubles(table["vertices"].reshape(-1, 3))), None
 
 
 def _read_text_stl(path: Path, content: bytes) -> Array:
-    words = [line.split() for line in text_lines(content)]
+    words = [line.split() for line in text_lines(path, content)]
     vertices = [" ".join(w[1:4]) for w in words if w[0] == "vertex"]
     if not vertices or words[-1][0] != "endsolid" or len(vertices) != 3 * sum(w[0] == "facet" for w in words):
         raise ScanError(
@@ -42,7 +50,7 @@ def _read_text_stl(path: Path, content: bytes) -> Array:
 
 def read_obj(path: Path, content: bytes) -> PointsAndNormals:
     """The vertices; normals of an .obj belong to corners of faces, not to vertices. Raises ScanError."""
-    lines = [line.strip() for line in text_lines(content)]
+    lines = [line.strip() for line in text_lines(path, content)]
     vertices = [line[1:] for line in lines if line[0] == "v" and line[1:2] in (" ", "\t")]
     if not vertices:
         raise ScanError(f"{path}: no vertex in the .obj (lines such as v 1.0 2.0 3.0); export the scan again")

@@ -11,10 +11,9 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.errors import ScanError
-from calib.scans.readers.parsing import PointsAndNormals, doubles, one_line, truncated
+from calib.scans.readers.parsing import PointsAndNormals, doubles, one_line, require_bounded, truncated
 
 _NAMES = ("points", "points_mm")
-_MOST_BYTES = 2**32  # unpacked: a file of some megabytes can claim to hold any amount
 _MOST_HEADER = 4096
 
 
@@ -45,25 +44,24 @@ def read_npz(path: Path, content: bytes) -> PointsAndNormals:
 def _array(path: Path, archive: zipfile.ZipFile, name: str) -> Array:
     """(N, 3) float64, made only if the array's header agrees with the number of bytes."""
     info = archive.getinfo(f"{name}.npy")
-    if info.file_size > _MOST_BYTES:
-        raise ScanError(
-            f"{path}: {name} would take {info.file_size / 2**30:.3g} GB of memory; crop or thin the scan"
-        )
     with archive.open(info) as file:
-        data = file.read(_MOST_BYTES + 1)  # stops at the size that the archive gives, checked above
-    stream = BytesIO(data)
-    version = np.lib.format.read_magic(stream)
-    read_header = (
-        np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    )
-    shape, fortran, kind = read_header(stream, max_header_size=_MOST_HEADER)
-    if kind.hasobject or kind.kind not in "fiu" or len(shape) < 2 or shape[-1] != 3:
-        raise ScanError(
-            f"{path}: {name} is {kind} of shape {shape}; save numbers of shape (N, 3) or (rows, columns, 3)"
+        version = np.lib.format.read_magic(file)
+        read_header = (
+            np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         )
-    rows = math.prod(shape[:-1])
-    there = (len(data) - stream.tell()) // (3 * kind.itemsize)
-    if there < rows:
-        raise truncated(path, rows, there)
-    flat = np.frombuffer(data, kind, 3 * rows, stream.tell())
+        shape, fortran, kind = read_header(file, max_header_size=_MOST_HEADER)
+        if kind.hasobject or kind.kind not in "fiu" or len(shape) < 2 or shape[-1] != 3:
+            raise ScanError(
+                f"{path}: {name} is {kind} of shape {shape}; save numbers of shape (N, 3) or (rows, columns, 3)"
+            )
+        rows = math.prod(shape[:-1])
+        size = 3 * kind.itemsize
+        there = (info.file_size - file.tell()) // size
+        if there < rows:
+            raise truncated(path, rows, there)
+        require_bounded(path, rows)
+        data = file.read(rows * size)
+    if len(data) < rows * size:  # of an archive that promises more than it holds
+        raise truncated(path, rows, len(data) // size)
+    flat = np.frombuffer(data, kind, 3 * rows)
     return doubles(flat.reshape(shape, order="F" if fortran else "C").reshape(-1, 3))

@@ -16,6 +16,7 @@ from calib.array_types import Array
 from calib.errors import ScanError
 
 MOST_HEADER_BYTES = 65536
+MOST_POINTS = 30_000_000  # six times those of a fine structured-light scan; they take 0.7 GB
 PointsAndNormals = tuple[Array, Array | None]
 """Points (N, 3), rows without a value included, and normals (N, 3) or None."""
 Reader = Callable[[Path, bytes], PointsAndNormals]
@@ -26,11 +27,23 @@ NO_VALUE = re.compile(r"[-+]?nan\(\w*\)|[-+]?1\.#\w+|#?n/?a\b|\bnull\b|-nan\b", 
 _NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 
 
-def text_lines(content: bytes) -> list[str]:
+def require_bounded(path: Path, points: int) -> None:
+    """Raise ScanError for more points than a scan has, before an array is made: packed, they are a small file."""
+    if points > MOST_POINTS:
+        raise ScanError(
+            f"{path}: the scan has {points / 1e6:.4g} million points, which would take {24e-9 * points:.2g} GB as "
+            f"numbers alone; crop it to the jig, or keep every {-(-points // MOST_POINTS)}th point: at most "
+            f"{MOST_POINTS / 1e6:g} million are read"
+        )
+
+
+def text_lines(path: Path, content: bytes) -> list[str]:
     """The lines that are not blank, whichever of the three line ends they have.
 
     Bytes that are no UTF-8 (a degree sign of another encoding in a comment) become replacement characters.
+    Raises ScanError for more lines than a scan has points.
     """
+    require_bounded(path, max(content.count(b"\n"), content.count(b"\r")))
     text = content.decode("utf-8-sig", "replace").replace("\r\n", "\n").replace("\r", "\n")
     return [line for line in text.split("\n") if line.strip()]
 

@@ -20,6 +20,7 @@ from calib.scans.readers.parsing import (
     count,
     doubles,
     numbers,
+    require_bounded,
     split,
     text_lines,
     truncated,
@@ -54,7 +55,9 @@ def read_pcd(path: Path, content: bytes) -> PointsAndNormals:
     sizes = header.field_bytes()
     row, size = sum(sizes), len(content) - header.body
     if header.data == "ascii":
-        lines = [line for line in text_lines(content[header.body :]) if not line.lstrip().startswith("#")]
+        lines = [
+            line for line in text_lines(path, content[header.body :]) if not line.lstrip().startswith("#")
+        ]
         if len(lines) < header.points:
             raise truncated(path, header.points, len(lines))
         first = list(accumulate(header.counts, initial=0))
@@ -62,6 +65,7 @@ def read_pcd(path: Path, content: bytes) -> PointsAndNormals:
     if header.data == "binary":
         if size // row < header.points:
             raise truncated(path, header.points, size // row)
+        require_bounded(path, header.points)
         offset = list(accumulate(sizes, initial=0))
         table = np.frombuffer(content, np.uint8, header.points * row, header.body).reshape(-1, row)
         columns = [
@@ -123,6 +127,7 @@ def _unpack(path: Path, content: bytes, header: _Header, needed: int) -> bytes:
     packed, unpacked = int.from_bytes(body[:4], "little"), int.from_bytes(body[4:8], "little")
     if len(body) < 8 or len(body) - 8 < packed or unpacked < needed:
         raise truncated(path, header.points, 0)  # all z come after all x and y: no point is whole
+    require_bounded(path, header.points)
     if unpacked > _MOST_TIMES * packed:
         raise ScanError(f"{path}: the compressed points are damaged; copy or export the scan again")
     try:

@@ -25,6 +25,7 @@ from calib.scans.readers.parsing import (
     count,
     doubles,
     numbers,
+    require_bounded,
     split,
     text_lines,
     truncated,
@@ -73,7 +74,7 @@ def read_ply(path: Path, content: bytes) -> PointsAndNormals:
     if any(len(vertex.types[i]) > 1 for i in columns):
         raise ScanError(f"{path}: its coordinates are lists; export the scan as a plain point cloud")
     if kind == "ascii":
-        lines = text_lines(content[body:])
+        lines = text_lines(path, content[body:])
         lines = lines[sum(element.rows for element in elements[:at]) :][: vertex.rows]
         if len(lines) < vertex.rows:
             raise truncated(path, vertex.rows, len(lines))
@@ -89,6 +90,7 @@ def read_ply(path: Path, content: bytes) -> PointsAndNormals:
     held = max(0, len(content) - body) // row.itemsize
     if held < vertex.rows:
         raise truncated(path, vertex.rows, held)
+    require_bounded(path, vertex.rows)
     table = np.frombuffer(content, row, vertex.rows, body)
     return split(_stack(table, columns), has_normals)
 
@@ -180,6 +182,8 @@ def _stack_by_rows(
         raise ScanError(
             f"{path}: its vertices hold lists before x, y, z; export the scan as a plain point cloud"
         )
+    if vertex.rows <= len(content):  # else it is told as truncated
+        require_bounded(path, vertex.rows)
     starts = np.array(_row_starts(vertex, content, start, order))
     held = int(np.count_nonzero(starts[1:] <= len(content)))
     if held < vertex.rows:

@@ -39,7 +39,7 @@ def read_text(path: Path, content: bytes) -> PointsAndNormals:
         raise ScanError(
             f"{path}: not three numbers a line (it is no text); write x y z in each line, in UTF-8"
         )
-    lines = text_lines(content)
+    lines = text_lines(path, content)
     comments = [i for i, line in enumerate(lines) if line.lstrip().startswith(_COMMENTS)]
     skip = set(comments)
     rows = [line for i, line in enumerate(lines) if i not in skip]

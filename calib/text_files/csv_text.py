@@ -1,0 +1,94 @@
+"""CSV text, read within bounds and written so that a spreadsheet takes no cell for a formula.
+
+A text that begins as a formula does (`=cmd|...`, `@SUM(...)`, `+1+2`) stands in our files behind an apostrophe, as
+spreadsheets themselves write a text. Reading takes the apostrophe away, so a table comes back as it was. Numbers stay.
+Source: "CSV Injection", OWASP.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Iterator, Sequence
+from io import StringIO
+from pathlib import Path
+
+import pandas as pd
+
+from calib.errors import DatasetError, shown
+
+MOST_BYTES = 200_000_000
+MOST_CELLS = 10_000_000  # a hundred thousand poses with a hundred columns
+_LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+\Z")
+_FORMULA = re.compile(r"[=+\-@\t\r\uff1d\uff0b\uff0d\uff20]")  # the last four: their full-width forms
+_GUARDED = re.compile(rf"'+{_FORMULA.pattern}")
+
+
+def as_number(cell: str) -> float | None:
+    """A cell's finite number; None where it has none. Neither 1_0 nor the digits of other scripts are one here."""
+    try:
+        value = float(cell) if cell.isascii() and "_" not in cell else math.nan
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def csv_rows(path: Path, text: str, delimiter: str = ",") -> list[tuple[int, list[str]]]:
+    """The rows that hold anything, each with the line that it ends in, counted from 1.
+
+    Raises DatasetError for more than `MOST_CELLS`, told before any is made, and for what is no CSV.
+    """
+    cells = text.count(delimiter) + text.count("\n") + text.count("\r")
+    if cells > MOST_CELLS:
+        raise DatasetError(
+            f"{path}: the file has about {cells / 1e6:.3g} million cells, empty ones counted; a table has at most "
+            f"{MOST_CELLS / 1e6:g} million, so remove empty rows and columns, or split it"
+        )
+    reader = csv.reader(lines_of(text), delimiter=delimiter, skipinitialspace=True)
+    try:
+        return [(reader.line_num, list(map(_plain, row))) for row in reader if any(row)]
+    except csv.Error as error:
+        raise DatasetError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
+
+
+def lines_of(text: str) -> Iterator[str]:
+    """Lines with their ends. A file object of text would hold four bytes a character."""
+    return (found[0] for found in _LINE.finditer(text))
+
+
+def _plain(cell: str) -> str:
+    return cell[1:] if cell.startswith("'") and _GUARDED.match(cell) else cell
+
+
+def _guarded(cell: object) -> object:
+    """A cell as it is written: a text that begins as a formula, or as one that is guarded, behind an apostrophe."""
+    if not isinstance(cell, str) or as_number(cell) is not None:
+        return cell
+    return f"'{cell}" if _FORMULA.match(cell) or _GUARDED.match(cell) else cell
+
+
+def frame_csv(frame: pd.DataFrame) -> str:
+    """A table as CSV text."""
+    texts = {
+        k: [_guarded(cell) for cell in frame.iloc[:, k]]
+        for k, kind in enumerate(frame.dtypes)
+        if not pd.api.types.is_numeric_dtype(kind)
+    }
+    columns = [texts[k] if k in texts else frame.iloc[:, k].to_numpy() for k in range(frame.shape[1])]
+    out = pd.DataFrame(dict(enumerate(columns)), index=frame.index)
+    out.columns = pd.Index([_guarded(str(name)) for name in frame.columns])
+    return str(out.to_csv(index=False, lineterminator="\n"))
+
+
+def rows_csv(rows: Sequence[Sequence[str]]) -> str:
+    """Rows of texts as CSV text."""
+    out = StringIO()
+    csv.writer(out, lineterminator="\n").writerows([[_guarded(cell) for cell in row] for row in rows])
+    return out.getvalue()
+
+
+def names_in_short(names: Sequence[str], most: int = 30) -> str:
+    """Names with commas between, the first `most` of them, each cut."""
+    told = ", ".join(shown(name[:60]) for name in names[:most])
+    return told + (f" and {len(names) - most} more" if len(names) > most else "")
