@@ -23,7 +23,7 @@ from calib.workcell.measurable import incidence_cosines
 from calib.workcell.scan_field import JANG_FIELD, tilted
 
 _LEVER_MM = 300.0  # weighs one radian of the line of sight against millimetres
-_PLACES = 24  # of the jig that are tried
+_PLACES = 14  # of the jig that are tried
 _BATCH = 256  # starts of the search for poses
 _GOOD_SHARE = 0.1  # of them that succeed at a place that is taken at once
 _MAX_TILT_DEG = 22.0  # of the jig's axis from the line of sight

@@ -42,10 +42,10 @@ def test_its_correlation_is_that_of_a_measured_sheet() -> None:
 def test_it_has_variance_one_and_does_not_repeat_across_the_view() -> None:
     rng = np.random.default_rng(1)
     corners = np.array([[0.0, 0.0], [150.0, 0.0], [0.0, 150.0], [75.0, 75.0]])
-    values = np.array([smooth_noise(corners, 30.0, 0.2, rng=rng) for _ in range(600)])
-    np.testing.assert_allclose(values.var(axis=0), 1.0, atol=0.2)
+    values = np.array([smooth_noise(corners, 30.0, 0.2, rng=rng) for _ in range(400)])
+    np.testing.assert_allclose(values.var(axis=0), 1.0, atol=0.25)
     apart = np.corrcoef(values.T)[np.triu_indices(4, 1)]
-    assert np.abs(apart).max() < 0.17
+    assert np.abs(apart).max() < 0.2
 
 
 def test_it_is_one_surface_whatever_the_number_of_rays() -> None:
