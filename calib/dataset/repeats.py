@@ -10,8 +10,9 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array
-from calib.dataset.dataset import Dataset
+from calib.dataset.dataset import Dataset, Points
 from calib.dataset.stands import stands_of
+from calib.distributions import chi2_sf
 
 
 @dataclass(frozen=True)
@@ -38,15 +39,51 @@ def find_repeats(dataset: Dataset) -> tuple[Repeats, ...]:
     points, poses = dataset.points, dataset.poses
     if points is None:
         return ()
+    return tuple(
+        repeats_of(poses.ids[points.pose[rows[0]]], points.xyz_mm[rows])
+        for rows in _repeated_rows(dataset, points)
+    )
+
+
+def _repeated_rows(dataset: Dataset, points: Points) -> list[list[int]]:
+    """The rows of the points that were measured at one stand, for each stand and target with more than one."""
     stand = stands_of(dataset)
     keys: dict[tuple[int, str], list[int]] = {}
     for row, pose in enumerate(points.pose):
         keys.setdefault((int(stand[pose]), str(points.target[row])), []).append(row)
-    return tuple(
-        repeats_of(poses.ids[points.pose[rows[0]]], points.xyz_mm[rows])
-        for rows in keys.values()
-        if len(rows) > 1
-    )
+    return [rows for rows in keys.values() if len(rows) > 1]
+
+
+@dataclass(frozen=True)
+class ScatterOfRepeats:
+    """How far repeats lie apart, against the covariances of the points themselves."""
+
+    ratio: float  # of standard deviations: 1 where the covariances hold what changes from shot to shot
+    freedom: int
+    chance: float  # that covariances which hold it show as large a ratio
+
+
+def scatter_against_covariances(dataset: Dataset) -> ScatterOfRepeats | None:
+    """The repeats of a dataset held against its points' covariances C; None without covariances or repeats.
+
+    At each stand sum (x_i - m) . C_i^-1 (x_i - m) about the weighted mean m is chi-squared of 3 (n - 1) degrees of
+    freedom where the covariances are honest. Errors that are alike in all shots of a stand are in no repeat.
+    """
+    points = dataset.points
+    if points is None or points.covariance_mm2 is None:
+        return None
+    squared, freedom = 0.0, 0
+    for rows in _repeated_rows(dataset, points):
+        xyz, covariance = points.xyz_mm[rows], points.covariance_mm2[rows]
+        if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance).min() <= 0:
+            continue
+        weight = np.linalg.inv(covariance)
+        mean = np.linalg.solve(weight.sum(axis=0), np.einsum("nij,nj->i", weight, xyz))
+        squared += float(np.einsum("ni,nij,nj->", xyz - mean, weight, xyz - mean))
+        freedom += 3 * (len(rows) - 1)
+    if not freedom:
+        return None
+    return ScatterOfRepeats(float(np.sqrt(squared / freedom)), freedom, chi2_sf(squared, freedom))
 
 
 def pooled_sigma_mm(repeats: Sequence[Repeats]) -> float:

@@ -14,7 +14,7 @@ from calib.calibration.plausibility import implausibility_reason, outlier_hint
 from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
-from calib.dataset.repeats import Repeats, find_repeats, pooled_sigma_mm
+from calib.dataset.repeats import Repeats, find_repeats, pooled_sigma_mm, scatter_against_covariances
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import verdict_text
@@ -37,6 +37,7 @@ MAX_LEFT_RATIO = 10.0
 UNSETTLED = ("unexplained", "ambiguous", "outliers")
 """Verdicts that are a warning: something is left that has no name."""
 _NO_NOISE_MM = 1e-6  # where none is declared
+_MORE_SCATTER, _BY_CHANCE = 1.5, 0.001  # of repeats, over what their covariances say
 MAX_SHARE_DROPPED = 0.5  # of a scan's points that have no value; more is a warning
 
 
@@ -193,7 +194,14 @@ def _repeats(dataset: Dataset, repeats: tuple[Repeats, ...]) -> CheckItem:
     hopeless = is_declared(dataset) and sigma_mm > MAX_SIGMA_RATIO * declared_sigma_mm(dataset)
     if hopeless:
         words += f", {sigma_mm / declared_sigma_mm(dataset):.3g} times the declared: these are not points of one place"
-    return CheckItem("repeats", False if hopeless else None, words)
+    scatter = scatter_against_covariances(dataset)
+    if scatter is None:
+        return CheckItem("repeats", False if hopeless else None, words)
+    words += f"; they lie {scatter.ratio:.2f} times as far apart as their covariances say"
+    doubtful = scatter.ratio > _MORE_SCATTER and scatter.chance < _BY_CHANCE
+    if doubtful:
+        words += ": an error that changes from shot to shot is not in them; tell it as correlated_sigma_mm of [scanner]"
+    return CheckItem("repeats", False if hopeless else None, words, warning=doubtful)
 
 
 def _against_training(calibration: Calibration, train: Figures, test: Figures) -> CheckItem:

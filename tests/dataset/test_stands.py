@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from calib.dataset.dataset import Dataset, Orientations, Points
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.dataset.repeats import find_repeats, pooled_sigma_mm
+from calib.dataset.repeats import find_repeats, pooled_sigma_mm, scatter_against_covariances
 from calib.dataset.stands import on_stands, stand_of, stands_of, without_poses
 from calib.fitting.observations import Observations
+from calib.validation.acceptance import check
 from tests.support.arms import dataset_of
 from tests.support.repeated_shots import repeated
 
@@ -53,6 +54,23 @@ def test_mean_covariance_and_noise_of_shots() -> None:
     assert pooled_sigma_mm(find_repeats(dataset)) == pytest.approx(0.05, rel=0.3)
     assert "30 points were measured at 6 standing poses" in found.notes[-1]
     assert found.warnings == dataset.warnings
+
+
+def test_shots_are_held_against_their_own_covariances() -> None:
+    """Shots of 0.05 mm whose covariances say so, say a third of it, and say nothing."""
+    dataset = repeated(plain(), 5, np.random.default_rng(1), noise_mm=0.05)
+    assert dataset.points is not None
+    assert scatter_against_covariances(dataset) is None
+    for said_mm, ratio in ((0.05, 1.0), (0.05 / 3, 3.0)):
+        covariance = np.broadcast_to(said_mm**2 * np.eye(3), (30, 3, 3))
+        shots = replace(dataset, points=replace(dataset.points, covariance_mm2=covariance))
+        found = scatter_against_covariances(shots)
+        assert found is not None
+        assert found.freedom == 3 * 6 * 4
+        assert found.ratio == pytest.approx(ratio, rel=0.3)
+        assert (found.chance < 1e-6) == (ratio > 1)
+        told = next(item for item in check(shots).items if item.name == "repeats")
+        assert told.warning == (ratio > 1) == ("correlated_sigma_mm" in told.description)
 
 
 def test_rows_of_one_pose_are_shots_too() -> None:
