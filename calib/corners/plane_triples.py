@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +100,6 @@ class Planes:
         self.perpendicular = np.abs(self.normals @ self.normals.T) <= np.sin(tolerances.perpendicular_rad)
         self.jig = jig
         self.outlines = jig.outlines()
-        self.face_outlines = {FaceOutline.of(o, face) for o in self.outlines for face in range(3)}
         self.sign = -1.0 if jig.convex else 1.0
 
     def _face(self, plane: PlaneGroup) -> _Face:
@@ -203,22 +202,28 @@ class Planes:
         at = np.concatenate([points for _, points in on])
         spacing_mm = self.around.spacing_mm(at) if len(at) else 0.0
         # What costs least is counted first: no score is higher than the area that has points.
-        triple = self._best(
-            groups, chosen, lambda i, face: (filled_share(on[i][0], face, spacing_mm), 0.0, 0.0)
+        triples = self._scored(
+            groups,
+            chosen,
+            self.outlines,
+            lambda i, face: (filled_share(on[i][0], face, spacing_mm), 0.0, 0.0),
         )
-        if not triple.is_jig(self.tolerances):
-            return triple
+        if not (outlines := self._like(triples)):
+            return self._best(triples)
         normals = np.array([groups[g].normal for g in chosen])
         agrees = [
             self.around.normals.take(points, axis=0) @ normal >= self._least_cosine()
             for (_, points), normal in zip(on, normals, strict=True)
         ]
-        nothing = np.zeros((0, 2))
-        triple = self._best(
-            groups, chosen, lambda i, face: outline_shares(on[i][0], agrees[i], nothing, face, spacing_mm)
+        through = [np.zeros((0, 2))] * 3
+        triples = self._scored(
+            groups,
+            chosen,
+            outlines,
+            lambda i, face: outline_shares(on[i][0], agrees[i], through[i], face, spacing_mm),
         )
-        if not triple.is_jig(self.tolerances):
-            return triple
+        if not (outlines := self._like(triples)):
+            return self._best(triples)
         apex = intersect(normals, np.array([face.offset_mm for face in faces]))
         # |p x a|^2 = |p|^2 |a|^2 - (p . a)^2, so near the ray to the apex is:
         near = (self.around.points_mm @ apex) ** 2 > (self.squared_mm2 - (1.5 * self.jig.longest_mm) ** 2) * (
@@ -227,28 +232,40 @@ class Planes:
         behind = self.solid[near[self.solid]]
         through = [self._through(faces, face, behind) for face in range(3)]
         return self._best(
-            groups, chosen, lambda i, face: outline_shares(on[i][0], agrees[i], through[i], face, spacing_mm)
+            self._scored(
+                groups,
+                chosen,
+                outlines,
+                lambda i, face: outline_shares(on[i][0], agrees[i], through[i], face, spacing_mm),
+            )
         )
 
-    def _best(
+    def _scored(
         self,
         groups: tuple[PlaneGroup, ...],
         chosen: tuple[int, int, int],
+        outlines: Sequence[Outline],
         shares: Callable[[int, FaceOutline], tuple[float, float, float]],
-    ) -> FaceTriple:
-        """The triple under the outline of the jig that fits best.
+    ) -> list[FaceTriple]:
+        """The triple under each of some outlines of the jig.
 
         shares(i, face)  # of face i: filled, spilt over and seen through
         """
-        areas_of = {(i, face): shares(i, face) for i in range(3) for face in self.face_outlines}
+        known = cache(shares)
         triples = []
-        for whole in self.outlines:
-            areas = np.array([areas_of[face, FaceOutline.of(whole, face)] for face in range(3)])
+        for whole in outlines:
+            areas = np.array([known(face, FaceOutline.of(whole, face)) for face in range(3)])
             filled, spilt, seen_through = areas.T
             # One face may be mostly broken or cut away, and points be seen through it.
             seen_through[np.argmin(filled - spilt - seen_through)] = 0.0
             wrong = spilt + seen_through
             triples.append(FaceTriple(groups, chosen, filled - wrong, whole, wrong))
+        return triples
+
+    def _like(self, triples: Sequence[FaceTriple]) -> list[Outline]:
+        return [triple.outline for triple in triples if triple.is_jig(self.tolerances)]
+
+    def _best(self, triples: Sequence[FaceTriple]) -> FaceTriple:
         return max(triples, key=lambda triple: (triple.is_jig(self.tolerances), float(triple.score.sum())))
 
     def _along(self, faces: Sequence[_Face], face: int) -> tuple[Array, IndexArray]:

@@ -145,9 +145,7 @@ def filled_share(along_mm: Array, face: FaceOutline, spacing_mm: float = 0.0) ->
     along_mm and spacing_mm as in `outline_shares`.
     """
     on = _in_cells(along_mm[:, 0] / face.legs_mm[0], along_mm[:, 1] / face.legs_mm[1], _CELLS)
-    inside = _inside(face.rectangular)
-    has_points = (on > 0) | _between(along_mm, np.array(face.legs_mm) / _CELLS, spacing_mm)
-    return float(np.sum(inside & has_points) / inside.sum())
+    return float(_filled(on, along_mm, face, spacing_mm).sum() / _inside(face.rectangular).sum())
 
 
 def outline_shares(
@@ -177,7 +175,7 @@ def outline_shares(
     inside = _inside(face.rectangular)
     cells = int(inside.sum())  # whole ones
     open_ = (behind > on) & (on < _SOLID * float(np.prod(cell_mm)) / max(spacing_mm, 1e-9) ** 2)
-    filled = int(np.sum(inside & ((on > 0) | _between(along_mm, cell_mm, spacing_mm)) & ~open_))
+    filled = int(np.sum(_filled(on, along_mm, face, spacing_mm) & ~open_))
     seen_through = int(np.sum(inside & open_))
     points_a_cell = float(on[inside].sum()) / max(filled, 1)  # below one, a point stands for several cells
     area = _CELLS**2 if face.rectangular else _CELLS**2 / 2
@@ -205,10 +203,15 @@ def _beyond(a: Array, b: Array, face: FaceOutline, by: float) -> BoolArray:
     return np.asarray(np.maximum(a, b) > 1 + by / np.sqrt(2) if face.rectangular else a + b > 1 + by)
 
 
-def _between(along_mm: Array, cell_mm: Array, spacing_mm: float) -> BoolArray:
-    """Mask (cells, cells) of the cells whose middle is as near to a point (K, 2) as points of a surface are."""
-    middles = (np.indices((_CELLS, _CELLS)).reshape(2, -1).T + 0.5) * cell_mm
-    near = np.zeros(len(middles), dtype=bool)
-    if _NEAR_POINT * spacing_mm > 0.5 * cell_mm.min() and len(along_mm):
-        near = np.asarray(cKDTree(along_mm, balanced_tree=False).query(middles)[0]) < _NEAR_POINT * spacing_mm
-    return near.reshape(_CELLS, _CELLS)
+def _filled(on: IndexArray, along_mm: Array, face: FaceOutline, spacing_mm: float) -> BoolArray:
+    """Mask of the cells in a face with points, or as near to a point (K, 2) as those of a surface are to each other."""
+    inside = _inside(face.rectangular)
+    filled = inside & (on > 0)
+    cell_mm = np.array(face.legs_mm) / _CELLS
+    reach_mm = _NEAR_POINT * spacing_mm
+    if reach_mm > 0.5 * cell_mm.min() and len(along_mm):
+        empty = np.argwhere(inside & ~filled)
+        tree = cKDTree(along_mm, balanced_tree=False, compact_nodes=False)
+        distance = np.asarray(tree.query((empty + 0.5) * cell_mm, distance_upper_bound=reach_mm)[0])
+        filled[tuple(empty[distance < reach_mm].T)] = True
+    return np.asarray(filled)
