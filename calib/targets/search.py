@@ -13,8 +13,9 @@ from calib.corners.search import CornerOptions, CornerSearch, failed_search, fin
 from calib.errors import TargetError
 from calib.jig import Jig
 from calib.scans.scan import Scan
-from calib.target_shapes import OwnShape, PlaneSet, Socket, Sphere, Spheres, Target
+from calib.target_shapes import OwnShape, PlaneSet, Plate, Socket, Sphere, Spheres, Target
 from calib.targets.flat.plane_set import find_plane_set
+from calib.targets.flat.plate_corner import find_plate_corner
 from calib.targets.protocol.finder import FoundPoint, TargetFinder, Wanted
 from calib.targets.protocol.user_file import UserFinder, checked_answer
 from calib.targets.spheres.constellation import find_constellation
@@ -27,6 +28,7 @@ _FINDERS: dict[type, TargetFinder] = {
     Spheres: find_constellation,
     Socket: find_socket,
     PlaneSet: find_plane_set,
+    Plate: find_plate_corner,
 }
 """Of each shape. A new kind of target is a shape in `calib.target_shapes` and a line here."""
 

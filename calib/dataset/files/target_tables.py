@@ -180,6 +180,7 @@ _READERS: dict[str, Callable[[TomlTable], Shape]] = {
     "trihedral": _trihedral,
     "sphere": _sphere,
     "spheres": _spheres,
+    "plate": _plate,
     "planes": _planes,
     "socket": _socket,
     "own": _own,

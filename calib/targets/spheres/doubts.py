@@ -9,15 +9,17 @@ from calib.planes.robust_fit import TUKEY
 from calib.targets.spheres.cap_fit import CapFit, ray_sines
 
 FEWEST_POINTS = 25
-_ROUGHEST = 5.0  # times the noise of the scan's flat parts
+_ROUGHEST = 2.5  # times the scan's noise
 _NO_SURFACE = 0.03  # of the radius: a scatter above this is no surface's, whatever the noise
 _ROUGH = 0.003  # of the radius: a scatter below this is not compared
 _MOST_BEHIND = (
     0.3  # of the places of the silhouette, those where points lie behind the surface and none on it
 )
 _POINTS_A_CELL = 8
-_MOST_BESIDE = 0.5  # points beside the band over points in it
-_LEAST_SPREAD_DEG = 12.0  # of the normals about their mean, in the narrower direction: standard deviation
+_MUCH_BEHIND = 0.25  # points behind over points on: more is no sphere if those on it err alike as well
+_ERR_ALIKE = 1.5  # smooth factor
+_MOST_BESIDE = 0.2  # points beside the band over points in it
+_LEAST_SPREAD_DEG = 6.0  # of the normals about their mean, in the narrower direction: standard deviation
 _MOST_RADIUS_SIGMA = 0.03  # of the radius
 _RADIUS_SIGMAS = 6.0  # by which a sphere's own radius may miss the declared one
 _RADIUS_SLACK = 0.01  # of the radius, besides
@@ -60,7 +62,8 @@ def why_no_sphere(
             "they are no sphere's; check that it is in view"
         ), score
     seen_through = _seen_through(points, on, behind, fit)
-    if seen_through > _MOST_BEHIND:
+    much = np.count_nonzero(behind) > _MUCH_BEHIND * count and fit.smooth_factor > _ERR_ALIKE
+    if seen_through > _MOST_BEHIND or much:
         return (
             f"{np.count_nonzero(behind)} points lie behind {size} that {count} points lie on, which could not be seen: "
             "it is none; check that the sphere is in view"

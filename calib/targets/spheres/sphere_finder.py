@@ -24,6 +24,7 @@ _VOXELS_A_RADIUS = (7.0, 12.0, 4.0)  # of the passes, until one finds as many as
 _MOST_TRIED = 12
 _RANGE_STEP = 4.0  # of the radii that are looked for at one size of voxels
 _LEAST_BAND = 0.012  # of the radius
+_UNTOLD = 4.0  # times the declared noise, that a scan may have
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,10 @@ def find_spheres(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
     refused: list[_Tried] = []
     for voxels in _VOXELS_A_RADIUS:
         for hypothesis, noise_mm in _guesses(points, known_mm, voxels, rng):
-            tried = _tried(points, hypothesis, known_mm, max(noise_mm, wanted.scan_sigma_mm or 0.0))
+            told_mm = wanted.scan_sigma_mm
+            if told_mm is not None:  # stray points make flat parts look rougher than they are
+                noise_mm = max(told_mm, min(noise_mm, _UNTOLD * told_mm))
+            tried = _tried(points, hypothesis, known_mm, noise_mm)
             if tried is None:
                 continue
             (refused if tried.refusal else accepted).append(tried)

@@ -1,0 +1,278 @@
+"""The corner of a flat plate: where two of its straight edges meet, in the plane through its face.
+
+Across its plane a plate's corner is known as well as its plane. Along it only the outermost points of the face tell
+where an edge is, and between the last point on the plate and the first beside it the edge may be anywhere: its place is
+known to about a third of the distance between points, however many rows of points end there. The covariance says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from calib.array_types import Array, BoolArray, IndexArray
+from calib.corners.intersection import packed
+from calib.errors import TargetError
+from calib.planes.normals import finite_rows
+from calib.scans.scan import Scan
+from calib.scans.seeding import seeded
+from calib.target_shapes import Plate
+from calib.targets.flat.patches import Patch, flat_patches
+from calib.targets.protocol.finder import FoundPoint, Wanted
+
+_MOST_PATCHES = 10
+_NEIGHBOURS = 12
+_GAP_RAD = np.radians(130)  # between neighbours about a point: it lies on the border
+_TRIALS = 500
+_MOST_LINES = 8
+_ON_LINE = 0.8  # of the distance between points
+_LEAST_LENGTH = 0.4  # of the edge
+_MOST_OUTSIDE = 0.06  # of the points along an edge, those beyond it
+_SAME_ANGLE_DEG = 2.5
+_GAP, _GAP_SIGMA = 0.65, 0.35  # of the pitch: from the last point of a row to the edge
+_ROWS_FEWEST = 6
+_BEFORE = 0.003  # of the distance: points that are so much nearer than the plane stand before it
+_MOST_HIDDEN = (
+    0.3  # of the points beyond an edge, those before the plane: it is where something hides the plate
+)
+_LEAST_BEYOND = (
+    0.3  # of the points that the plate would have there: fewer, and it may be the border of the scan's field
+)
+_AT_BORDER = 0.3  # what such an edge counts
+_ALIKE = 0.75  # of the best corner's score: a further corner that counts so much is as good
+
+
+@dataclass(frozen=True)
+class _Edge:
+    """A line a . p = offset in the plate's plane, a (2,) outward, and where along it the plate ends."""
+
+    outward: Array  # (2,) unit
+    offset_mm: float
+    along: Array  # (2,) unit
+    ends_mm: tuple[float, float]
+    counts: float  # 1; less at the border of the field, where no edge may be
+
+
+def find_plate_corner(scan: Scan, wanted: Wanted) -> Sequence[FoundPoint]:
+    """The corners of plates, at most as many as are wanted, those with most points along their edges first.
+
+    Raises TargetError where no two straight edges meet at the plate's angle.
+    """
+    shape = wanted.shape
+    assert isinstance(shape, Plate)
+    rows = np.flatnonzero(finite_rows(scan.points_mm))
+    points = scan.points_mm[rows]
+    rng = seeded(points)
+    patches = flat_patches(points, shape.edge_mm)[:_MOST_PATCHES]
+    found: list[tuple[float, FoundPoint]] = []
+    edges_seen = 0
+    for patch in patches:
+        flat = _Flat.of(patch, points)
+        edges = _edges(flat, shape, rng)
+        edges_seen = max(edges_seen, len(edges))
+        for one, other in combinations(edges, 2):
+            corner = _corner(one, other, flat, shape)
+            if corner is None:
+                continue
+            place = _refined(corner, one, other, flat, rows, len(scan.points_mm))
+            if place is not None:
+                found.append((sum(_score(edge, shape) for edge in (one, other)), place))
+    found.sort(key=lambda item: -item[0])
+    kept: list[FoundPoint] = []
+    for score, place in found:
+        apart = all(np.linalg.norm(place.xyz_mm - other.xyz_mm) > 0.2 * shape.edge_mm for other in kept)
+        if apart and len(kept) == wanted.most and score > _ALIKE * found[0][0]:
+            raise TargetError(
+                f"more than {wanted.most} corners of {shape.angle_deg:g} deg are in view with edges of "
+                f"{shape.edge_mm:g} mm; give an edge_mm that one alone has, show only that one, or name the others "
+                "as targets too"
+            )
+        if apart and len(kept) < wanted.most:
+            kept.append(place)
+    if not kept:
+        raise TargetError(
+            f"{len(patches)} flat patches are in view, with {edges_seen} straight edges of {shape.edge_mm:g} mm at "
+            f"most on one, none of which meet at {shape.angle_deg:g} deg; check that the corner is in view, and edge_mm"
+        )
+    return kept
+
+
+@dataclass(frozen=True)
+class _Flat:
+    """A patch in coordinates of its plane."""
+
+    patch: Patch
+    uv_mm: Array  # (K, 2) about the patch's middle
+    border: BoolArray  # (K,)
+    density: float  # points a mm^2
+    seen_uv_mm: Array  # (N, 2) where the rays of all the scan's points meet the plane
+    nearer: BoolArray  # (N,) points before the plane, which may hide a part of the plate
+
+    @staticmethod
+    def of(patch: Patch, points: Array) -> _Flat:
+        plane = patch.plane
+        uv = (plane.points_mm - plane.centre_mm) @ plane.axes.T
+        tree = cKDTree(uv)
+        distance, near = (np.asarray(a) for a in tree.query(uv, k=min(_NEIGHBOURS + 1, len(uv))))
+        way = uv[near[:, 1:]] - uv[:, None]
+        angle = np.sort(np.arctan2(way[..., 1], way[..., 0]), axis=1)
+        gaps = np.diff(np.column_stack([angle, angle[:, :1] + 2 * np.pi]), axis=1)
+        density = (distance.shape[1] - 1) / (np.pi * float(np.median(distance[:, -1])) ** 2)
+        along = points @ plane.normal / plane.offset_mm  # 1 on the plane, 0 at the scanner
+        meets = along > 1e-3
+        seen = (points[meets] / along[meets, None] - plane.centre_mm) @ plane.axes.T
+        return _Flat(patch, uv, gaps.max(axis=1) > _GAP_RAD, density, seen, along[meets] < 1 - _BEFORE)
+
+    def pitch_mm(self, outward: Array) -> float:
+        """Distance between neighbouring points in a direction of the plane: larger where it leans to the ray."""
+        plane = self.patch.plane
+        ray = plane.centre_mm / np.linalg.norm(plane.centre_mm)
+        across = np.sqrt(abs(ray @ plane.normal) / self.density)
+        lean = float(outward @ plane.axes @ ray)
+        return float(across / np.sqrt(max(1 - lean**2, 0.05)))
+
+
+def _edges(flat: _Flat, shape: Plate, rng: np.random.Generator) -> list[_Edge]:
+    """Straight edges of a patch: lines that many border points lie on, with the patch on one side only."""
+    left = flat.uv_mm[flat.border]
+    step = 1 / np.sqrt(flat.density)
+    edges: list[_Edge] = []
+    for _ in range(_MOST_LINES):
+        if len(left) < _ROWS_FEWEST:
+            break
+        first, second = left[rng.integers(len(left), size=(2, _TRIALS))]
+        way = second - first
+        length = np.linalg.norm(way, axis=1)
+        good = length > 0.15 * shape.edge_mm
+        if not good.any():
+            break
+        normal = np.stack([-way[good, 1], way[good, 0]], axis=1) / length[good, None]
+        offset = np.einsum("ti,ti->t", normal, first[good])
+        on = np.abs(left @ normal.T - offset) < _ON_LINE * step
+        best = int(np.argmax(on.sum(axis=0)))
+        members = left[on[:, best]]
+        if len(members) * step < 0.5 * _LEAST_LENGTH * shape.edge_mm:
+            break
+        edge = _checked(flat, members, normal[best], step, shape)
+        if edge is not None:
+            edges.append(edge)
+        left = left[~on[:, best]]
+    return edges
+
+
+def _checked(flat: _Flat, members: Array, normal: Array, step: float, shape: Plate) -> _Edge | None:
+    """The line through border points (K, 2), its longest run without a hole; None where it is short or no edge."""
+    middle = members.mean(axis=0)
+    along = np.linalg.svd(members - middle, full_matrices=False)[2][0]
+    normal = np.array([-along[1], along[0]])
+    places = np.sort(members @ along)
+    holes = np.flatnonzero(np.diff(places) > 8 * step)
+    runs = np.split(places, holes + 1)
+    run = max(runs, key=lambda r: r[-1] - r[0])
+    if run[-1] - run[0] < _LEAST_LENGTH * shape.edge_mm:
+        return None
+    offset = float(np.median(members @ normal))
+    beside = (flat.uv_mm @ along > run[0]) & (flat.uv_mm @ along < run[-1])
+    over = flat.uv_mm[beside] @ normal - offset
+    over = over[np.abs(over) < 8 * step]
+    outside = np.mean(over > 1.5 * step) if len(over) else 1.0
+    inside = np.mean(over < -1.5 * step) if len(over) else 1.0
+    if min(outside, inside) > _MOST_OUTSIDE:
+        return None
+    sign = 1.0 if outside < inside else -1.0
+    ends = (float(run[0]), float(run[-1]))
+    over = sign * (flat.seen_uv_mm @ normal - offset)
+    place = flat.seen_uv_mm @ along
+    beyond = (over > 1.5 * step) & (over < 6 * step) & (place > ends[0]) & (place < ends[1])
+    count = np.count_nonzero(beyond)
+    if count and np.mean(flat.nearer[beyond]) > _MOST_HIDDEN:
+        return None
+    full = 4.5 * step * (ends[1] - ends[0]) * flat.density
+    counts = 1.0 if count > _LEAST_BEYOND * full else _AT_BORDER
+    return _Edge(sign * normal, sign * offset, along, ends, counts)
+
+
+def _score(edge: _Edge, shape: Plate) -> float:
+    return edge.counts * min(edge.ends_mm[1] - edge.ends_mm[0], shape.edge_mm)
+
+
+def _corner(one: _Edge, other: _Edge, flat: _Flat, shape: Plate) -> Array | None:
+    """Where two edges meet (2,), at the plate's angle and at their ends; None where they do not."""
+    angle_deg = 180 - np.degrees(np.arccos(np.clip(one.outward @ other.outward, -1, 1)))
+    if abs(angle_deg - shape.angle_deg) > _SAME_ANGLE_DEG:
+        return None
+    at = np.linalg.solve(np.array([one.outward, other.outward]), np.array([one.offset_mm, other.offset_mm]))
+    slack = 4 / np.sqrt(flat.density)
+    for edge in (one, other):
+        low, high = edge.ends_mm
+        place = float(edge.along @ at)
+        if min(abs(place - low), abs(place - high)) > slack + 0.05 * shape.edge_mm:
+            return None
+    return np.asarray(at)
+
+
+def _refined(
+    corner: Array, one: _Edge, other: _Edge, flat: _Flat, rows: IndexArray, count: int
+) -> FoundPoint | None:
+    """The corner from the outermost points of the rows that end at both edges, with its covariance."""
+    fitted = [_outermost(edge, corner, flat) for edge in (one, other)]
+    if any(fit is None for fit in fitted):
+        return None
+    (n1, d1, v1), (n2, d2, v2) = (fit for fit in fitted if fit is not None)
+    turn = np.linalg.inv(np.array([n1, n2]))
+    at = turn @ np.array([d1, d2])
+    in_plane = turn @ np.diag([v1, v2]) @ turn.T
+    plane = flat.patch.plane
+    xyz = plane.centre_mm + at @ plane.axes
+    design = plane.design(plane.points_mm)
+    values = plane.psi_mm / plane.slope
+    variance = float(values @ values) / max(len(values) - 3, 1)
+    lever = plane.design(xyz[None])[0]
+    height = variance * float(lever @ np.linalg.inv(design.T @ design) @ lever)
+    covariance = plane.axes.T @ in_plane @ plane.axes + max(height, 1e-12) * np.outer(
+        plane.normal, plane.normal
+    )
+    pitch = float(np.mean([flat.pitch_mm(n1), flat.pitch_mm(n2)]))
+    return FoundPoint(
+        xyz,
+        covariance,
+        len(plane.indices),
+        plane.sigma_mm,
+        packed(rows[plane.indices], count),
+        {"points_apart_mm": pitch, "height_sigma_mm": float(np.sqrt(height))},
+    )
+
+
+def _outermost(edge: _Edge, corner: Array, flat: _Flat) -> tuple[Array, float, float] | None:
+    """Outward normal (2,), offset and its variance at the corner, from the last point of each row along an edge."""
+    pitch, width = flat.pitch_mm(edge.outward), flat.pitch_mm(edge.along)
+    place = flat.uv_mm @ edge.along
+    over = flat.uv_mm @ edge.outward - edge.offset_mm
+    near = (np.abs(over) < 4 * pitch) & (place > edge.ends_mm[0]) & (place < edge.ends_mm[1])
+    near &= np.abs(place - edge.along @ corner) > 2 * width
+    if near.sum() < _ROWS_FEWEST:
+        return None
+    row = np.floor(place[near] / width).astype(np.int64)
+    numbers, where = np.unique(row, return_inverse=True)
+    last = np.full(len(numbers), -np.inf)
+    np.maximum.at(last, where, over[near])
+    middle = (numbers + 0.5) * width - float(edge.along @ corner)
+    if len(numbers) < _ROWS_FEWEST:
+        return None
+    design = np.column_stack([np.ones(len(middle)), middle])
+    weight = np.ones(len(last))
+    for _ in range(10):
+        line = np.linalg.lstsq(design * weight[:, None] ** 0.5, last * weight**0.5, rcond=None)[0]
+        left = last - design @ line
+        scale = max(1.4826 * float(np.median(np.abs(left - np.median(left)))), 0.05 * pitch)
+        weight = np.clip(1 - (left / (4.7 * scale)) ** 2, 1e-6, None) ** 2
+    inverse = np.linalg.inv((design * weight[:, None]).T @ design)
+    variance = inverse[0, 0] * float(weight @ left**2) / max(float(weight.sum()) - 2, 1.0)
+    outward = edge.outward - line[1] * edge.along
+    outward = outward / np.linalg.norm(outward)
+    at_corner = edge.outward * (edge.offset_mm + line[0] + _GAP * pitch) + edge.along * (edge.along @ corner)
+    return outward, float(outward @ at_corner), float(variance + (_GAP_SIGMA * pitch) ** 2)

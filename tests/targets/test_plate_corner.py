@@ -1,0 +1,58 @@
+"""A plate's corner in scans of the tests' own rays: found within its own covariance, refused where there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.errors import TargetError
+from calib.target_shapes import Plate
+from calib.targets.flat.plate_corner import find_plate_corner
+from calib.targets.protocol.finder import FoundPoint, Wanted
+from tests.support.flat_scene import FlatScan, placed
+from tests.support.scan_scene import Patch
+
+
+def plate(angle_deg: float = 90.0) -> list[Patch]:
+    """A corner at the part's origin, one edge of 46 and one of 40 mm."""
+    angle = np.radians(angle_deg)
+    return [Patch(np.zeros(3), np.array([46.0, 0, 0]), 40.0 * np.array([np.cos(angle), np.sin(angle), 0.0]))]
+
+
+def corner_of(scene: FlatScan, angle_deg: float = 90.0) -> FoundPoint:
+    """The nearest of the plate's corners of that angle: a rectangle has four."""
+    names = ("a", "b", "c", "d") if angle_deg == 90.0 else ("a", "b")
+    found = find_plate_corner(scene.scan, Wanted(Plate(35.0, angle_deg), names, 0.02))
+    return min(found, key=lambda place: float(np.linalg.norm(place.xyz_mm - scene.origin_mm)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("angle_deg", [90.0, 70.0])
+def test_the_corner_is_where_its_covariance_says(angle_deg: float) -> None:
+    squares, heights = [], []
+    for seed in range(5):
+        scene = placed(np.random.default_rng(seed), plate(angle_deg), rays=20_000, others=2)
+        found = corner_of(scene, angle_deg)
+        error = found.xyz_mm - scene.origin_mm
+        assert np.linalg.norm(error) < 1.5 * found.facts["points_apart_mm"]
+        squares.append(error @ np.linalg.solve(found.covariance_mm2, error))
+        heights.append((error @ scene.scanner_R_part[:, 2] / found.facts["height_sigma_mm"]) ** 2)
+    assert 0.3 < np.mean(squares) < 7
+    assert np.mean(heights) < 5  # across the plate it is known a hundred times better than along it
+
+
+def test_four_corners_are_not_one() -> None:
+    scene = placed(np.random.default_rng(1), plate(), rays=20_000, others=2)
+    with pytest.raises(TargetError, match="more than 1 corners of 90 deg"):
+        find_plate_corner(scene.scan, Wanted(Plate(35.0), scan_sigma_mm=0.02))
+
+
+def test_a_round_plate_and_a_small_one_have_no_corner() -> None:
+    disk = [Patch(np.zeros(3), np.array([40.0, 0, 0]), np.array([0.0, 40, 0]), "disk")]
+    for pieces in (
+        disk,
+        [*disk, Patch(np.array([0.0, 60, -20]), np.array([15.0, 0, 0]), np.array([0.0, 15, 0]))],
+    ):
+        scene = placed(np.random.default_rng(2), pieces, rays=12_000, others=0)
+        with pytest.raises(TargetError, match="none of which meet at 90 deg"):
+            find_plate_corner(scene.scan, Wanted(Plate(60.0), scan_sigma_mm=0.02))
