@@ -129,10 +129,8 @@ def plane_uncertainty(
         likelihood += np.array([waves, np.full_like(waves, none)])
         loss[0] += expected_loss
         white += none
-    apex = np.array(
-        [[apex_variance_mm2(planes, of_length) for of_length in form] for form in moved]
-    )  # (2, L)
-    harm = (apex @ SHAPES.T)[:, :, None] * sizes_mm**2 / apex_variance_mm2(planes, faces.white)
+    harm = (apex_variance_mm2(planes, moved) @ SHAPES.T)[:, :, None] * sizes_mm**2  # (2, S, W)
+    harm /= apex_variance_mm2(planes, faces.white)
     prior = _prior(harm, loss, bool(beside))
     with np.errstate(divide="ignore"):
         log_odds = likelihood + np.log(prior) - white - np.log(1 - prior.sum())
