@@ -32,6 +32,7 @@ from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
 from calib.errors import CalibError
+from inspector.server.connection_log import connection_logger
 from inspector.server.page_requests import PageRequests, with_script
 from inspector.server.viser_caches import cache_lookups
 
@@ -225,6 +226,7 @@ def _serving_on(listener: socket.socket, bound_host: str, requests: PageRequests
             compression=compression,
             subprotocols=subprotocols,
             select_subprotocol=select_subprotocol,
+            logger=connection_logger(),
         )
 
     stand_in = SimpleNamespace(
