@@ -29,12 +29,18 @@ Text = Annotated[str, Meta(min_length=1, max_length=TEXT_LIMIT, pattern=r"\A[^\0
 Texts = Annotated[tuple[Text, ...], Meta(max_length=LIST_LIMIT)]
 Finite = Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
 AboveZero = Annotated[float, Meta(gt=0.0, le=sys.float_info.max)]
+MOST_SIZE = 1e15  # of an effect, in any unit: the square of more drowns whatever stands beside it
+Size = Annotated[float, Meta(gt=0.0, le=MOST_SIZE)]
+SizeOrSign = Annotated[float, Meta(ge=-MOST_SIZE, le=MOST_SIZE)]
 
 T = TypeVar("T")
 Place = list[str | int]  # keys and indices from the outermost value inwards
 
 OUT_OF_RANGE = "a finite number is needed"
+OUT_OF_SIZE = f"a number of {MOST_SIZE:g} at most is needed"
 _REMEDIES = (  # by what msgspec says that it expects
+    ("`float` <= 1000000000000000.0", OUT_OF_SIZE),
+    ("`float` >= -1000000000000000.0", OUT_OF_SIZE),
     ("`float` > 0", "a number above 0 is needed"),
     ("`float", OUT_OF_RANGE),
     ("`bool", "true or false is needed"),

@@ -226,6 +226,8 @@ class Dataset:
     surroundings: Surroundings = field(default_factory=Surroundings)
     targets: tuple[Target, ...] = ()  # besides the three-faced jig, as dataset.toml describes them
     finder_file: Path | None = None  # of a finder of the user's own, for what is to be found in the scans
+    read_files: Mapping[str, str] = field(default_factory=dict, compare=False)
+    """Hash of each file, scans apart, as it was read, by path below the folder: a file may change under a fit."""
 
     @property
     def all_targets(self) -> tuple[Target, ...]:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from calib.strict_json import AboveZero, Finite, Text
+from calib.strict_json import Finite, Size, SizeOrSign, Text
 
 Row = tuple[Finite, ...]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e300)]
@@ -25,9 +25,9 @@ class SavedParameter(msgspec.Struct, frozen=True):
 
     name: Text
     unit: str
-    nominal: Finite
-    change: Finite
-    prior_sigma: AboveZero
+    nominal: SizeOrSign
+    change: SizeOrSign
+    prior_sigma: Size
     sigma: NotNegative | None = None  # null: nothing bounds it
 
 

@@ -31,6 +31,7 @@ from calib.strict_json import (
     Finite,
     JsonFile,
     Place,
+    Size,
     Text,
     Texts,
     to_json,
@@ -273,7 +274,7 @@ def _require_possible(file: JsonFile, place: Place, step: SavedStep) -> None:
         for name, size in effect.sizes.items():
             if size is None:
                 file.fail([*sizes, name], "null", "a number above 0 is needed")
-        file.checked_values(sizes, effect.sizes, AboveZero)
+        file.checked_values(sizes, effect.sizes, Size)
 
 
 def _models(

@@ -287,6 +287,16 @@ WRONG: list[tuple[Callable[[Any, Any], None], Any, str]] = [
     (at("version"), True, "version: found True"),
     (at("parameters", 3, "change"), "x", r"parameters\[3\]\.change: found 'x'; a finite number"),
     (at("parameters", 3, "change"), 10**400, r"parameters\[3\]\.change"),
+    (
+        at("parameters", 3, "change"),
+        -1e308,
+        r"parameters\[3\]\.change: found -1e\+308; a number of 1e\+15 at most",
+    ),
+    (
+        at("parameters", 3, "prior_sigma"),
+        1e308,
+        r"parameters\[3\]\.prior_sigma: found 1e\+308; a number of 1e\+15",
+    ),
     (at("parameters", 3, "prior_sigma"), 0.0, r"parameters\[3\]\.prior_sigma: found 0"),
     (at("parameters", 3, "sigma"), -1.0, r"parameters\[3\]\.sigma"),
     (at("parameters", 3, "name"), "a1", "parameters: found one name twice"),

@@ -12,6 +12,7 @@ from calib.scans.scan import scan_file
 from calib.text_files.toml_table import TomlTable
 
 _CHUNK = 1 << 20
+_WITHOUT_POINTS = 3  # files: dataset.toml, robot, poses
 
 
 def content_hash(path: Path) -> str:
@@ -29,23 +30,27 @@ def content_hash(path: Path) -> str:
 def fingerprint(dataset: Dataset) -> dict[str, str]:
     """The hash of each file that a fit of the dataset reads, by path below its folder.
 
-    Those are dataset.toml, the robot, the poses and the points; the scans only where there are no points.
+    Those are dataset.toml, the robot, the poses and the points, each as it was when the dataset was loaded: its numbers
+    come from there, whatever the file holds by now. The scans count only where there are no points.
     """
     if dataset.folder is None:
         raise DatasetError(f"dataset {dataset.name}: it has no folder; write it to one first")
-    top = TomlTable.load(dataset.folder / "dataset.toml")
-    names = ["dataset.toml"]
-    names += [
-        top.text(key, default) or default
-        for key, default in (("robot", "robot.toml"), ("poses", "poses.csv"))
-    ]
-    points = top.text("points")
-    if dataset.points is not None and points is not None:
-        names.append(points)
-    elif dataset.scan_folder is not None:
+    hashes = dict(dataset.read_files) or table_hashes(dataset.folder)
+    if len(hashes) == _WITHOUT_POINTS and dataset.scan_folder is not None:
         scans = [scan_file(Path(name)).as_posix() for name in dataset.poses.scan_names]
-        names += [f"{dataset.scan_folder}/{name}" for name in scans]
-    return {name: content_hash(dataset.folder / name) for name in dict.fromkeys(names)}
+        names = dict.fromkeys(f"{dataset.scan_folder}/{name}" for name in scans)
+        hashes |= {name: content_hash(dataset.folder / name) for name in names}
+    return hashes
+
+
+def table_hashes(folder: Path) -> dict[str, str]:
+    """The hashes of dataset.toml, the robot, the poses and, where they are named, the points; by path below the folder.
+
+    Raises DatasetError.
+    """
+    top = TomlTable.load(folder / "dataset.toml")
+    named = (top.text("robot", "robot.toml"), top.text("poses", "poses.csv"), top.text("points"))
+    return {name: content_hash(folder / name) for name in ("dataset.toml", *named) if name}
 
 
 def changed(before: Mapping[str, str], now: Mapping[str, str]) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ from calib.dataset.files.cell_tables import (
 )
 from calib.dataset.files.csv_table import TableFile
 from calib.dataset.files.declared_units import load_units
+from calib.dataset.files.fingerprint import table_hashes
 from calib.dataset.files.points_checks import unmeasured_note
 from calib.dataset.files.points_csv import load_points, points_frame
 from calib.dataset.files.poses_csv import load_poses, poses_frame
@@ -125,6 +126,7 @@ def load_dataset(folder: str | Path) -> Dataset:
         about=about,
         surroundings=surroundings,
         targets=targets,
+        read_files=table_hashes(folder),
     )
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
-import math
 import sys
 import traceback
 from collections.abc import Iterable, Iterator
@@ -33,6 +32,7 @@ from calib.effects.effect import (
 )
 from calib.effects.state import RobotState
 from calib.errors import CalibError
+from calib.strict_json import MOST_SIZE
 
 
 def load_effects(path: Path, state: RobotState) -> tuple[Family, ...]:
@@ -156,10 +156,11 @@ def _check(effect: Any, state: RobotState, where: str) -> None:
             or not all(isinstance(text, str) for text in (p.name, p.unit, p.doc))
             or not p.name.isidentifier()
             or not isinstance(p.scale, int | float)
-            or not 0.0 < p.scale < math.inf
+            or not 0.0 < p.scale <= MOST_SIZE
         ):
             raise CalibError(
-                f"{label}: {p!r} is no Parameter with an identifier for a name, text for unit and doc, a scale above 0"
+                f"{label}: {p!r} is no Parameter with an identifier for a name, text for unit and doc, a scale above 0 "
+                f"and of {MOST_SIZE:g} at most"
             )
     if len({p.name for p in parameters}) < len(parameters):
         raise CalibError(f"{label}: two parameters have the same name")

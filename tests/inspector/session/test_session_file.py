@@ -23,7 +23,7 @@ from inspector.session import measuring
 from inspector.session import transitions as sessions
 from inspector.session.reopening import dataset_of, opening, reopened
 from inspector.session.session import Session
-from inspector.session.session_file import Shown, load_session, save_session, session_text
+from inspector.session.session_file import SessionFileError, Shown, load_session, save_session, session_text
 from tests.support.hidden_dataset import HIDDEN, write_hidden
 
 
@@ -173,6 +173,38 @@ def test_a_changed_dataset_is_told_in_one_line_and_the_fit_is_of_what_is_there(
     assert any("saved was" in note for note in notes[1:])
     assert all("\n" not in note for note in notes)
     assert again.calibration is not None
+
+
+def test_a_session_names_the_files_that_were_fitted_not_those_of_now(
+    worked_on: Session, folder: Path, tmp_path: Path
+) -> None:
+    there = tmp_path / "cell"
+    shutil.copytree(folder, there)
+    fitted = replace(worked_on, dataset=replace(worked_on.dataset, folder=there))
+    for name in ("robot.toml", "points.csv"):
+        with (there / name).open("a") as file:
+            file.write("\n")
+        save_session(tmp_path / "s.json", fitted)
+        files = load_session(tmp_path / "s.json").files
+        assert files == fingerprint(worked_on.dataset)
+    _, notes = opened(tmp_path / "s.json", there)
+    assert notes == ("The dataset has changed since the session was saved: robot.toml, points.csv.",)
+
+
+@pytest.mark.parametrize("size", [1e16, 1e308])
+def test_an_effect_of_no_possible_size_is_refused_with_its_place(saved: Path, size: float) -> None:
+    document = json.loads(saved.read_text())
+    step, effect = next(
+        (i, effect) for i, s in enumerate(document["history"]) for effect in s["effects"] if effect["sizes"]
+    )
+    name = next(iter(effect["sizes"]))
+    effect["sizes"][name] = size
+    saved.write_text(json.dumps(document))
+    with pytest.raises(SessionFileError) as caught:
+        load_session(saved)
+    said = str(caught.value)
+    assert f"history[{step}].effects[0].sizes.{name}: found {size!r}" in said.replace("e+", "e+")
+    assert "a number of 1e+15 at most is needed" in said
 
 
 def test_every_file_that_a_fit_reads_counts(folder: Path, tmp_path: Path) -> None:
