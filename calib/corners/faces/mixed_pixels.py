@@ -54,6 +54,7 @@ _GAIN = 6.0  # that the squared residuals must fall by
 _BAND_SIGMA = 12.0
 _BAND_SHARE = 0.15  # of a neighbour: points that are off by this are still looked at
 _REWEIGHTINGS = 12
+_SAME_WEIGHTS = 1e-3  # weights that change less are those of the solution
 
 
 class _Sight(NamedTuple):
@@ -81,22 +82,20 @@ def find_mixed_pixels(
     """
     if min(len(plane.indices) for plane in planes) > _MOST_POINTS:
         return None
-    sight = _sight(local, origin)
     widest = max(planes, key=lambda plane: len(plane.indices))
     grid = pixel_grid(widest.points_mm + origin, widest.centre_mm + origin)
     if grid is None:
         return None
-    heights = np.column_stack([local @ plane.normal - plane.offset_mm for plane in planes])
     rows, values, places = [], [], []
     narrow = np.array([_edge_share(planes, face, origin, grid, jig, outline) > _NARROW for face in range(3)])
     if not narrow.any():
         return None
+    heights = np.column_stack([local @ plane.normal - plane.offset_mm for plane in planes])
     for face, plane in enumerate(planes):
-        own = FaceOutline.of(outline, face).inward(*along_edges(heights, face, jig)) > 0
-        own &= seen_on_face(local, planes, face, origin, grid, jig, outline)
-        on = np.flatnonzero(own)
+        on = np.flatnonzero(FaceOutline.of(outline, face).inward(*along_edges(heights, face, jig)) > 0)
+        on = on[seen_on_face(local.take(on, axis=0), planes, face, origin, grid, jig, outline)]
         on = on[:: max(1, len(on) // _POINTS_A_FACE)]
-        seen = _Sight(sight.ranges_mm[on], sight.ways[on])
+        seen = _sight(local.take(on, axis=0), origin)
         moves = _range_moves(seen, planes, face, origin, grid, jig) * (seen.ways @ plane.normal)[:, None]
         band_mm = _BAND_SIGMA * plane.sigma_mm + _BAND_SHARE * np.abs(moves[:, _NEXT]).sum(axis=1)
         near = np.abs(heights[on, face]) < band_mm
@@ -202,13 +201,13 @@ def _range_moves(
     """(N, 3) mm by which neighbours with a share of 1 move the points along their rays, away where convex."""
     inverse = _inverse_ranges(planes, origin)
     others = inverse - inverse[face]
-    here, steps = sight.ways @ others.T, grid.steps @ others.T  # (N, 3), (2, 3): of q_j - q_i
-    moves = np.empty((len(here), _SHARES))
+    here, steps = others @ sight.ways.T, others @ grid.steps.T  # (3, N), (3, 2): of q_j - q_i
+    moves = np.empty((_SHARES, here.shape[1]))
     for row, places in enumerate(_NEIGHBOURS):
-        there = [here + np.array(place) @ steps for place in places]
-        seen = [np.min(q, axis=1) if jig.convex else np.max(q, axis=1) for q in there]
-        moves[:, row] = -np.sum(seen, axis=0)
-    return np.asarray(moves * sight.ranges_mm[:, None] ** 2)
+        there = [here + (steps @ place)[:, None] for place in np.array(places)]
+        seen = [np.min(q, axis=0) if jig.convex else np.max(q, axis=0) for q in there]
+        moves[row] = -np.sum(seen, axis=0)
+    return np.asarray((moves * sight.ranges_mm**2).T)
 
 
 def _beside_edges(
@@ -264,7 +263,9 @@ def _robust_solution(rows: Array, values: Array) -> tuple[Array, Array, Array]:
         solution = np.asarray(np.linalg.solve(normal_matrix, rows.T @ (weights * values)), dtype=np.float64)
         left = values - rows @ solution
         scale = max(1.0, 1.4826 * float(np.median(np.abs(left))))
-        weights = np.asarray(np.clip(1 - (left / (TUKEY * scale)) ** 2, 0, None) ** 2)
+        before, weights = weights, np.asarray(np.clip(1 - (left / (TUKEY * scale)) ** 2, 0, None) ** 2)
+        if np.abs(weights - before).max() < _SAME_WEIGHTS:
+            break
     return solution, np.asarray(np.linalg.inv(normal_matrix)), np.asarray(left / scale)
 
 
@@ -278,7 +279,9 @@ def _gain(rows: Array, values: Array, shares: Array, face: int) -> float:
         for _ in range(_REWEIGHTINGS):
             weighted = design * weights[:, None]
             left = z - design @ np.linalg.lstsq(weighted.T @ design, weighted.T @ z, rcond=None)[0]
-            weights = np.clip(1 - (left / TUKEY) ** 2, 0, None) ** 2
+            before, weights = weights, np.clip(1 - (left / TUKEY) ** 2, 0, None) ** 2
+            if np.abs(weights - before).max() < _SAME_WEIGHTS:
+                break
         return float(np.sum(TUKEY**2 / 3 * (1 - np.sqrt(weights) ** 3)))
 
     return loss(values) - loss(values - rows[:, 9:] @ shares)

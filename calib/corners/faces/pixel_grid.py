@@ -37,7 +37,8 @@ def pixel_grid(seen_mm: Array, middle_mm: Array) -> PixelGrid | None:
     ways = seen_mm / np.linalg.norm(seen_mm, axis=1)[:, None]
     across = np.linalg.svd(ways.mean(axis=0)[None])[2][1:]
     seen_at = ways @ across.T
-    distance, nearest = (np.asarray(found) for found in cKDTree(seen_at).query(seen_at, k=2))
+    tree = cKDTree(seen_at, balanced_tree=False, compact_nodes=False)
+    distance, nearest = (np.asarray(found) for found in tree.query(seen_at, k=2))
     pitch_rad = float(np.median(distance[:, 1]))
     if not pitch_rad > 0:
         return None
