@@ -10,16 +10,21 @@ from calib.targets.spheres.cap_fit import CapFit, ray_sines
 
 FEWEST_POINTS = 25
 _ROUGHEST = 2.5  # times the scan's noise
+_SLANTED, _ROUGHEST_SLANTED = (
+    0.7,
+    2.3,
+)  # the same where the sine of the incidence is that: noise hardly grows till there
 _NO_SURFACE = 0.03  # of the radius: a scatter above this is no surface's, whatever the noise
 _ROUGH = 0.003  # of the radius: a scatter below this is not compared
 _MOST_BEHIND = (
     0.3  # of the places of the silhouette, those where points lie behind the surface and none on it
 )
-_POINTS_A_CELL = 8
+_POINTS_A_CELL = 4
 _MUCH_BEHIND = 0.25  # points behind over points on: more is no sphere if those on it err alike as well
 _ERR_ALIKE = 1.5  # smooth factor
 _MOST_BESIDE = 0.2  # points beside the band over points in it
 _LEAST_SPREAD_DEG = 6.0  # of the normals about their mean, in the narrower direction: standard deviation
+_SMALL_SPREAD_DEG, _ROUGH_AND_SMALL = 12.0, 1.6  # a cap so small has to be as smooth as flat parts are
 _MOST_RADIUS_SIGMA = 0.03  # of the radius
 _RADIUS_SIGMAS = 6.0  # by which a sphere's own radius may miss the declared one
 _RADIUS_SLACK = 0.01  # of the radius, besides
@@ -56,10 +61,11 @@ def why_no_sphere(
                 f"a sphere of {2 * free.radius_mm:.4g} mm is in view, diameter_mm is {2 * known_mm:g}; correct "
                 "diameter_mm in dataset.toml or show the right sphere"
             ), score
-    if fit.sigma_mm > roughest_mm:
+    slanted_mm = float(fit.growth.sigma(np.array([_SLANTED]))[0])
+    if fit.sigma_mm > roughest_mm or slanted_mm > max(_ROUGHEST_SLANTED * noise_mm, _ROUGH * fit.radius_mm):
         return (
-            f"the {count} points about {size} scatter {fit.sigma_mm:.2g} mm, those of flat parts {noise_mm:.2g} mm: "
-            "they are no sphere's; check that it is in view"
+            f"the {count} points about {size} scatter {max(fit.sigma_mm, slanted_mm):.2g} mm, those of flat parts "
+            f"{noise_mm:.2g} mm: they are no sphere's; check that it is in view"
         ), score
     seen_through = _seen_through(points, on, behind, fit)
     much = np.count_nonzero(behind) > _MUCH_BEHIND * count and fit.smooth_factor > _ERR_ALIKE
@@ -69,12 +75,18 @@ def why_no_sphere(
             "it is none; check that the sphere is in view"
         ), score
     beside = through & front & (np.abs(over) >= TUKEY * sigma) & (np.abs(over) < 3 * TUKEY * sigma)
-    if np.count_nonzero(beside) > _MOST_BESIDE * count:
+    errs_alike = fit.smooth_factor > _ERR_ALIKE
+    if np.count_nonzero(beside) > (0.5 if errs_alike else 1.0) * _MOST_BESIDE * count:
         return (
             f"the surface bends away from {size} that {count} of its points lie on: it is no sphere; check that one is "
             "in view"
         ), score
     spread = _spread_deg(points[on] - fit.centre_mm)
+    if spread < _SMALL_SPREAD_DEG and fit.sigma_mm > _ROUGH_AND_SMALL * noise_mm:
+        return (
+            f"the {count} points about a cap of {size} scatter {fit.sigma_mm:.2g} mm, flat parts {noise_mm:.2g} mm: so "
+            "small a cap may be anything's; clear the view to it, or scan it from where more is seen"
+        ), score
     if spread < _LEAST_SPREAD_DEG:
         return (
             f"the {count} points on {size} cover a strip or a cap of {spread:.1f} deg only, at least "

@@ -24,7 +24,7 @@ _VOXELS_A_RADIUS = (7.0, 12.0, 4.0)  # of the passes, until one finds as many as
 _MOST_TRIED = 12
 _RANGE_STEP = 4.0  # of the radii that are looked for at one size of voxels
 _LEAST_BAND = 0.012  # of the radius
-_UNTOLD = 4.0  # times the declared noise, that a scan may have
+_UNTOLD = 1.5  # times the declared noise, that a scan may have
 
 
 @dataclass(frozen=True)
