@@ -123,11 +123,33 @@ class Calibration:
             out.append(self.room_words)
         if not self.fit.converged:
             out.append(f"the fit did not converge: {self.fit.reason}")
+        if self.worse_than_nominal:
+            out.append(self.worse_than_nominal)
         if self.outliers:
             out.append(
                 f"{outlier_words(self)}, and did not count in the fit; outliers are often physics, look at them"
             )
         return tuple(out)
+
+    @property
+    def worse_than_nominal(self) -> str:
+        """By how much the test poses' error rose, in a sentence; "" where it did not.
+
+        Without test poses, the training poses': a fit of distances, or without priors, may carry the points away.
+        """
+        for role, before, after in (
+            ("test", self.before.test, self.after.test),
+            ("training", self.before.train, self.after.train),
+        ):
+            if before is not None and after is not None:
+                if not after.rmse_mm > before.rmse_mm:
+                    return ""
+                return (
+                    f"the fit is worse than robot.toml on the {role} poses: RMSE {before.rmse_mm:.4g} -> "
+                    f"{after.rmse_mm:.4g} mm; do not put it on the robot, find out why first (too few or too similar "
+                    "poses for what is fitted, another residual, no prior)"
+                )
+        return ""
 
     def require_improvement(self, *, force: bool = False) -> None:
         """Raise FitError where the result should not be put on a robot: not converged, or worse on test poses."""

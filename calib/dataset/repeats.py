@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from calib.array_types import Array
 from calib.dataset.dataset import Dataset, Points
-from calib.dataset.stands import stands_of
+from calib.dataset.stands import SAME_DIGITS, stands_of
 from calib.distributions import chi2_sf
 
 
@@ -46,12 +46,22 @@ def find_repeats(dataset: Dataset) -> tuple[Repeats, ...]:
 
 
 def _repeated_rows(dataset: Dataset, points: Points) -> list[list[int]]:
-    """The rows of the points that were measured at one stand, for each stand and target with more than one."""
+    """The rows of the points that were measured at one stand, for each stand and target with more than one.
+
+    A row that has another's coordinates to the last digit was copied: it is no measurement, and left out.
+    """
     stand = stands_of(dataset)
     keys: dict[tuple[int, str], list[int]] = {}
     for row, pose in enumerate(points.pose):
         keys.setdefault((int(stand[pose]), str(points.target[row])), []).append(row)
-    return [rows for rows in keys.values() if len(rows) > 1]
+    different = (_different(points.xyz_mm, rows) for rows in keys.values() if len(rows) > 1)
+    return [rows for rows in different if len(rows) > 1]
+
+
+def _different(xyz_mm: Array, rows: Sequence[int]) -> list[int]:
+    """The rows without those whose coordinates an earlier one has."""
+    first = np.unique(np.round(xyz_mm[rows], SAME_DIGITS), axis=0, return_index=True)[1]
+    return [rows[k] for k in np.sort(first)]
 
 
 @dataclass(frozen=True)

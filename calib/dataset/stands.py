@@ -19,6 +19,7 @@ SAME_JOINT = 1e-6  # deg, or mm of a prismatic joint: joint values that differ b
 SAME_TEMPERATURE_C = 0.2  # what a reading of the arm's temperature is good for
 SIGMA_DOUBT = 1.25  # a sigma that was declared, not measured, is believed to this factor
 _TIME_MATTERS = 0.01  # p below which visits of one place differ by more than noise
+SAME_DIGITS = 9  # behind the point, of mm: coordinates that agree in them were copied
 _NAMED = 5  # poses in a warning
 
 
@@ -131,15 +132,13 @@ def on_stands(dataset: Dataset) -> Dataset:
         return dataset  # the usual case at once
     target = np.unique(points.target, return_inverse=True)[1]
     key = np.column_stack([sides[points.pose], target])
-    first, group, shots = np.unique(key, axis=0, return_index=True, return_inverse=True, return_counts=True)[
-        1:
-    ]
+    first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)[1:]
     if len(first) == len(points) and len(np.unique(sides[measured])) == len(measured):
         return dataset  # several targets, each once
     order = np.argsort(first, kind="stable")
     rank = np.empty(len(order), dtype=np.int64)
     rank[order] = np.arange(len(order))
-    averaged = _mean_points(points, rank[group.reshape(-1)], first[order], shots[order])
+    averaged = _mean_points(points, rank[group.reshape(-1)], first[order])
     at = _first_poses(poses, sides, measured)
     averaged = replace(averaged, pose=at[averaged.pose])
     return replace(
@@ -162,13 +161,14 @@ def _first_poses(poses: Poses, sides: IndexArray, measured: IndexArray) -> Index
     return out
 
 
-def _mean_points(points: Points, group: IndexArray, first: IndexArray, shots: IndexArray) -> Points:
-    """The means of groups of points; `first` (G,) is a point of each, `shots` (G,) how many it has."""
-    mean_mm = _sums(points.xyz_mm, group, len(first)) / shots[:, None]
+def _mean_points(points: Points, group: IndexArray, first: IndexArray) -> Points:
+    """The means of groups of points; `first` (G,) is a point of each."""
     covariance = points.covariance_mm2
     # A row that was written twice tells nothing of the noise, and is no second measurement.
-    different = np.unique(np.column_stack([group, np.round(points.xyz_mm, 9)]), axis=0)[:, 0].astype(np.int64)
-    measured = np.bincount(different, minlength=len(first))
+    keys = np.column_stack([group, np.round(points.xyz_mm, SAME_DIGITS)])
+    different = np.sort(np.unique(keys, axis=0, return_index=True)[1])
+    measured = np.bincount(group[different], minlength=len(first))
+    mean_mm = _sums(points.xyz_mm[different], group[different], len(first)) / measured[:, None]
     counts_as = np.minimum(measured, max(int(np.median(measured)), 1)).astype(float)
     return Points(
         pose=points.pose[first],

@@ -37,6 +37,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
             for step in calibration.iteration_errors
         ],
         "converged": fit.converged,
+        "worse_than_nominal": calibration.worse_than_nominal or None,
         "reason": fit.reason,
         "rank": fit.rank,
         **by_role(calibration.after),

@@ -26,6 +26,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "dataset": diagnosis.calibration.dataset.name,
         "stands": stands_document(diagnosis.calibration),
         "left_out": diagnosis.calibration.fitted_dataset.left_out,
+        "worse_than_nominal": diagnosis.calibration.worse_than_nominal or None,
         "verdict": diagnosis.verdict,
         "missing": diagnosis.missing,
         "suspected": diagnosis.suspected,

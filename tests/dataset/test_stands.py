@@ -207,7 +207,7 @@ def test_orientations_are_averaged() -> None:
 
 
 def test_a_pose_is_left_out_with_its_stand() -> None:
-    dataset = repeated(plain(), 3, np.random.default_rng(8))
+    dataset = repeated(plain(), 3, np.random.default_rng(8), noise_mm=0.05)
     left = without_poses(dataset, [dataset.poses.ids[3]])
     assert left.points is not None
     assert not np.any(np.isin(left.points.pose, [3, 4, 5]))

@@ -148,7 +148,7 @@ def _warnings(file: TableFile, robot: Robot, poses: Poses, points: Points, unit:
         more = f" and {len(copies) - 1} more rows do alike" if len(copies) > 1 else ""
         warnings.append(
             f"{file.path}: line {file.line(row)} has the coordinates of line {file.line(earlier)} to the last digit"
-            f"{more}; a second measurement differs, so remove rows that were copied"
+            f"{more}; a second measurement differs: a copied row counts once and is no repeat, remove it"
         )
     return warnings
 

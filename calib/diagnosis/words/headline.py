@@ -123,6 +123,8 @@ def headline_note(told: Headline) -> str:
         if told.of_test_poses
         else "3D error (RMS) at the poses that were fitted: there are no test poses, so nothing confirms it."
     )
+    if told.stages[-1].error_mm > told.stages[0].error_mm:
+        of += " It rose: the fit is worse than robot.toml as it was, so do not put it on the robot."
     ratio = told.noise_ratio
     if ratio is None:
         return f"{of} The dataset declares no noise to compare it with."

@@ -1,0 +1,82 @@
+"""A fit that carries the test poses away says so: in its warnings, in JSON, in the headline."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.calibration.calibrate import calibrate
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import write_dataset
+from calib.diagnosis.words.headline import headline_note, headline_of
+from calib.options import FitOptions
+from inspector.cli.parser import main
+from inspector.export.calibration_documents import calibration_document
+from tests.support.arms import dataset_of, jang_arm, perturbed
+
+
+def exact_arm(*, slide: bool = False, setups: int = 1) -> Dataset:
+    """An arm that is as its table says, few poses, 0.05 mm of noise: whatever a fit finds there is noise."""
+    robot = jang_arm()
+    if slide:
+        joints = list(robot.joints)
+        joints[2] = replace(joints[2], type="prismatic", min=-200.0, max=200.0)
+        robot = replace(robot, joints=tuple(joints))
+    dataset = dataset_of(
+        robot, robot, np.random.default_rng(4), poses=12 * setups + 12 * (1 + slide), test=12, noise_mm=0.05
+    )
+    names = np.array([f"s{i % setups}" for i in range(len(dataset.poses))])
+    return replace(dataset, poses=replace(dataset.poses, setup=names))
+
+
+@pytest.mark.parametrize(
+    ("dataset", "options"),
+    [
+        (exact_arm(setups=2), FitOptions(prior=False)),
+        (exact_arm(slide=True), FitOptions("distance")),
+        (exact_arm(setups=2), FitOptions("distance", prior=False)),
+    ],
+)
+def test_a_fit_that_is_worse_says_so(dataset: Dataset, options: FitOptions) -> None:
+    fit = calibrate(dataset, options)
+    before, after = fit.before.test, fit.after.test
+    assert before is not None
+    assert after is not None
+    assert after.rmse_mm > before.rmse_mm
+    (said,) = [w for w in fit.warnings if "worse than robot.toml on the test poses" in w]
+    assert f"RMSE {before.rmse_mm:.4g} -> {after.rmse_mm:.4g} mm" in said
+    assert calibration_document(fit)["worse_than_nominal"] == said
+    assert said in fit.summary()
+    assert "It rose: the fit is worse than robot.toml" in headline_note(headline_of([fit]))
+
+
+def test_a_fit_that_is_better_does_not() -> None:
+    rng = np.random.default_rng(0)
+    dataset = dataset_of(jang_arm(), perturbed(jang_arm(), rng), rng, poses=48, test=12, noise_mm=0.05)
+    fit = calibrate(dataset)
+    assert fit.worse_than_nominal == ""
+    assert calibration_document(fit)["worse_than_nominal"] is None
+    assert "rose" not in headline_note(headline_of([fit]))
+
+
+def test_without_test_poses_the_training_poses_tell() -> None:
+    dataset = exact_arm(slide=True)
+    role = np.where(dataset.poses.is_test, "train", dataset.poses.role)
+    dataset = replace(dataset, poses=replace(dataset.poses, role=role))
+    fit = calibrate(dataset, FitOptions("distance"))
+    before, after = fit.before.train, fit.after.train
+    assert before is not None
+    assert after is not None
+    assert ("on the training poses" in fit.worse_than_nominal) == (after.rmse_mm > before.rmse_mm)
+
+
+@pytest.mark.slow
+def test_diagnose_has_the_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_dataset(exact_arm(setups=2), tmp_path / "cell")
+    assert main(["diagnose", str(tmp_path / "cell"), "--no-prior", "--max-steps", "0", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert "worse than robot.toml on the test poses" in document["worse_than_nominal"]

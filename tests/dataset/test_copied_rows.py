@@ -1,0 +1,94 @@
+"""Rows that were copied under other pose ids: no repeats, each counts once, and the verdict stays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.dataset.dataset import Dataset, Points
+from calib.dataset.files.folder import load_dataset, write_dataset
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.dataset.repeats import find_repeats, pooled_sigma_mm
+from calib.dataset.stands import on_stands
+from calib.diagnosis.diagnose import diagnose
+from calib.simulation.simulate import simulate_dataset
+
+REPEATED, COPIED = 10, 40
+
+
+def with_rows(dataset: Dataset, poses: np.ndarray, xyz_mm: np.ndarray, prefix: str) -> Dataset:
+    """The dataset with these training poses once more, under other names, and these points for them."""
+    given, points = dataset.poses, dataset.points
+    assert points is not None
+    rows = np.concatenate([np.arange(len(given)), poses])
+    role = given.role[rows]
+    role[len(given) :] = "train"
+    more = replace(
+        given,
+        ids=(*given.ids, *(f"{prefix}{given.ids[i]}" for i in poses)),
+        role=role,
+        q=given.q[rows],
+        setup=given.setup[rows],
+        scan_names=tuple(given.scan_names[i] for i in rows),
+        **{
+            name: values[rows]
+            for name in ("payload_kg", "temperature_c", "time_s", "approach")
+            if (values := getattr(given, name)) is not None
+        },
+    )
+    new = Points(
+        np.concatenate([points.pose, len(given) + np.arange(len(poses))]),
+        np.vstack([points.xyz_mm, xyz_mm]),
+        np.concatenate([points.target, np.full(len(poses), "jig")]),
+    )
+    return replace(dataset, poses=more, points=new)
+
+
+@pytest.fixture(scope="module")
+def datasets() -> tuple[Dataset, Dataset]:
+    """A clean arm, some poses measured twice; the same with other rows copied."""
+    rng = np.random.default_rng(1)
+    simulated = simulate_dataset(builtin_robot("rb5"), rng=rng, effects=(), poses=60, noise_mm=0.05).dataset
+    assert simulated.points is not None
+    assert np.array_equal(simulated.points.pose, np.arange(len(simulated.poses)))
+    training = np.flatnonzero(simulated.poses.role == "train")
+    twice, copied = training[:REPEATED], training[REPEATED:][:COPIED]
+    xyz_mm = simulated.points.xyz_mm
+    honest = with_rows(simulated, twice, xyz_mm[twice] + 0.05 * (rng.normal(size=(REPEATED, 3))), "again ")
+    assert honest.points is not None
+    return honest, with_rows(honest, copied, xyz_mm[copied], "copy ")
+
+
+def test_copies_are_no_repeats(datasets: tuple[Dataset, Dataset]) -> None:
+    honest, copied = map(find_repeats, datasets)
+    assert len(honest) == len(copied) == REPEATED
+    assert pooled_sigma_mm(copied) == pooled_sigma_mm(honest)
+    assert 0.035 < pooled_sigma_mm(copied) < 0.065
+
+
+@pytest.mark.slow
+def test_the_verdict_stays(datasets: tuple[Dataset, Dataset]) -> None:
+    assert diagnose(datasets[1], max_steps=0).verdict == "adequate"
+
+
+def test_a_mean_counts_each_measurement_once(datasets: tuple[Dataset, Dataset]) -> None:
+    honest = datasets[0]
+    assert honest.points is not None
+    again = np.flatnonzero([name.startswith("again ") for name in honest.poses.ids])
+    copied = with_rows(honest, again, honest.points.xyz_mm[again], "copy ")
+    one, other = on_stands(honest).points, on_stands(copied).points
+    assert one is not None
+    assert other is not None
+    np.testing.assert_array_equal(one.xyz_mm, other.xyz_mm)
+    np.testing.assert_array_equal(one.counts_as, other.counts_as)
+
+
+def test_it_is_said(datasets: tuple[Dataset, Dataset], tmp_path: Path) -> None:
+    write_dataset(datasets[1], tmp_path / "cell")
+    (said,) = load_dataset(tmp_path / "cell").warnings
+    assert "to the last digit" in said
+    assert f"and {len(datasets[1].poses) - 60 - REPEATED - 1} more rows do alike" in said
+    assert "a copied row counts once and is no repeat" in said
