@@ -1,0 +1,31 @@
+"""A dataset whose scans show balls, on the page: found, drawn, told of, fitted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inspector.markup.measure.corner import corner_html
+from inspector.markup.measure.planes import NO_PLANES, planes_html
+from inspector.panels.measure.scans import corner_state
+from inspector.session.measuring import open_session, with_search
+from inspector.session.view import View
+from tests.support.ball_dataset import write_ball_dataset
+
+TABLE = '[[targets]]\nname = "jig"\nshape = "sphere"\ndiameter_mm = 30.0\n'
+
+
+@pytest.mark.slow
+def test_a_scanned_ball_is_told_of(tmp_path: Path) -> None:
+    write_ball_dataset(tmp_path / "cell", TABLE, offsets={}, diameters_mm={"jig": 30.0}, poses=12, rays=6_000)
+    session = with_search(open_session(tmp_path / "cell"), 0)
+    view = View(session)
+    assert corner_state(view, 0) == "found"
+    assert "Targets" in corner_html(view)
+    assert "ø 30.000 mm" in corner_html(view)
+    assert NO_PLANES in planes_html(view)
+    assert not session.unlabelled
+    assert session.measured.points is not None
+    np.testing.assert_array_equal(session.measured.points.target, ["jig"])
