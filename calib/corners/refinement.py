@@ -21,6 +21,7 @@ from calib.corners.faces.face_outline import (
     along_edges,
     face_points,
     flat_margins_mm,
+    require_far_borders,
     without_far_points,
 )
 from calib.corners.faces.narrow_faces import refit_narrow_faces
@@ -98,6 +99,7 @@ def refine(
         points_mm, groups, chosen, origin, jig.shortest_mm, max(plane.sigma_mm for plane in planes)
     )
     known = plane_uncertainty(planes, jig, origin, beside, options.told)
+    require_far_borders(local, planes, jig, outline)
     require_faces(planes, known.covariance, origin, jig)
     covariance, moves = known.covariance, np.zeros(9)
     notes: tuple[str, ...] = ()

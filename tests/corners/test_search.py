@@ -405,3 +405,19 @@ def test_a_dataset_without_scans_is_told(tmp_path: Path) -> None:
     dataset.scan_path = lambda i: None
     with pytest.raises(DatasetError, match="no scans"):
         find_corners(dataset)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("true_mm", "told_mm"),
+    [((60.0, 80.0, 120.0), (60.0, 80.0, 100.0)), ((60.0, 139.0, 224.0), (70.0, 110.0, 160.0))],
+)
+def test_the_corner_of_a_box_that_is_longer_than_told_is_refused(
+    true_mm: tuple[float, float, float], told_mm: tuple[float, float, float]
+) -> None:
+    for seed in range(2):
+        scene = make_scene(
+            np.random.default_rng(seed), 12_000, edge_mm=110.0, edges_mm=true_mm, rectangular=True,
+            distance_mm=1200.0, field_mm=450.0, sigma_mm=0.5,
+        )  # fmt: skip
+        assert find_corner(scene.scan, Jig(edge_mm=true_mm)).corner is not None
+        assert find_corner(scene.scan, Jig(edge_mm=told_mm)).corner is None

@@ -14,11 +14,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from calib.array_types import Array, BoolArray, IndexArray
+from calib.errors import CornerError
 from calib.jig import Jig, Outline
 from calib.planes.robust_fit import TUKEY, PlaneFit
 
 _CELLS = 12  # cells along an edge when a face's area is counted
 _COLLAR = 0.25  # of the edge
+_BORDER = 0.06  # of the edge: nearer to a border points are neither on one side of it nor on the other
+_FEW = 6  # points in a strip, at least, to be compared with another
 _SOLID = 0.5  # of the points that a cell of a surface has; a cell with more is a surface
 _NEAR_POINT = 0.8  # spacings; a square grid leaves no place farther than 0.71 from a point
 # Margins to choose from, of the edge.
@@ -70,6 +73,27 @@ def face_points(
     one, other = along_edges(heights, face, jig)
     inside = FaceOutline.of(outline, face).inward(one, other) > margin_mm
     return np.asarray(inside & (np.abs(heights[:, face]) <= band_mm))
+
+
+def require_far_borders(local: Array, planes: Sequence[PlaneFit], jig: Jig, outline: Outline) -> None:
+    """Raise CornerError where a refined plane goes on beyond the far border of its rectangle. local  # (N, 3)
+
+    The planes as they are chosen are not good enough for this in noise: a long box leaves their tolerance at its end.
+    """
+    if not outline.rectangular:
+        return
+    heights = np.column_stack([local @ plane.normal - plane.offset_mm for plane in planes])
+    for face, plane in enumerate(planes):
+        on = np.abs(heights[:, face]) < TUKEY * plane.sigma_mm
+        one, other = along_edges(heights[on], face, jig)
+        legs_mm = FaceOutline.of(outline, face).legs_mm
+        a, b = one / legs_mm[0], other / legs_mm[1]
+        for leg_mm, share in zip(legs_mm, (_share_beyond(a, b), _share_beyond(b, a)), strict=True):
+            if share:
+                raise CornerError(
+                    f"a face of {legs_mm[0]:g} x {legs_mm[1]:g} mm goes on beyond its {leg_mm:g} mm: the corner of "
+                    f"something larger; correct edge_mm ({jig.edge_words()}) or clear the view"
+                )
 
 
 def without_far_points(along_mm: Array) -> BoolArray:
@@ -180,7 +204,25 @@ def outline_shares(
     points_a_cell = float(on[inside].sum()) / max(filled, 1)  # below one, a point stands for several cells
     area = _CELLS**2 if face.rectangular else _CELLS**2 / 2
     spilt_area = spilt / min(1.0, max(points_a_cell, 0.1)) / area
-    return filled / cells, spilt_area, seen_through / cells
+    goes_on = _goes_on(a[agrees], b[agrees]) if face.rectangular else 0.0
+    return filled / cells, max(float(spilt_area), goes_on), seen_through / cells
+
+
+def _goes_on(a: Array, b: Array) -> float:
+    """How much of a rectangle's far border its plane goes on beyond, 0 where less than half; of either border the more.
+
+    a, b  # (K,) of the plane's points, in shares of the legs. Strips on both sides of a border are compared by their
+    points, so that no density matters. A longer box has the corner of a shorter one, and one end where it ends too.
+    """
+    return max(_share_beyond(a, b), _share_beyond(b, a))
+
+
+def _share_beyond(along: Array, across: Array) -> float:
+    """Points of a strip beyond the border along = 1 over those of the strip within; 0 where less than half."""
+    beside = (across > _BORDER) & (across < 1 - _BORDER)
+    within = int(np.count_nonzero(beside & (along > 1 - _COLLAR) & (along < 1 - _BORDER)))
+    beyond = int(np.count_nonzero(beside & (along > 1 + _BORDER) & (along < 1 + _COLLAR)))
+    return min(1.0, beyond / within) if within >= _FEW and beyond > 0.5 * within else 0.0
 
 
 @cache
