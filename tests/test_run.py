@@ -147,6 +147,19 @@ def test_first_call_installs_and_the_second_starts_at_once(sandbox: Sandbox):
     assert done.stderr == ""
 
 
+def test_a_python_that_is_not_there_is_told_not_replaced(sandbox: Sandbox):
+    for installed in (False, True):
+        done, calls = sandbox.run("check", "x", PYTHON="/nonexistent")
+        assert done.returncode == 1
+        assert calls == []
+        assert re.fullmatch(r"run: PYTHON=/nonexistent: no such program; .*\n", done.stderr)
+        assert (sandbox.project / ".venv").exists() == installed
+        if not installed:
+            sandbox.run("check", "x")
+    assert sandbox.run("help", PYTHON="/nonexistent")[0].returncode == 0
+    assert sandbox.run("check", "x", PYTHON="python3")[0].returncode == 0
+
+
 def test_a_test_install_serves_too_but_not_the_other_way_round(sandbox: Sandbox):
     sandbox.run("check", "x")
     _, calls = sandbox.run("test")
