@@ -16,10 +16,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib.dataset.files.csv_table import TableFile
+from calib.dataset.files.folder import load_dataset
+from calib.effects.catalogue.user_file import load_effects
 from calib.errors import MOST_CHARACTERS, CalibError, DatasetError, is_one_line, shown
+from calib.fitting.observations import nominal_state
 from calib.text_files.csv_text import as_number, csv_rows, frame_csv, rows_csv
 from calib.user_tables.user_table import load_table
+from inspector.app.page.dataset_list import names_of
+from tests.support.hidden_dataset import write_hidden
 
+EFFECT = """
+from calib import Parameter
+
+
+class Mine:
+    name = "mine\\u202e"
+    parameters = (Parameter("k_rad", unit="rad", scale=1e-4),)
+
+    def apply(self, state, *, k_rad):
+        return state.add_joint_error(1, k_rad * state.q_rad[:, 0] ** 2)
+"""
 FORMULAS = ('=HYPERLINK("http://x")', "@SUM(A1)", "+1+2", "-1-2", "=1", "＝1+1", "'=1", "''=1", "-x", "+")
 
 
@@ -91,6 +107,29 @@ def test_what_turns_or_hides_text_is_in_no_name(hidden: str) -> None:
     assert not is_one_line(f"p{hidden}1")
     said = str(CalibError(f"cell{hidden}/poses.csv: no"))
     assert is_one_line(said) or hidden == "\n"
+
+
+def test_names_from_strangers_hide_nothing(tmp_path: Path) -> None:
+    folder = write_hidden(tmp_path)
+    for file, old, new, place in (
+        ("poses.csv", "pose,", "pose,a\u202eb,", "line 1: found a column 'a\\u202eb'"),
+        ("robot.toml", 'name = "J2"', 'name = "J\u202e2"', "name: found 'J\\u202e2'"),
+        ("dataset.toml", 'name = "', 'name = "\u2066', "name: found '\\u2066"),
+    ):
+        path = folder / file
+        text = path.read_text("utf-8")
+        assert old in text
+        path.write_text(text.replace(old, new, 1), "utf-8")
+        with pytest.raises(DatasetError) as caught:
+            load_dataset(folder)
+        assert place in str(caught.value)
+        path.write_text(text, "utf-8")
+    (turned,) = names_of([tmp_path / "cell\u202etxt"])
+    assert turned == "cell\\u202etxt"
+    effects = tmp_path / "mine.py"
+    effects.write_text(EFFECT, "utf-8")
+    with pytest.raises(CalibError, match=r"its name is no line without control"):
+        load_effects(effects, nominal_state(load_dataset(folder)))
 
 
 def test_names_of_all_scripts_are_names() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from calib.array_types import Array
-from calib.errors import DatasetError
+from calib.errors import DatasetError, is_one_line
 from calib.text_files.csv_text import MOST_BYTES, as_number, csv_rows, names_in_short
 from calib.text_files.text_file import read_text
 
@@ -44,6 +44,11 @@ class TableFile:
                     "with a point as decimal sign"
                 )
         names = [" ".join(name.split()) for name in names]
+        hidden = next((name for name in names if not is_one_line(name)), None)
+        if hidden is not None:
+            raise DatasetError(
+                f"{path}: line 1: found a column {short(hidden)}; a name is one line without control characters"
+            )
         while names and not names[-1]:  # a spreadsheet's empty columns on the right
             names.pop()
         for line, row in zip(lines, body, strict=True):

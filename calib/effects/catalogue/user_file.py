@@ -31,7 +31,7 @@ from calib.effects.effect import (
     meaning_of,
 )
 from calib.effects.state import RobotState
-from calib.errors import CalibError
+from calib.errors import CalibError, is_one_line
 from calib.strict_json import MOST_SIZE
 
 
@@ -56,6 +56,10 @@ def check_effects(effects: Iterable[Effect], state: RobotState, where: str = "ef
         _check(effect, state, where)
     families = families_from(effects)
     for family in families:
+        if not is_one_line(family.name):
+            raise CalibError(
+                f"{where}: effect {family.name!r:.200}: its name is no line without control characters; give it another"
+            )
         if family.name in catalogue_names():
             raise CalibError(
                 f"{where}: effect {family.name!r} has the name of one in the catalogue; give it another `name`"
