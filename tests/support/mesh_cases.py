@@ -97,6 +97,16 @@ def _in_shadow(kind: str) -> Draw:
     return draw
 
 
+def _steep(incidence_deg: float) -> Draw:
+    """A face a few pixels wide, of a jig without bevels, by a scanner whose pixels mix with their neighbours."""
+
+    def draw(rng: np.random.Generator) -> tuple[JigShape, Scanner, Scene]:
+        scanner = Scanner(points=12_000, field=150.0, heavy_tails=False, quantum=0.0, patches=0)
+        return JigShape(), scanner, Scene(workshop=False, steepest_deg=incidence_deg)
+
+    return draw
+
+
 def _anything(rng: np.random.Generator) -> tuple[JigShape, Scanner, Scene]:
     """All at once."""
     edge = float(rng.uniform(30, 120))
@@ -157,5 +167,8 @@ KINDS: dict[str, Kind] = {
     "turned away, flight": Kind(_with(_FLIGHT, Scene("turned away"), at_edge=60.0)),
     "in shadow, light": Kind(_in_shadow(_LIGHT)),
     "in shadow, lines": Kind(_in_shadow(_LINES)),
+    "steep, 72 deg": Kind(_steep(72.0)),
+    "steep, 75 deg": Kind(_steep(75.0)),
+    "steep, 78 deg": Kind(_steep(78.0)),
     "covered face": Kind(_with(_LIGHT, Scene("covered"))),
 }

@@ -128,7 +128,8 @@ def scan_of(shape: JigShape, scanner: Scanner, scene: Scene, rng: np.random.Gene
         others.append(rod(apex - way, apex + way, 20.0))
     rays = Rays(joined([made, *others]))
     seen = SCANNERS[scanner.kind](rays, scanner, apex, rng)
-    has_jig = scene.jig == "in view"
+    # A laser's camera moves with it, and may come to see from elsewhere what is in shadow from the middle.
+    has_jig = scene.jig in ("in view", "in shadow")
     covariance, share = np.full((3, 3), np.nan), np.zeros(3)
     if has_jig:
         covariance = bound(seen, turn, apex, scanner.heavy_tails)
