@@ -65,7 +65,7 @@ def why_no_sphere(
     if fit.sigma_mm > roughest_mm or slanted_mm > max(_ROUGHEST_SLANTED * noise_mm, _ROUGH * fit.radius_mm):
         return (
             f"the {count} points about {size} scatter {max(fit.sigma_mm, slanted_mm):.2g} mm, those of flat parts "
-            f"{noise_mm:.2g} mm: they are no sphere's; check that it is in view"
+            f"{noise_mm:.2g} mm: they are no sphere's; check that it is in view, and scan_sigma_mm in dataset.toml"
         ), score
     seen_through = _seen_through(points, on, behind, fit)
     much = np.count_nonzero(behind) > _MUCH_BEHIND * count and fit.smooth_factor > _ERR_ALIKE
