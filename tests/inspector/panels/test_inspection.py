@@ -186,9 +186,9 @@ def test_the_list_of_points_without_scans_has_no_columns_of_faces(app: App) -> N
     now = view(app)
     alone = replace(now.session.dataset, scan_folder=None)
     told = pose_table(replace(now, session=replace(now.session, dataset=alone, searches={})))
-    assert "worst face" not in told
+    assert "worst rms" not in told
     assert "sigma" in told
-    assert "worst face" in pose_table(now)
+    assert "worst rms" in pose_table(now)
 
 
 def test_the_report_tells_which_scans_have_no_corner_and_which_corners_have_doubts(app: App) -> None:
