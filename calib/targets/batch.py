@@ -9,12 +9,11 @@ from functools import partial
 from pathlib import Path
 
 from calib.blas_threads import one_blas_thread
-from calib.corners.batch import brief, find_corners, search_file, told_noise
+from calib.corners.batch import brief, find_corners, told_noise
 from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
 from calib.corners.search import CornerSearch, failed_search
 from calib.dataset.dataset import Dataset
 from calib.errors import ScanError
-from calib.jig import Jig
 from calib.scans.scan import PointCount, load_scan
 from calib.target_shapes import Target
 from calib.targets.protocol.user_file import UserFinder, load_finder
@@ -65,8 +64,6 @@ def search_targets_file(
     intermediate: bool = True,
 ) -> CornerSearch:
     """`find_targets_in` a scan file; one that cannot be read becomes a failed search with `unreadable` set."""
-    if finder is None and len(targets) == 1 and isinstance(targets[0].shape, Jig):
-        return search_file(path, targets[0].shape, scan_sigma_mm, told=told, intermediate=intermediate)
     try:
         scan = load_scan(path)
     except ScanError as error:

@@ -42,7 +42,7 @@ _UNSURE = 0.25  # pixels from an edge within which a pixel may look at either fa
 _BESIDE_BORDER = (
     1.6  # pixels along a face's outer border that are left out: they mix with what lies far behind
 )
-_NARROW = 0.1  # share of a face's points beside its edges, beyond which leaving them out costs too much
+_NARROW = 0.1  # share of a face's pixels beside its edges, beyond which leaving them out costs too much
 _MOST_POINTS = 1_500  # a face with more is wide enough for margins, or too finely seen to matter
 _POINTS_A_FACE = 20_000
 _PRIOR = 0.1  # standard deviation of a share
@@ -146,12 +146,13 @@ def seen_on_face(
     corners = _outline_corners(planes, face, origin, jig, outline)
     ways = _sight(local, origin).ways
     clear = np.ones(len(local), dtype=bool)
-    for away, angle in _beside_edges(ways, planes, face, origin):
-        clear &= (away if jig.convex else -away) * angle > _UNSURE * grid.pitch_rad
+    inside = 1 if jig.convex else -1  # of a convex corner a ray meets the face that it shows last
+    for side, angle in _beside_edges(ways, planes, face, origin):
+        clear &= inside * side * angle > _UNSURE * grid.pitch_rad
     for start, stop in pairwise(corners[1:]):
-        side = np.cross(start, stop)
-        side *= np.sign(side @ corners[0]) / np.linalg.norm(side)
-        clear &= ways @ side > _BESIDE_BORDER * grid.pitch_rad
+        inward = np.cross(start, stop)
+        inward *= np.sign(inward @ corners[0]) / np.linalg.norm(inward)
+        clear &= ways @ inward > _BESIDE_BORDER * grid.pitch_rad
     return clear
 
 
@@ -175,7 +176,7 @@ def _outline_corners(
 def _edge_share(
     planes: Sequence[PlaneFit], face: int, origin: Array, grid: PixelGrid, jig: Jig, outline: Outline
 ) -> float:
-    """Share of a face's pixels that look at it within one of the two edges."""
+    """Share of a face's pixels that lie beside one of its two edges, from its outline alone."""
     corners = _outline_corners(planes, face, origin, jig, outline)
     axes = grid.steps / grid.pitch_rad**2
     x, y = axes @ (corners / np.linalg.norm(corners, axis=1)[:, None]).T  # pixels

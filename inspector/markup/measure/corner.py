@@ -63,31 +63,22 @@ def corner_html(view: View) -> str:
 
 def targets_html(search: ScanSearch) -> str:
     """All targets of a scan: where they are, what was found of them besides, or why they were not found."""
-    rows, said = [], []
+    rows, sizes, said = [], [], []
     for found in search.found:
         names = ", ".join(found.names)
         if found.failure:
             said.append(elements.alert(f"{names}: {found.failure}"))
         for place in found.places:
-            size = "–" if place.radius_mm is None else f"ø {2 * place.radius_mm:.3f} mm"
-            at = " ".join(f"{value:.3f}" for value in place.xyz_mm)
-            rows.append(
-                (
-                    place.name or names,
-                    at,
-                    numbers.length(place.sigma_mm()),
-                    f"{place.points:,}",
-                    numbers.length(place.rms_mm),
-                    size,
-                )
-            )
-            said += [
-                elements.alert(f"{place.name or names}: {doubt}", colour=DOUBT) for doubt in place.doubts
-            ]
-    table = (
-        elements.table(("target", "x y z, mm", "sigma, 3D", "points", "rms", "size"), rows) if rows else ""
-    )
-    return elements.heading("Targets") + table + "".join(said)
+            name = place.name or names
+            at = " ".join(f"{value:.2f}" for value in place.xyz_mm)
+            sigma, rms = numbers.length(place.sigma_mm()), numbers.length(place.rms_mm)
+            rows.append((name, at, sigma, f"{place.points:,}", rms))
+            if place.radius_mm is not None:
+                sizes.append(f"{name} ø {2 * place.radius_mm:.3f} mm")
+            said += [elements.alert(f"{name}: {doubt}", colour=DOUBT) for doubt in place.doubts]
+    table = elements.table(("target", "x y z, mm", "sigma, 3D", "points", "rms"), rows) if rows else ""
+    across = elements.note("; ".join(sizes)) if sizes else ""
+    return elements.heading("Targets") + table + across + "".join(said)
 
 
 def doubts_html(corner: Corner) -> list[str]:
