@@ -46,6 +46,7 @@ case "$*" in
 "-m venv "*) mkdir -p "$3/bin" && cp "$0" "$3/bin/python" ;;
 "-m pip install"*) echo "${PIP_SAYS:-}"; exit "${PIP_EXIT:-0}" ;;
 "-m ruff check"*) exit "${RUFF_EXIT:-0}" ;;
+"-m sphinx"*) exit "${SPHINX_EXIT:-0}" ;;
 "-m mypy"*) exit "${MYPY_EXIT:-0}" ;;
 "-m pytest"*) exit "${PYTEST_EXIT:-0}" ;;
 esac
@@ -178,6 +179,20 @@ def test_fleet_installs_what_it_needs_beside_which_is_all_that_others_need(sandb
     assert calls == ["-P -m inspector check x"]
     _, calls = sandbox.run("fleet", "x")
     assert calls == ["-P -m inspector fleet x"]
+
+
+def test_docs_are_built_with_what_they_need_and_a_fault_in_them_is_a_failure(sandbox: Sandbox):
+    done, calls = sandbox.run("docs")
+    assert any(call.endswith("--editable .[scans,page,docs]") for call in calls)
+    assert calls[-1] == "-m sphinx -q -W --keep-going -b html -d build/doctrees docs build/docs"
+    assert done.stdout == f"{sandbox.project}/build/docs/index.html\n"
+    _, calls = sandbox.run("docs", "--links", "-E")
+    assert calls == ["-m sphinx -q -W --keep-going -b linkcheck -d build/doctrees -E docs build/links"]
+    done, _ = sandbox.run("docs", SPHINX_EXIT="1")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "faults" in done.stderr
+    _, calls = sandbox.run("check", "x")
+    assert calls == ["-P -m inspector check x"]
 
 
 @pytest.mark.parametrize(

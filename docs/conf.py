@@ -1,0 +1,68 @@
+"""How Sphinx builds the documentation: `./run docs`. Nothing that a page shows comes from the network."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import tomllib
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE / "extensions"))
+sys.path.insert(0, str(HERE.parent))
+
+_project = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+project = "Robot calibration inspector"
+author = "robot calibration inspector contributors"
+project_copyright = author
+release = version = _project["version"]
+
+extensions = [
+    "myst_parser",
+    "sphinx_design",
+    "sphinx_copybutton",
+    "mathml",  # docs/extensions
+]
+exclude_patterns = ["gallery/**", "notebooks/.ipynb_checkpoints", "**/README.md"]
+
+# ---- pages ----------------------------------------------------------------------------------------------------------
+myst_enable_extensions = [
+    "amsmath",
+    "attrs_block",
+    "attrs_inline",
+    "colon_fence",
+    "deflist",
+    "dollarmath",
+    "fieldlist",
+]
+myst_heading_anchors = 4  # a heading can be linked to by its words, as on GitHub
+myst_update_mathjax = False
+nitpicky = True
+numfig = True
+math_numfig = False  # equations are counted page by page
+math_eqref_format = "({number})"
+html_math_renderer = "mathml"
+
+# ---- look -----------------------------------------------------------------------------------------------------------
+html_theme = "furo"
+html_title = f"Robot calibration inspector {version}"
+html_short_title = "inspector"
+html_static_path = ["static"]
+html_css_files = ["docs.css"]
+html_show_sphinx = False
+html_show_search_summary = False  # it fetches each page found, which a browser refuses for files on disk
+html_copy_source = False
+html_theme_options = {
+    "light_css_variables": {"color-brand-primary": "#0b5c8a", "color-brand-content": "#0b5c8a"},
+    "dark_css_variables": {"color-brand-primary": "#6cc0ee", "color-brand-content": "#6cc0ee"},
+    "navigation_with_keys": True,
+}
+pygments_style = "friendly"
+pygments_dark_style = "github-dark"
+copybutton_prompt_text = r"\$ |>>> |\.\.\. "
+copybutton_prompt_is_regexp = True
+linkcheck_timeout = 20
+linkcheck_anchors = False  # pages of code hosts make their anchors by script
+
+# A folder of pages may be empty.
+logging.getLogger("sphinx.sphinx.directives.other").addFilter(lambda record: "glob pattern" not in record.msg)
