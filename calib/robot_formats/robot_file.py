@@ -61,11 +61,12 @@ class Reading:
     xacro: Xacro | None = None  # None: a xacro is refused, as it computes and reads other files
 
 
-def read_robot(path: Path, reading: Reading = Reading()) -> RobotFile:
+def read_robot(path: str | Path, reading: Reading = Reading()) -> RobotFile:
     """The robot of a file, by its suffix.
 
     Raises CalibError in one line that names the file, the line or key, and what would do.
     """
+    path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         found = suffix or "no suffix"
