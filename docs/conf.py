@@ -21,7 +21,8 @@ extensions = [
     "myst_parser",
     "sphinx_design",
     "sphinx_copybutton",
-    "mathml",  # docs/extensions
+    "mathml",  # docs/extensions, as all below
+    "commands",
 ]
 exclude_patterns = ["gallery/**", "notebooks/.ipynb_checkpoints", "**/README.md"]
 
