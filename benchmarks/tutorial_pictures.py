@@ -31,6 +31,7 @@ from tests.support.browser import MS, browser, open_page, open_tab, says  # noqa
 
 SAMPLE_ARM = ROOT / "sample_data" / "rb5_jang"
 WIDTH, HEIGHT = 1500, 850
+LEFT_PANEL = 292
 SETTLED_S = 10.0  # fonts, camera and plots, on a machine without a GPU
 MOST_BYTES = 200_000
 QUALITIES = (85, 75, 65, 50)  # of WebP, the first that is small enough
@@ -48,9 +49,9 @@ def sample_arm(running: Any) -> dict[str, bytes]:
         page.get_by_label("Pose", exact=True).first.click()
         page.get_by_role("option", name="p12 ·").click()
         says(page, "Pose p12")
-        taken["corner"] = settled(page)
+        taken["corner"] = settled(page, LEFT_PANEL)
         open_tab(page, "Fit")
-        taken["fit"] = settled(page)
+        taken["fit"] = settled(page, LEFT_PANEL)
         open_tab(page, "What is missing")
         page.get_by_role("button", name=FIND, exact=True).click(timeout=4 * MS)
         says(page, "Verdict")
@@ -59,7 +60,7 @@ def sample_arm(running: Any) -> dict[str, bytes]:
         open_tab(page, "Plan")
         page.get_by_role("button", name=MAKE, exact=True).click(timeout=4 * MS)
         page.locator('tr[data-ask="planned"]').nth(4).wait_for(timeout=4 * MS)
-        taken["plan"] = settled(page)
+        taken["plan"] = settled(page, LEFT_PANEL)
     return taken
 
 
@@ -87,12 +88,12 @@ def opened(running: Any, folder: Path) -> Iterator[tuple[Any, Any]]:
         yield app, page
 
 
-def settled(page: Any) -> bytes:
-    """A PNG of the page, once it stands still and its notices are closed."""
+def settled(page: Any, left: int = 0) -> bytes:
+    """A PNG of the page from `left` on, once it stands still and its notices are closed."""
     for notice in page.locator(".mantine-Notification-closeButton").all():  # such as that there is no GPU
         notice.click()
     time.sleep(SETTLED_S)
-    picture: bytes = page.screenshot()
+    picture: bytes = page.screenshot(clip={"x": left, "y": 0, "width": WIDTH - left, "height": HEIGHT})
     return picture
 
 
