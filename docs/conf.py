@@ -21,7 +21,9 @@ extensions = [
     "myst_parser",
     "sphinx_design",
     "sphinx_copybutton",
+    "sphinx.ext.autodoc",
     "mathml",  # docs/extensions, as all below
+    "reference",
     "commands",
 ]
 exclude_patterns = ["gallery/**", "notebooks/.ipynb_checkpoints", "**/README.md"]
@@ -43,6 +45,19 @@ numfig = True
 math_numfig = False  # equations are counted page by page
 math_eqref_format = "({number})"
 html_math_renderer = "mathml"
+
+# ---- the reference --------------------------------------------------------------------------------------------------
+default_role = "py:obj"  # `name` in a docstring: a link where the name has a page, else code
+add_module_names = False
+autodoc_default_options = {"members": True, "undoc-members": True, "member-order": "bysource"}
+smartquotes = False  # "" in a docstring is an empty text
+autodoc_preserve_defaults = True
+autodoc_typehints_format = "short"
+autodoc_type_aliases = {
+    name: name for name in ("Array", "IndexArray", "BoolArray", "ByteArray", "ArrayLike", "NDArray")
+}
+python_maximum_signature_line_length = 90
+python_use_unqualified_type_names = True
 
 # ---- look -----------------------------------------------------------------------------------------------------------
 html_theme = "furo"

@@ -18,6 +18,7 @@ import traceback
 import types
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 from markdown_it import MarkdownIt
@@ -154,46 +155,86 @@ def _said_before(lines: list[str], first: int) -> tuple[str, str]:
 # ---- comparing ------------------------------------------------------------------------------------------------------
 
 
-def same_line(expected: str, got: str) -> bool:
-    """Whether two lines say the same: figures within 5 %, `...` for any text, spaces of any number."""
-    expected, got = " ".join(expected.split()), " ".join(got.split())
-    pattern = ""
-    wanted: list[float] = []
-    at = 0
-    for found in re.finditer(rf"\.\.\.|{NUMBER.pattern}", expected):
-        pattern += re.escape(expected[at : found.start()])
-        if found[0] == "...":
-            pattern += ".*?"
-        else:
-            pattern += f"({NUMBER.pattern})"
-            wanted.append(float(found[0]))
-        at = found.end()
-    pattern += re.escape(expected[at:])
-    match = re.fullmatch(pattern, got)
-    if match is None:
-        return False
-    figures = [float(text) for text in match.groups()]
-    return all(abs(had - want) <= TOLERANCE * abs(want) for had, want in zip(figures, wanted, strict=True))
+@dataclass(frozen=True)
+class Stretch:
+    """What stands between two `...`: text with figures, that agrees within 5 % with what is printed."""
+
+    text: str
+    whole_words: tuple[bool, bool]  # whether it begins and ends where words do
+
+    @cached_property
+    def pattern(self) -> re.Pattern[str]:
+        """The text, each figure a group."""
+        parts = NUMBER.split(self.text)
+        body = f"({NUMBER.pattern})".join(re.escape(part) for part in parts)
+        before = r"(?<!\S)" if self.whole_words[0] else ""
+        return re.compile(before + body + (r"(?!\S)" if self.whole_words[1] else ""))
+
+    @cached_property
+    def figures(self) -> list[float]:
+        """As the page has them."""
+        return [float(number) for number in NUMBER.findall(self.text)]
+
+    def ends(self, printed: str, start: int, *, anywhere: bool, at_end: bool) -> int:
+        """Where it ends in what is printed, from a place on or right there; -1 where it is not there."""
+        while (
+            found := (self.pattern.search if anywhere else self.pattern.match)(printed, start)
+        ) is not None:
+            near = (
+                abs(float(had) - wanted) <= TOLERANCE * abs(wanted)
+                for had, wanted in zip(found.groups(), self.figures, strict=True)
+            )
+            if all(near) and (not at_end or found.end() == len(printed)):
+                return found.end()
+            if not anywhere:
+                return -1
+            start = found.start() + 1
+        return -1
+
+
+def stretches(expected: str) -> list[Stretch]:
+    """A page's text cut at each `...`."""
+    parts = re.split(r"(\s?\.\.\.(?:\s|$)|(?:^|\s)\.\.\.|\.\.\.)", f"{expected} ".strip())
+    texts, cuts = parts[::2], ["", *parts[1::2], ""]
+    return [
+        Stretch(text, (before[-1:] != "." or not before, after[:1] != "." or not after))
+        for text, before, after in zip(texts, cuts[:-1], cuts[1:], strict=True)
+    ]
 
 
 def difference(expected: str, got: str) -> str:
-    """What a text block says that the output does not, "" where they agree; blank lines do not count."""
-    wanted = [line for line in expected.splitlines() if line.strip()]
-    printed = [line for line in got.splitlines() if line.strip()]
-    at, anywhere = 0, False
-    for line in wanted:
-        if line.strip() == "...":
-            anywhere = True
+    """What a text block says that the output does not, "" where they agree.
+
+    Spaces and line ends are alike, so that a page may break long lines; `...` stands for any text, of many lines too.
+    """
+    printed = " ".join(got.split())
+    at = 0
+    wanted = stretches(" ".join(expected.split()))
+    for number, stretch in enumerate(wanted):
+        anywhere, last = number > 0, number == len(wanted) - 1
+        if not stretch.text:
+            at = len(printed) if last and anywhere else at
             continue
-        rest = range(at, len(printed)) if anywhere else range(at, min(at + 1, len(printed)))
-        found = next((i for i in rest if same_line(line, printed[i])), None)
-        if found is None:
-            near = "\n".join(f"    {text}" for text in printed[at : at + 12]) or "    (nothing more)"
-            return f"expected{' somewhere' if anywhere else ''}:\n    {line}\ngot:\n{near}"
-        at, anywhere = found + 1, False
-    if at < len(printed) and not anywhere:
-        return f"expected: nothing after\n    {wanted[-1] if wanted else ''}\ngot:\n    {printed[at]}"
-    return ""
+        end = stretch.ends(printed, at, anywhere=anywhere, at_end=last)
+        if end < 0:
+            return _told(expected, stretch, printed, at, anywhere)
+        at = end
+    return "" if at == len(printed) else f"expected: nothing more\ngot:\n    {printed[at:][:300].strip()}"
+
+
+def _told(expected: str, stretch: Stretch, printed: str, at: int, anywhere: bool) -> str:
+    """The first word that disagrees, its line, and what is printed there."""
+    words = stretch.text.split()
+    for count in range(len(words), -1, -1):
+        agreeing = Stretch(" ".join(words[:count]), stretch.whole_words)
+        end = agreeing.ends(printed, at, anywhere=anywhere, at_end=False) if count else at
+        if end >= 0:
+            break
+    if count == len(words):
+        return f"expected: nothing after\n    {stretch.text[-200:]}\ngot:\n    {printed[end:][:300].strip()}"
+    word = words[count]
+    line = next((line for line in expected.splitlines() if word in line.split()), expected)
+    return f"expected {word!r} in\n    {line.strip()}\ngot:\n    {printed[end:][:300].strip() or '(nothing more)'}"
 
 
 # ---- running --------------------------------------------------------------------------------------------------------
