@@ -237,9 +237,7 @@ def test_a_wheel_has_every_file_that_the_packages_read():
     needed = {
         path
         for path in tracked_files()
-        if any(path.is_relative_to(package) for package in packages)
-        and path.suffix != ".py"
-        and not path.is_relative_to(ROOT / "inspector" / "pictures")  # README's
+        if any(path.is_relative_to(package) for package in packages) and path.suffix != ".py"
     }
     names = {path.name for path in needed}
     assert {"py.typed", "rb5.toml", "page.html"} <= names
