@@ -20,7 +20,6 @@ from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.conclusion import concluded, with_learned, with_split
 from calib.diagnosis.decision_rules import (
-    MIN_LEAD,
     curves_say_more,
     is_convincing,
     noise_is_believed,
@@ -31,8 +30,10 @@ from calib.diagnosis.moves import Tell
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import MAX_EFFECTS, SearchSpace, step_after
 from calib.diagnosis.stepwise import search_stepwise
-from calib.effects.catalogue import Family, effects_named
+from calib.effects.catalogue import effects_named
+from calib.effects.effect import Family
 from calib.options import FitOptions
+from calib.screening.candidates import MIN_LEAD
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.noise.shown_noise import noise_of_repeats, noise_of_residual

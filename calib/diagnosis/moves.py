@@ -17,7 +17,6 @@ import numpy as np
 from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import (
-    MIN_LEAD,
     MIN_LOG_EVIDENCE,
     beside_curves,
     can_stand_for,
@@ -28,7 +27,7 @@ from calib.diagnosis.decision_rules import (
 )
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.search_space import SearchSpace, step_after, with_candidate
-from calib.screening.candidates import Candidate, Screening, screen
+from calib.screening.candidates import MIN_LEAD, Candidate, Screening, screen
 from calib.screening.curves.slow_courses import slow_course
 from calib.screening.curves.smooth_joint_error import LEARNED
 

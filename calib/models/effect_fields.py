@@ -48,7 +48,8 @@ def member_document(effect: Effect) -> dict[str, Any]:
     if not is_users(effect) and type(effect) not in [kind for _, kind in MEMBER_KINDS]:
         raise CalibError(f"effect {family_name(effect)} cannot be saved in a model file")
     try:
-        values: dict[str, Any] = _plain(effect) if is_dataclass(effect) else {}
+        value: object = effect  # a user's effect is what has its methods, a dataclass or not
+        values: dict[str, Any] = _plain(value) if is_dataclass(value) else {}
     except (TypeError, RecursionError) as error:
         raise CalibError(
             f"effect {family_name(effect)} cannot be saved: {' '.join(str(error).split())}; its fields have to be "

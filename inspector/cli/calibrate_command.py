@@ -35,6 +35,7 @@ from inspector.session.session import Session
 from inspector.session.session_file import save_session
 from inspector.session.transitions import with_steps
 
+SMALLEST_CHANGE = 1e-6  # in sigmas: what is printed as no change of a parameter
 SCENE_ARROWS = 100.0  # how many times longer residuals are drawn in a scene's file
 
 
@@ -137,7 +138,7 @@ def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
 def _calibration_text(steps: Sequence[FitStep], table: ExportedTable) -> str:
     """Parameters, learned curves, sums known better than their parts, errors after each addition, summary, table."""
     result = steps[-1].calibration
-    parameters = in_file_units(without_curves(result.to_frame()))
+    parameters = as_printed(in_file_units(without_curves(result.to_frame())))
     lines = [parameters.to_string(index=False, float_format=lambda v: f"{v:.6g}"), *curve_lines(result)]
     lines += [_known(c) for c in identifiable_combinations(result)]
     lines.append(tool_rows(result.dataset, residual=result.residual).words)
@@ -157,6 +158,16 @@ def in_file_units(parameters: pd.DataFrame) -> pd.DataFrame:
     lengths = ["nominal", "value", "change", "sigma", "tolerance"]
     out.loc[angles, lengths] = np.degrees(out.loc[angles, lengths].to_numpy(dtype=float))
     out.loc[angles, "unit"] = "deg"
+    return out
+
+
+def as_printed(parameters: pd.DataFrame) -> pd.DataFrame:
+    """The same table for people: no rounding error in place of a parameter that stayed, `yes` or `no` for `known`."""
+    out = parameters.copy()
+    stayed = out["change"].abs() < SMALLEST_CHANGE * out["sigma"]
+    out.loc[stayed, "change"] = 0.0
+    out.loc[stayed, "value"] = out.loc[stayed, "nominal"]
+    out["known"] = np.where(out["known"], "yes", "no")
     return out
 
 

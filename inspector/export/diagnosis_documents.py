@@ -9,9 +9,8 @@ from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.explanation import noise_told
 from calib.diagnosis.findings import Learned
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.words.noise_text import noise_text
+from calib.diagnosis.words.noise_text import NoiseShaped, noise_text
 from calib.diagnosis.words.phrases import fault_text
-from calib.diagnosis.words.sentences import NoiseShaped
 from calib.effects.catalogue import descriptions
 from calib.screening.candidates import Candidate
 from calib.screening.fault_models import JointFault

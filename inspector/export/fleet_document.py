@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from calib.fleet.run import Fleet
+from calib.fleet.result import Fleet
 
 
 def fleet_document(fleet: Fleet) -> dict[str, Any]:

@@ -127,11 +127,12 @@ class Uploads:
         transfer = self._now.get(client)
         if transfer is None or message.transfer_uuid != transfer.uuid:
             return
-        content = message.content
+        content, index = message.content, message.part_index
+        kinds: tuple[object, object] = (content, index)  # a client may send anything
         fits = (
-            isinstance(content, bytes)
-            and message.part_index == transfer.arrived
-            and not isinstance(message.part_index, bool)
+            isinstance(kinds[0], bytes)
+            and not isinstance(kinds[1], bool)
+            and index == transfer.arrived
             and len(content) == transfer.bytes_of(transfer.arrived)
         )
         if not fits:
@@ -255,8 +256,8 @@ def plain_name(name: str) -> str:
 
 def _is_sound(message: _messages.FileTransferStartUpload) -> bool:
     """Whether an announcement has the types and the number of parts that a page sends."""
-    counts = (message.size_bytes, message.part_count)
-    texts = (message.filename, message.transfer_uuid, message.source_component_uuid)
+    counts: tuple[object, ...] = (message.size_bytes, message.part_count)
+    texts: tuple[object, ...] = (message.filename, message.transfer_uuid, message.source_component_uuid)
     return (
         all(isinstance(count, int) and not isinstance(count, bool) and count >= 0 for count in counts)
         and all(isinstance(text, str) and len(text) <= 1000 for text in texts)

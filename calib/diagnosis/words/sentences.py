@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from calib.array_types import BoolArray
 from calib.dataset.stands import ShotCount
 from calib.diagnosis.words.conclusions import VerdictSentence
-from calib.diagnosis.words.noise_text import NoiseShaped
+from calib.diagnosis.words.noise_text import NoiseShaped as NoiseShaped
 from calib.effects.natural_bounds import NaturalBound
-from calib.fitting.tool_point.placement import ToolShift
+from calib.fitting.tool_point.placement import ToolShift as ToolShift
 from calib.screening.fault_models import JointFault
 from calib.screening.rivals.pose_recommendation import DiscriminatingPose
 from calib.screening.scan_statistic import Channel

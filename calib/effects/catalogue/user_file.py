@@ -149,19 +149,25 @@ def _instances(path: Path, module: ModuleType, joints: int) -> Iterable[Effect]:
             ) from None
 
 
+def _is_sound(name: object, unit: object, doc: object, scale: object) -> bool:
+    """Whether a parameter's fields are what their types say: a user's file is not checked by anything else."""
+    return (
+        isinstance(name, str)
+        and name.isidentifier()
+        and isinstance(unit, str)
+        and isinstance(doc, str)
+        and isinstance(scale, int | float)
+        and 0.0 < scale <= MOST_SIZE
+    )
+
+
 def _check(effect: Any, state: RobotState, where: str) -> None:
     label = f"{where}: effect {type(effect).__name__}"
     parameters = getattr(effect, "parameters", None)
     if not isinstance(parameters, tuple | list) or not parameters:
         raise CalibError(f"{label}: `parameters` is {parameters!r}; a tuple of Parameter is needed")
     for p in parameters:
-        if (
-            not isinstance(p, Parameter)
-            or not all(isinstance(text, str) for text in (p.name, p.unit, p.doc))
-            or not p.name.isidentifier()
-            or not isinstance(p.scale, int | float)
-            or not 0.0 < p.scale <= MOST_SIZE
-        ):
+        if not isinstance(p, Parameter) or not _is_sound(p.name, p.unit, p.doc, p.scale):
             raise CalibError(
                 f"{label}: {p!r} is no Parameter with an identifier for a name, text for unit and doc, a scale above 0 "
                 f"and of {MOST_SIZE:g} at most"

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
-from calib.calibration.calibrate import Calibration
+from calib.calibration.result import Calibration
 from calib.effects.gravity import has_masses
 from calib.screening.candidates import cross_validated_rmse_mm
 from calib.screening.curves.curve_evidence import CurveColumns, CurveEvidence, CurvePosterior, Spectrum

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -63,7 +64,7 @@ class FormulaTerm:
         off = u - self.place
         if self.kind == "harmonic":
             return np.stack([np.sin(self.order * u), np.cos(self.order * u)], axis=1)
-        columns = {
+        columns: dict[str, Callable[[], Any]] = {
             "bump": lambda: np.exp(-0.5 * (off / max(self.width, 1e-300)) ** 2),
             "kink": lambda: np.abs(off),
             "step": lambda: 1.0 * (off > 0.0),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calib.array_types import Array
 from calib.calibration.input_variables import joint_input
 from calib.calibration.pose_errors import PoseErrors
 from calib.kinematics.robot import Robot
@@ -48,7 +48,7 @@ def input_title(name: str, robot: Robot) -> str:
     return NAMES.get(name, name) + (f", {UNITS[name]}" if name in UNITS else "")
 
 
-def turned(name: str, values: NDArray, robot: Robot) -> NDArray:
+def turned(name: str, values: Array, robot: Robot) -> Array:
     """Joint angles in degrees, everything else as it is."""
     quantity, joint = joint_input(name) or ("", 0)
     angle = quantity == "q" and robot.joints[joint].is_revolute
@@ -64,7 +64,7 @@ def joint_title(joint: int, robot: Robot) -> str:
 
 def shown(
     pose_errors: PoseErrors, what: str, joint: int | None, robot: Robot
-) -> tuple[NDArray, str, tuple[float, float]]:
+) -> tuple[Array, str, tuple[float, float]]:
     """The values to plot, their name with the unit, and the band that noise alone fills."""
     if joint is not None:
         scale = float(np.degrees(1.0)) * 1000.0 if robot.joints[joint].is_revolute else 1.0

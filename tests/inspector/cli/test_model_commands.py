@@ -188,3 +188,24 @@ def test_compare_names_the_one_change_between_two_measurements(
     )
     assert main(["compare", folders[0], str(tmp_path / "nowhere")]) == 2
     assert "nowhere" in capsys.readouterr().err
+
+
+def test_a_printed_table_shows_no_rounding_error_for_what_stayed(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    assert main(["calibrate", str(folder)]) == 0
+    rows = [
+        line.split()
+        for line in capsys.readouterr().out.splitlines()
+        if line.split()[-1:] in (["yes"], ["no"])
+    ]
+    told = {row[0]: row for row in rows}
+    exact = {p["name"]: p for p in printed(capsys, "calibrate", folder)["parameters"]}
+    assert set(told) == set(exact)
+    stayed = {name for name, p in exact.items() if abs(p["value"] - p["nominal"]) < 1e-6 * p["sigma"]}
+    assert "d1" in stayed  # along the first axis: the scanner's unknown place takes it
+    assert {name for name, row in told.items() if row[3] == "0"} == stayed
+    assert all(told[name][1] == told[name][2] for name in stayed)
+    assert told["a2"][-1] == "yes"
+    assert told["d1"][-1] == "no"
