@@ -395,16 +395,28 @@ def test_a_missing_browser_stops_all_tests_and_in_ci_any(sandbox: Sandbox):
     assert done.returncode == 1
 
 
-def test_ci_runs_the_same_tests(sandbox: Sandbox):
+@pytest.mark.parametrize("failing", [True, False])
+def test_ci_runs_the_same_tests_then_tries_what_is_built(sandbox: Sandbox, failing: bool):
     (sandbox.project / ".ci").mkdir()
     shutil.copy(ROOT / ".ci" / "run", sandbox.project / ".ci" / "run")
+    artefacts = sandbox.project / ".ci" / "artefacts"
+    artefacts.write_text('#!/bin/sh\necho artefacts >>"$CALLS"\nexit 3\n')
+    artefacts.chmod(0o755)
     bash = shutil.which("bash")
     assert bash
     (sandbox.tools / "bash").symlink_to(bash)
     calls = sandbox.folder / "calls"
-    env = {"PATH": str(sandbox.tools), "CALLS": str(calls), "CHROMIUM": "sh", "PYTEST_EXIT": "5"}
+    env = {
+        "PATH": str(sandbox.tools),
+        "CALLS": str(calls),
+        "CHROMIUM": "sh",
+        "PYTEST_EXIT": "5" if failing else "0",
+    }
     done = subprocess.run(
         [sandbox.project / ".ci" / "run"], env=env, capture_output=True, text=True, check=False
     )
-    assert done.returncode == 5
-    assert calls.read_text().splitlines()[-1].endswith("--no-loadscope-reorder -m not thorough")
+    assert done.returncode == (5 if failing else 3)
+    called = calls.read_text().splitlines()
+    tests, after = called[-1 if failing else -2], [] if failing else [called[-1]]
+    assert tests.endswith("--no-loadscope-reorder -m not thorough")
+    assert after == ([] if failing else ["artefacts"])

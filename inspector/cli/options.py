@@ -166,6 +166,14 @@ class ReportOptions(_FittingOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SampleOptions(Output):
+    """Of `sample`."""
+
+    name: str | None  # None: they are listed
+    out: Path | None  # None: a folder of the sample's name
+
+
+@dataclass(frozen=True, kw_only=True)
 class SimulateOptions(Output):
     """Of `simulate`."""
 

@@ -95,6 +95,14 @@ def _report(sub: ArgumentParser) -> None:
     add_json(sub)
 
 
+def _sample(sub: ArgumentParser) -> None:
+    sub.add_argument(
+        "name", nargs="?", metavar="NAME", help="the sample to write; without it they are listed"
+    )
+    sub.add_argument("--out", type=Path, metavar="FOLDER", help="where to (default: a folder of its name)")
+    add_json(sub)
+
+
 def _simulate(sub: ArgumentParser) -> None:
     sub.add_argument("--robot", required=True, help=f"{', '.join(BUILTIN_ROBOTS)}, or a robot.toml")
     sub.add_argument("--poses", type=int, default=64, help="default 64")
@@ -221,6 +229,14 @@ SUBCOMMANDS = (
         options.Output,
         add_json,
         "the catalogue of effects",
+        path=None,
+    ),
+    Subcommand(
+        "sample",
+        "robots.sample_command.run_sample",
+        options.SampleOptions,
+        _sample,
+        "a sample dataset to try things on",
         path=None,
     ),
     Subcommand(
