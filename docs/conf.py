@@ -24,6 +24,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "mathml",  # docs/extensions, as all below
     "reference",
+    "effects",  # docs/extensions: a page for each effect of the catalogue
     "commands",
 ]
 exclude_patterns = ["gallery/**", "notebooks/.ipynb_checkpoints", "**/README.md"]

@@ -276,7 +276,7 @@ def setup_references(poses: Poses, usable: BoolArray) -> dict[str, int]:
 
 
 def conditions_at(like: Poses, q: Array) -> Poses:
-    """Poses at further joint vectors q (N, n), under the payload, temperature ... of the first measured pose."""
+    """Poses at further joint vectors q (N, n), under the payload and all other conditions of the first pose."""
     poses = like.select(np.zeros(len(q), dtype=np.int64))
     return Poses(
         ids=tuple(f"q{i + 1}" for i in range(len(q))),
@@ -288,4 +288,5 @@ def conditions_at(like: Poses, q: Array) -> Poses:
         temperature_c=poses.temperature_c,
         time_s=poses.time_s,
         approach=poses.approach,
+        extra=poses.extra.reset_index(drop=True),
     ).measured_later()

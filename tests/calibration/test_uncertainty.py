@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pandas as pd
 import pytest
 
 from calib import frames
@@ -14,6 +17,8 @@ from calib.calibration.uncertainty import (
     prediction_covariance,
 )
 from calib.errors import FitError
+from calib.fitting.observations import conditions_at
+from calib.screening.curves.joint_curves import learn_joint_curves
 from tests.support.arms import dataset_of, elementary_points, jang_arm, park_arm, perturbed
 
 
@@ -96,3 +101,26 @@ def test_far_from_the_training_poses_a_prediction_is_worse() -> None:
     assert np.trace(far) > 10 * np.trace(near)
     with pytest.raises(FitError, match="setup 'left' has no training points"):
         prediction_covariance(result, np.zeros((1, 6)), setup="left")
+
+
+def test_a_curve_over_a_further_column_is_predicted_elsewhere_too() -> None:
+    """A pressure that turns joint 2; further joint vectors are taken at the first pose's pressure."""
+    rng = np.random.default_rng(3)
+    robot = jang_arm()
+    pressure_bar = rng.uniform(80.0, 120.0, 64)
+    cell = dataset_of(robot, robot, rng, poses=64, noise_mm=0.0)
+    q = cell.poses.q.copy()
+    q[:, 1] += 2e-5 * (pressure_bar - 100.0)
+    assert cell.points is not None
+    xyz_mm = elementary_points(robot, q) + rng.normal(size=(64, 3)) * 0.05
+    poses = replace(cell.poses, extra=pd.DataFrame({"pressure_bar": pressure_bar}))
+    cell = replace(cell.with_points(replace(cell.points, xyz_mm=xyz_mm)), poses=poses)
+    learned = learn_joint_curves(calibrate(cell))
+    assert learned is not None
+    assert learned.inputs == ("pressure_bar",)
+    fitted = calibrate(cell, effects=learned.members)
+    covariance = prediction_covariance(fitted, poses.q[:2])
+    assert np.all(np.linalg.eigvalsh(covariance) > 0.0)
+    at_mm = fitted.model.predict(fitted.fit.x, conditions_at(poses, poses.q[:1]))
+    moved_mm = fitted.model.predict(fitted.fit.x, poses.select(np.arange(1)))
+    np.testing.assert_allclose(at_mm, moved_mm, atol=1e-9)

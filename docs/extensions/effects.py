@@ -1,0 +1,231 @@
+"""A page for each effect of the catalogue, and their index, written while the documentation is built.
+
+All that a page says is read from the effect's class and computed by the project's screening on a standard arm
+(`effect_signatures`), so that an effect has its page as soon as it is in the catalogue. `docs/effects/notes.toml` may
+add a note to it: its law as an equation, and what is known of it on real arms. The pages go to
+`docs/generated/effects`, what the index shows beside them.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from effect_arm import arm_picture
+from effect_curves import curve_picture, small_picture
+from effect_signatures import CONFUSED, POSES, Signature, Standard
+from sphinx.application import Sphinx
+
+from calib.effects.catalogue import CATALOGUE
+from calib.effects.effect import CatalogueEffect, full_name
+from calib.effects.natural_bounds import NATURAL_BOUNDS
+
+ROOM = "/generated/effects"
+INDEX = "index.inc"
+GROUPS = {
+    "joints": "Drives and bearings",
+    "joint_shapes": "Drives and bearings",
+    "compliance": "What gives way under load",
+    "loads": "What gives way under load",
+    "thermal": "Temperature",
+    "scanner": "The scanner",
+    "order_steps": "What sets in at one pose",
+}
+"""Headings of the index, by the module of the catalogue; another module's name is its own heading."""
+
+
+def write_pages(folder: Path, notes: Path) -> tuple[str, ...]:
+    """Write the pages and what the index shows into a folder; the names of the effects, in order.
+
+    A page that is as it was is not touched, so that it is not read again. `notes` may be no file.
+
+    Raises ValueError where a note is of no effect.
+    """
+    said = tomllib.loads(notes.read_text(encoding="utf-8")) if notes.is_file() else {}
+    unknown = set(said) - {kind.name for kind in CATALOGUE}
+    if unknown:
+        raise ValueError(f"{notes}: no effect is named {', '.join(sorted(unknown))}")
+    standard = Standard.made()
+    signatures = {kind.name: standard.signature(kind.name) for kind in CATALOGUE}
+    folder.mkdir(parents=True, exist_ok=True)
+    for kind in CATALOGUE:
+        note = said.get(kind.name, {}).get("text", "")
+        _write(folder / f"{kind.name}.md", page(kind, signatures[kind.name], standard, note))
+    _write(folder / INDEX, index(signatures, standard))
+    return tuple(signatures)
+
+
+def page(kind: type[CatalogueEffect], signature: Signature, standard: Standard, note: str = "") -> str:
+    """The page of one effect, in MyST."""
+    parts = [
+        f"# {kind.name}",
+        inspect.getdoc(kind) or "",
+        _figure(arm_picture(signature, standard), _arm_words(signature)),
+        "## Law",
+        f"```text\n{kind.equation}\n```",
+        note.strip(),
+        "## Parameters",
+        _parameters(signature),
+        _bounds(kind.name),
+        "## What its residual looks like",
+        _figure(curve_picture(signature, standard), _left_words(signature)),
+        "## What it needs, and how to confirm it",
+        f"- Needs: {kind.needs}.\n- To confirm it: {kind.confirm or 'nothing is known that shows it alone'}."
+        + ("" if kind.testable else "\n- Poses alone never test it; the output says so."),
+        "## What it is taken for",
+        _alike(signature),
+        "## In the code",
+        _code(kind),
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def index(signatures: Mapping[str, Signature], standard: Standard) -> str:
+    """What the index shows: the small pictures with their links, and the table."""
+    groups: dict[str, list[type[CatalogueEffect]]] = {}
+    for kind in CATALOGUE:
+        module = kind.__module__.rpartition(".")[2]
+        groups.setdefault(GROUPS.get(module, module), []).append(kind)
+    out = []
+    for heading, kinds in groups.items():
+        cards = [
+            f"::::{{grid-item-card}} {kind.name}\n:link: {ROOM}/{kind.name}\n:link-type: doc\n\n"
+            f"{_raw(small_picture(signatures[kind.name], standard))}\n\nover {signatures[kind.name].input.label}\n::::"
+            for kind in kinds
+        ]
+        out += [
+            f"## {heading}",
+            ":::::{grid} 2 3 3 3\n:gutter: 2\n\n" + "\n\n".join(cards) + "\n:::::",
+        ]
+    rows = [
+        f"| {{doc}}`{kind.name} <{ROOM}/{kind.name}>` | {_cell(kind.equation)} | {_cell(kind.needs)} | "
+        f"{100 * signatures[kind.name].left:.0f} % |"
+        for kind in CATALOGUE
+    ]
+    out += [
+        "## All of them",
+        "*Left* is the share of the effect's size that a fit of links and scanner's place leaves, on that arm.",
+        "\n".join(["| effect | law | needs | left |", "|---|---|---|---|", *rows]),
+        "```{toctree}\n:hidden:\n\n" + "\n".join(f"{ROOM}/{kind.name}" for kind in CATALOGUE) + "\n```",
+    ]
+    return "\n\n".join(out) + "\n"
+
+
+def _figure(svg: str, words: str) -> str:
+    return _raw(f'<figure class="effect">{svg}</figure>') + f"\n\n*{words}*"
+
+
+def _raw(html: str) -> str:
+    return f"```{{raw}} html\n{html}\n```"
+
+
+def _arm_words(signature: Signature) -> str:
+    before, after = signature.rms_mm
+    joint = getattr(signature.member, "joint", None)
+    where = "" if joint is None else f" of joint {joint + 1}"
+    return (
+        f"The built-in RB5 with this effect{where}, at sizes of its parameters that are usual: the target moves by "
+        f"{before:.2g} mm rms over {POSES} poses; {after:.2g} mm of that are left where links and the scanner's place "
+        "are fitted."
+    )
+
+
+def _left_words(signature: Signature) -> str:
+    shown = f"{signature.channel.label.split(',')[0]} over {signature.input.words}"
+    if not np.any(signature.after_mm):
+        return f"{shown[0].upper() + shown[1:]}. Nothing is left: links and the scanner's place do the same."
+    return (
+        f"{shown[0].upper() + shown[1:]}: the effect alone, and what a fit of the links leaves of it, "
+        f"{100 * signature.left:.0f} % of its size. No noise is drawn."
+    )
+
+
+def _parameters(signature: Signature) -> str:
+    rows = [
+        f"| `{full_name(signature.member, p)}` | {_size(p.scale, p.unit)} | {_cell(p.doc)}"
+        f"{'; not below 0' if p.positive else ''} |"
+        for p in signature.member.parameters
+    ]
+    return "\n".join(
+        [
+            "Of the member in the pictures. The usual size is the one that the evidence expects; ten times as much "
+            "counts against the effect by half a nat, a hundred times by two.",
+            "",
+            "| parameter | usual size | is |",
+            "|---|---|---|",
+            *rows,
+        ]
+    )
+
+
+def _bounds(name: str) -> str:
+    bounds = NATURAL_BOUNDS.get(name, ())
+    if not bounds:
+        return ""
+    rows = [f"| {_size(b.size, b.unit)} | {_cell(b.source)} |" for b in bounds]
+    return "\n".join(
+        [
+            "A value that is beyond these bounds by more than two sigmas is told with a warning:",
+            "",
+            "| the most that is natural | because |",
+            "|---|---|",
+            *rows,
+        ]
+    )
+
+
+def _size(value: float, unit: str) -> str:
+    return f"{value:.3g} {unit}" + (f" ({math.degrees(value):.2g}°)" if unit == "rad" else "")
+
+
+def _alike(signature: Signature) -> str:
+    if not np.any(signature.after_mm):
+        return "Of links and the scanner's place: nothing is left beside them."
+    if not signature.alike:
+        return (
+            f"At these {POSES} poses no other effect of the catalogue could make {100 * CONFUSED:.0f} % of what is "
+            "left of it."
+        )
+    rows = [f"| {{doc}}`{name}` | {100 * share:.0f} % |" for name, share in signature.alike]
+    return "\n".join(
+        [
+            "Measured: the share of what is left (sum of squares, pictures' arm and poses) that another effect could "
+            "make with free sizes. From 50 % on it is a rival, and a name needs a lead of 3 nats over it.",
+            "",
+            "| effect | could make |",
+            "|---|---|",
+            *rows,
+        ]
+    )
+
+
+def _code(kind: type[CatalogueEffect]) -> str:
+    module = kind.__module__.replace(".", "/") + ".py"
+    return (
+        f"`{kind.__name__}` in `{module}`; its natural bounds in `calib/effects/natural_bounds.py`. Its truth in "
+        "simulations is written apart, `calib/simulation/truth`, and shares no code with it."
+    )
+
+
+def _cell(words: str) -> str:
+    return words.replace("|", "\\|").replace("*", "\\*").replace("_", "\\_").replace("<", "&lt;")
+
+
+def _write(path: Path, text: str) -> None:
+    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+        path.write_text(text, encoding="utf-8")
+
+
+def _on_start(app: Sphinx) -> None:
+    source = Path(app.srcdir)
+    write_pages(source / ROOM.strip("/"), source / "effects" / "notes.toml")
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Write the pages before Sphinx looks for them."""
+    app.connect("builder-inited", _on_start)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

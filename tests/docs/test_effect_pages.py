@@ -1,0 +1,117 @@
+"""Each effect of the catalogue has its page, with its two pictures, as soon as it is in the catalogue."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from calib.effects.catalogue import CATALOGUE, catalogue_names
+from calib.effects.catalogue.joints import JointScale
+from calib.effects.effect import CatalogueEffect
+
+DOCS = Path(__file__).parents[2] / "docs"
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def effects() -> ModuleType:
+    sys.path.insert(0, str(DOCS / "extensions"))
+    try:
+        import effects
+    finally:
+        sys.path.pop(0)
+    return effects
+
+
+@pytest.fixture(scope="module")
+def pages(effects: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("effects")
+    assert effects.write_pages(folder, DOCS / "effects" / "notes.toml") == catalogue_names()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def standard(effects: ModuleType):
+    return sys.modules["effect_signatures"].Standard.made()
+
+
+@pytest.mark.parametrize("kind", CATALOGUE, ids=lambda kind: kind.name)
+def test_every_effect_has_a_page_with_two_pictures_that_are_told_in_words(
+    kind: type[CatalogueEffect], pages: Path
+):
+    page = (pages / f"{kind.name}.md").read_text(encoding="utf-8")
+    assert page.startswith(f"# {kind.name}\n")
+    words = re.findall(r'<svg [^>]*role="img" aria-label="([^"]+)"', page)
+    assert len(words) == 2
+    assert all(kind.name in told and len(told) > 80 for told in words)
+    assert kind.equation in page
+    assert kind.needs in page
+    assert len(page) < 80_000
+    assert "nan" not in re.sub(r"[a-z]*nan[a-z]+", "", page)
+
+
+def test_the_index_shows_all_of_them_once_with_a_picture(pages: Path):
+    index = (pages / "index.inc").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"grid-item-card\} (\w+)", index)) == sorted(catalogue_names())
+    assert index.count("<svg ") == len(CATALOGUE)
+
+
+def test_a_page_that_is_as_it_was_is_not_written_again(effects: ModuleType, tmp_path: Path):
+    path = tmp_path / "page.md"
+    effects._write(path, "text")
+    before = path.stat().st_mtime_ns
+    effects._write(path, "text")
+    assert path.stat().st_mtime_ns == before
+
+
+def test_a_note_of_no_effect_is_refused(effects: ModuleType, tmp_path: Path):
+    notes = tmp_path / "notes.toml"
+    notes.write_text('[joint_complience]\ntext = "soft"\n', encoding="utf-8")
+    with pytest.raises(ValueError, match="no effect is named joint_complience"):
+        effects.write_pages(tmp_path, notes)
+
+
+def test_what_geometry_leaves_has_no_part_that_geometry_makes(standard):
+    """Against derivatives of the points by the table, differenced over the nominal arm's forward pass by matrices."""
+    from tests.support.arms import elementary_points
+
+    state = standard.state
+    robot, poses = state.robot.with_table(state.table[0]), state.poses
+    columns = []
+    for row, column, step in ((1, 0, 1e-3), (1, 3, 1e-6), (2, 1, 1e-6), (3, 3, 1e-6), (4, 4, 1e-6)):
+        change = np.zeros_like(robot.table)
+        change[row, column] = step
+        high, low = (elementary_points(robot.with_table(robot.table + s * change), poses.q) for s in (1, -1))
+        columns.append((high - low) / (2.0 * step))
+    scanner_R_base = standard.scanner_T_base[0, :3, :3]
+    for name in ("joint_compliance", "joint_scale", "thermal_growth", "scanner_drift"):
+        signature = standard.signature(name)
+        before, after = signature.before_mm.ravel(), signature.after_mm.ravel()
+        assert 0.0 < np.linalg.norm(after) < np.linalg.norm(before)
+        for column in columns:
+            made = (column @ scanner_R_base.T).ravel()
+            made /= np.linalg.norm(made)
+            assert abs(made @ after) < 1e-4 * np.linalg.norm(before)
+
+
+def test_a_scale_of_the_scanner_leaves_nothing_and_the_page_says_so(standard, pages: Path):
+    signature = standard.signature("scanner_scale")
+    assert signature.rms_mm[0] > 0.05
+    assert signature.left == 0.0
+    assert "Nothing is left" in (pages / "scanner_scale.md").read_text(encoding="utf-8")
+
+
+def test_joint_scale_is_drawn_over_its_joint_as_the_line_that_it_is(standard):
+    signature = standard.signature("joint_scale")
+    joint = signature.member.joint
+    turn = signature.channel.of(signature.before_mm.ravel() / standard.noise_mm)
+    shown = signature.channel.tells
+    q = standard.state.poses.q[:, joint]
+    assert signature.input.label == f"angle of joint {joint + 1}, deg"
+    k = JointScale.parameters[0].scale
+    np.testing.assert_allclose(turn[shown], 1e3 * k * q[shown], atol=1e-9)
