@@ -153,18 +153,19 @@ def _with(value: Any, place: Place, new: Any) -> Any:
 
 def to_json(document: Mapping[str, Any]) -> str:
     """Strict JSON: numbers that are not finite become null."""
-    return json.dumps(_plain(document), allow_nan=False, ensure_ascii=False)
+    return json.dumps(plain(document), allow_nan=False, ensure_ascii=False)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """The same as strings, numbers, lists, dicts and None: arrays become lists, what is not finite None."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, np.generic):
-        return _plain(value.item())
+        return plain(value.item())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

@@ -13,6 +13,7 @@ from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
 from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations, orientation_lines
 from calib.dataset.dataset import Dataset
 from calib.dataset.stands import ShotCount, without_poses
+from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.fitting.model import Model
@@ -35,7 +36,7 @@ class IterationErrors:
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(Documented, Viewed):
     """A fitted model and how it stands to the measurements."""
 
     dataset: Dataset
@@ -184,6 +185,7 @@ class Calibration:
         )
 
     def summary(self) -> str:
+        """Errors before and after on training and test poses, and what there is to be warned of."""
         lines = [f"{self.dataset.name}: {self.residual} residual, {self.fit.summary()}"]
         for label, before, after in (
             ("train", self.before.train, self.after.train),

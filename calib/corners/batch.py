@@ -2,24 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
+import pandas as pd
 
 from calib.blas_threads import one_blas_thread
 from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.dataset.dataset import Dataset, Scanner
+from calib.display.shown import Documented, Viewed
 from calib.errors import CornerError, DatasetError, ScanError
 from calib.jig import Jig
 from calib.parallel import map_as_completed
 from calib.planes.filters import SampleSets
 from calib.scans.scan import PointCount, load_scan
+
+
+class CornerBatch(dict[str, CornerSearch], Documented, Viewed):
+    """The search of each scan of a dataset, by pose id, in the dataset's order."""
+
+    def __init__(self, dataset: Dataset, searches: Mapping[str, CornerSearch] = MappingProxyType({})) -> None:
+        super().__init__(searches)
+        self.dataset = dataset
+
+    def __reduce__(self) -> tuple[type[CornerBatch], tuple[Dataset, dict[str, CornerSearch]]]:
+        return CornerBatch, (self.dataset, dict(self))
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a scan: pose, x_mm, y_mm, z_mm in the scanner's frame, sigma_mm, rms_mm of the faces, failure."""
+        rows = []
+        for pose_id, search in self.items():
+            corner = search.corner
+            xyz = (np.nan,) * 3 if corner is None else corner.xyz_mm
+            faces = () if corner is None else corner.faces
+            rows.append(
+                {
+                    "pose": pose_id,
+                    **{f"{axis}_mm": float(value) for axis, value in zip("xyz", xyz, strict=True)},
+                    "sigma_mm": np.nan if corner is None else corner.sigma_mm(),
+                    "rms_mm": max((face.rms_mm for face in faces), default=np.nan),
+                    "failure": search.failure,
+                }
+            )
+        return pd.DataFrame(rows)
+
+    def summary(self) -> str:
+        """How many scans have a corner, and why the others have none."""
+        failed = {pose_id: search.failure for pose_id, search in self.items() if search.corner is None}
+        lines = [f"{self.dataset.name}: {len(self) - len(failed)} of {len(self)} corners found"]
+        return "\n".join([*lines, *(f"{pose_id}: no corner: {why}" for pose_id, why in failed.items())])
 
 
 def find_corners(
@@ -30,7 +68,7 @@ def find_corners(
     in_flight: int = 64,
     intermediate: bool = True,
     search: Callable[[Path], CornerSearch] | None = None,
-) -> dict[str, CornerSearch]:
+) -> CornerBatch:
     """The corner of every pose's scan, by pose id, in the dataset's order; none of poses that are left out.
 
     `on_progress(done, total, pose_id)` is called after each scan. With an `executor` (threads, processes, Dask's
@@ -69,7 +107,7 @@ def find_corners(
             f"dataset {dataset.name!r}: a process died after {len(found)} of {len(ids)} scans, perhaps for want of "
             "memory; search with fewer processes"
         ) from None
-    return {pose_id: found[pose] for pose, pose_id in enumerate(ids)}
+    return CornerBatch(dataset, {pose_id: found[pose] for pose, pose_id in enumerate(ids)})
 
 
 def told_noise(scanner: Scanner) -> ToldNoise:

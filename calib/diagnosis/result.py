@@ -12,10 +12,11 @@ from calib.diagnosis.explanation import explain
 from calib.diagnosis.findings import Findings
 from calib.diagnosis.words.sentences import Explanation
 from calib.diagnosis.words.text import explanation_text
+from calib.display.shown import Documented, Viewed
 
 
 @dataclass(frozen=True)
-class Diagnosis(Findings):
+class Diagnosis(Findings, Documented, Viewed):
     """The verdict on a dataset, all that led to it, and why."""
 
     @cached_property

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.diagnosis.words.phrases import length_text
+from calib.display.shown import Documented
 from calib.fleet.drift import Drift
 from calib.fleet.row import Failure, Row
 from calib.fleet.shared_causes import SharedCause
@@ -15,7 +16,7 @@ _TOLD = 10  # arms that changed, one by one
 
 
 @dataclass(frozen=True)
-class Fleet:
+class Fleet(Documented):
     """All datasets below a folder, in the order of their paths, whoever judged them in whichever order."""
 
     folder: Path

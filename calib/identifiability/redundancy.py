@@ -18,6 +18,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, BoolArray
+from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
 
 _SAME = 1e-8  # |r| this close to 1 is redundant
@@ -26,7 +27,7 @@ _DEPENDENT = 1e-8  # norm of a unit column after projection, below which it depe
 
 
 @dataclass(frozen=True)
-class Redundancy:
+class Redundancy(Documented, Viewed):
     """Linear dependencies between the columns of a Jacobian (R, P)."""
 
     parameters: tuple[str, ...]  # (P,)

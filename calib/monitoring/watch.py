@@ -15,6 +15,7 @@ import numpy as np
 
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
+from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
 from calib.monitoring.cell import Cell
 from calib.monitoring.change_tests import (
@@ -44,7 +45,7 @@ MOST = 3  # changes of the arm that are told
 
 
 @dataclass(frozen=True)
-class Watched:
+class Watched(Documented, Viewed):
     """What a set of check poses says of a cell."""
 
     name: str

@@ -10,6 +10,7 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.dataset.dataset import Poses
+from calib.display.shown import Documented, Viewed
 from calib.effects.catalogue import family_of
 from calib.effects.effect import Effect, Family, full_name
 from calib.errors import CalibError
@@ -40,7 +41,7 @@ _FURTHER = 40  # poses beyond the plan, to see when more no longer pay
 
 
 @dataclass(frozen=True)
-class Plan:
+class Plan(Documented, Viewed):
     """The poses to measure, in the order of measuring, and what they are good for."""
 
     start: Start

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from calib.blas_threads import one_blas_thread
-from calib.corners.batch import brief, find_corners, told_noise
+from calib.corners.batch import CornerBatch, brief, find_corners, told_noise
 from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
 from calib.corners.search import CornerSearch, failed_search
 from calib.dataset.dataset import Dataset
@@ -28,7 +28,7 @@ def find_targets(
     executor: Executor | None = None,
     in_flight: int = 64,
     intermediate: bool = True,
-) -> dict[str, CornerSearch]:
+) -> CornerBatch:
     """All targets of a dataset in every pose's scan, by pose id; of a dataset with one jig this is `find_corners`.
 
     `finder(scan, wanted)` is a function of the caller's, for targets of shape "own", or for all where there is none of

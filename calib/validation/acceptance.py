@@ -18,6 +18,7 @@ from calib.dataset.repeats import Repeats, find_repeats, pooled_sigma_mm, scatte
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import verdict_text
+from calib.display.shown import Documented
 from calib.effects.catalogue import effects_named
 from calib.effects.effect import Family
 from calib.errors import FitError
@@ -58,7 +59,7 @@ class CheckItem:
 
 
 @dataclass(frozen=True)
-class Check:
+class Check(Documented):
     """All items of a dataset. It passes where none failed."""
 
     dataset: Dataset  # with the points that were judged

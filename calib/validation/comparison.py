@@ -20,6 +20,7 @@ from calib import frames
 from calib.array_types import Array
 from calib.calibration.evaluation import Evaluation
 from calib.calibration.result import Calibration
+from calib.display.shown import Documented, Viewed
 from calib.distributions import chi2_sf
 from calib.errors import FitError
 from calib.kinematics.chain import forward
@@ -61,7 +62,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Documented, Viewed):
     """What differs between two calibrations, the second minus the first."""
 
     names: tuple[str, str]

@@ -7,6 +7,7 @@ from datetime import datetime
 from pathlib import Path
 
 from calib.dataset.files.atomic_write import write_text_atomically
+from calib.documents.comparison_documents import comparison_document, watch_document
 from calib.errors import CalibError
 from calib.monitoring.control_chart import repeat_lines, repeated_poses, series
 from calib.monitoring.iso9283 import PoseFigures
@@ -17,7 +18,6 @@ from inspector.cli.calibrate_command import fitted
 from inspector.cli.dataset_commands import load, measured, show
 from inspector.cli.options import CompareOptions, WatchOptions
 from inspector.cli.output_paths import check_outputs
-from inspector.export.comparison_documents import comparison_document, watch_document
 
 WATCH_FILES = (".html", ".svg", ".csv")
 

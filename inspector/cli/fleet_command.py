@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager
 from datetime import datetime
 
 from calib.dataset.files.atomic_write import write_text_atomically
+from calib.documents.fleet_document import fleet_document
 from calib.errors import CalibError
 from calib.fleet.cluster import cluster_workers, local_workers
 from calib.fleet.discovery import discover
@@ -17,7 +18,6 @@ from calib.fleet.table import is_table, require_table_kind, write_table
 from inspector.cli.dataset_commands import show
 from inspector.cli.options import FleetOptions
 from inspector.cli.progress import cores, progress
-from inspector.export.fleet_document import fleet_document
 from inspector.report.fleet_page import fleet_html
 from inspector.report.report import is_report
 

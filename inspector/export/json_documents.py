@@ -1,12 +1,8 @@
-"""Results as JSON documents, the keys that scripts rely on; every one can be imported from here."""
+"""What the commands print with --json, by name: each is made in `calib.documents`, as `to_dict` of a result is."""
 
 from __future__ import annotations
 
-from typing import Any
-
-from calib.dataset.repeats import repeats_frame
-from calib.validation.acceptance import Check
-from inspector.export.calibration_documents import (
+from calib.documents.calibration_documents import (
     additions,
     calibration_document,
     correction_document,
@@ -14,8 +10,9 @@ from inspector.export.calibration_documents import (
     table_document,
     validation_document,
 )
-from inspector.export.corner_documents import corners_document, redundancy_document
-from inspector.export.diagnosis_documents import diagnosis_document, effects_document
+from calib.documents.check_document import check_document
+from calib.documents.corner_documents import corners_document, redundancy_document
+from calib.documents.diagnosis_documents import diagnosis_document, effects_document
 
 __all__ = [
     "additions",
@@ -30,25 +27,3 @@ __all__ = [
     "table_document",
     "validation_document",
 ]
-
-
-def check_document(check: Check) -> dict[str, Any]:
-    """What `check --json` prints: the verdict, why, and all that led to it."""
-    return {
-        "dataset": check.dataset.name,
-        "passed": check.passed,
-        "reasons": check.reasons,
-        "warnings": check.warnings,
-        "findings": [
-            {
-                "name": item.name,
-                "passed": item.passed,
-                "words": item.description,
-                "warning": item.warning,
-            }
-            for item in check.items
-        ],
-        "repeats": repeats_frame(check.repeats).to_dict(orient="records"),
-        "calibration": None if check.calibration is None else calibration_document(check.calibration),
-        "diagnosis": None if check.diagnosis is None else diagnosis_document(check.diagnosis),
-    }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from calib.dataset.files.poses_csv import poses_frame
 from calib.errors import CalibError
 from calib.planning.plan import Plan
 from calib.robot_formats.programs.point_lists import (
@@ -13,8 +14,8 @@ from calib.robot_formats.programs.point_lists import (
     require_point_list,
 )
 from calib.robot_formats.programs.trajectory import trajectory_yaml
+from calib.text_files.csv_text import frame_csv
 from calib.workcell.pose_conditions import come_from
-from inspector.export.plan_document import plan_csv
 
 CSV, ROS = ".csv", (".yaml", ".yml")
 
@@ -36,7 +37,7 @@ def planned_file(path: Path, plan: Plan) -> str:
     """
     check_plan_file(path)
     if path.suffix.lower() == CSV:
-        return plan_csv(plan)
+        return frame_csv(poses_frame(plan.poses, plan.start.dataset.robot))
     robot = plan.start.dataset.robot
     heading = (
         f"{len(plan.poses)} poses of {robot.name} to measure, for {plan.purpose.name}, in this order.",

@@ -13,13 +13,7 @@ from calib.diagnosis.words.conclusions import Unexplained
 from calib.diagnosis.words.headline import Headline as HeadlineFacts
 from calib.diagnosis.words.headline import headline_note, noise_words
 from calib.diagnosis.words.phrases import capitalised, length_digits, poses_text
-from calib.effects.catalogue import descriptions
-from calib.screening.curves.smooth_joint_error import LEARNED
-from inspector.markup.learn.effects import VERDICTS
-from inspector.markup.parts import numbers
-from inspector.markup.parts.palette import NEUTRAL
-from inspector.report.arm_drawing import arm_drawing, stride
-from inspector.report.blocks import (
+from calib.display.blocks import (
     Block,
     Bullets,
     Drawing,
@@ -29,6 +23,12 @@ from inspector.report.blocks import (
     Table,
     VerdictLine,
 )
+from calib.display.colours import VERDICT_COLOURS
+from calib.effects.catalogue import descriptions
+from calib.screening.curves.smooth_joint_error import LEARNED
+from inspector.markup.parts import numbers
+from inspector.markup.parts.palette import NEUTRAL
+from inspector.report.arm_drawing import arm_drawing, stride
 from inspector.report.content import Report, model_name
 
 _AGAIN = 3  # poses to measure once more
@@ -76,7 +76,7 @@ def _verdict(report: Report) -> VerdictLine:
         )
     tied = numbers.listing(found.ambiguous_set, "or")
     words = verdict_text(found.explanation.verdict, reasons="below", tied=tied)
-    return VerdictLine(capitalised(words), VERDICTS[found.verdict])
+    return VerdictLine(capitalised(words), VERDICT_COLOURS[found.verdict])
 
 
 def _picture(report: Report, told: HeadlineFacts) -> Drawing:

@@ -10,17 +10,10 @@ from pathlib import Path
 from urllib.parse import quote
 
 from calib.diagnosis.words.phrases import length_text
-from calib.fleet.drift import Drift
-from calib.fleet.result import Fleet
-from calib.fleet.row import Row
-from inspector.figures.fleet_plots import fleet_errors
-from inspector.markup.parts import numbers
-from inspector.markup.parts.palette import BAD, DOUBT, GOOD
-from inspector.report.blocks import (
+from calib.display.blocks import (
     Block,
     Bullets,
     Facts,
-    Figure,
     KeyFigures,
     Link,
     Paragraph,
@@ -28,6 +21,13 @@ from inspector.report.blocks import (
     Table,
     VerdictLine,
 )
+from calib.fleet.drift import Drift
+from calib.fleet.result import Fleet
+from calib.fleet.row import Row
+from inspector.figures.fleet_plots import fleet_errors
+from inspector.markup.parts import numbers
+from inspector.markup.parts.palette import BAD, DOUBT, GOOD
+from inspector.report.figure_block import Figure
 from inspector.report.page import render_page
 from inspector.report.report import versions
 

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from functools import cache
 from itertools import count
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
-from inspector.figures.svg.figure import svg_of
-from inspector.report.blocks import Block, Drawing, Figure, Section
+from calib.display.blocks import Block, Section
+from inspector.report.figure_block import still
 
 MARK = '<meta name="generator" content="robot-calibration-inspector">'
 """Tells a report from any other file; among the first characters of the page."""
@@ -23,26 +23,15 @@ def render_page(title: str, head: Sequence[Block], sections: Sequence[Section]) 
     """The whole page: a head, which is the first page on paper, then the sections."""
     names = (f"figure{number}" for number in count(1))
 
-    def still(blocks: Sequence[Block]) -> list[Block]:
-        return [
-            Drawing(
-                svg_of(block.drawn, block.width_px, block.height_px, name=next(names), title=block.caption),
-                block.caption,
-            )
-            if isinstance(block, Figure)
-            else block
-            for block in blocks
-        ]
-
-    shown = [{"heading": section.heading, "blocks": still(section.blocks)} for section in sections]
+    shown = [{"heading": section.heading, "blocks": still(section.blocks, names)} for section in sections]
     template = _templates().get_template("page.html")
-    return template.render(mark=MARK, title=title, head=still(head), sections=shown)
+    return template.render(mark=MARK, title=title, head=still(head, names), sections=shown)
 
 
 @cache
 def _templates() -> Environment:
     return Environment(
-        loader=PackageLoader("inspector.report"),
+        loader=ChoiceLoader([PackageLoader("inspector.report"), PackageLoader("calib.display")]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

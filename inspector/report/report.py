@@ -12,22 +12,22 @@ from pathlib import Path
 
 from calib.calibration.noise_check import check_sigma, noise_floor_mm
 from calib.diagnosis.words.text import reason_texts
-from inspector.figures.plots import error_history
-from inspector.markup.learn.effects import last_change
-from inspector.markup.model.fit import before_and_after
-from inspector.markup.parts import numbers
-from inspector.report import sections
-from inspector.report.blocks import (
+from calib.display.blocks import (
     Block,
     Bullets,
     Facts,
-    Figure,
     Paragraph,
     Section,
     Table,
     VerdictLine,
 )
+from inspector.figures.plots import error_history
+from inspector.markup.learn.effects import last_change
+from inspector.markup.model.fit import before_and_after
+from inspector.markup.parts import numbers
+from inspector.report import sections
 from inspector.report.content import Report
+from inspector.report.figure_block import Figure
 from inspector.report.first_page import first_page
 from inspector.report.page import MARK, render_page
 

@@ -14,6 +14,7 @@ from calib.calibration.uncertainty import Combination, identifiable_combinations
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.words.phrases import untestable_texts
+from calib.display.blocks import Block, Bullets, Facts, Paragraph, Table
 from calib.measurement.measured_points import failed_searches
 from calib.screening.candidates import Candidate
 from calib.screening.curves.fitted_curves import fitted_curves, learned_members
@@ -28,8 +29,8 @@ from inspector.markup.learn.curves import COLUMNS as CURVE_COLUMNS
 from inspector.markup.learn.residuals import AXES, band_note, input_title, joint_title, shown, turned
 from inspector.markup.model.fit import PARAMETER_COLUMNS, parameter_rows
 from inspector.markup.parts import numbers
-from inspector.report.blocks import Block, Bullets, Facts, Figure, Paragraph, Table
 from inspector.report.content import ModelResidual, Report
+from inspector.report.figure_block import Figure
 
 SHOWN_INPUTS = 2
 _P = 0.01

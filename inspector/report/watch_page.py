@@ -5,6 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import datetime
 
+from calib.display.blocks import (
+    Block,
+    Bullets,
+    Facts,
+    KeyFigures,
+    Paragraph,
+    Section,
+    Table,
+    VerdictLine,
+)
+from calib.display.colours import VERDICT_COLOURS
 from calib.monitoring.control_chart import in_time
 from calib.monitoring.iso9283 import CAVEAT, PoseFigures
 from calib.monitoring.watch import Watched
@@ -14,24 +25,13 @@ from inspector.markup.model.watch import (
     EACH,
     REPEATS,
     USUAL_NOTE,
-    VERDICT_COLOURS,
     each_rows,
     repeat_rows,
     unseen_sentences,
     usual_rows,
 )
 from inspector.markup.parts import numbers
-from inspector.report.blocks import (
-    Block,
-    Bullets,
-    Facts,
-    Figure,
-    KeyFigures,
-    Paragraph,
-    Section,
-    Table,
-    VerdictLine,
-)
+from inspector.report.figure_block import Figure
 from inspector.report.page import render_page
 from inspector.report.report import versions
 

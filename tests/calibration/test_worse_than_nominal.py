@@ -13,9 +13,9 @@ from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import write_dataset
 from calib.diagnosis.words.headline import headline_note, headline_of
+from calib.documents.calibration_documents import calibration_document
 from calib.options import FitOptions
 from inspector.cli.parser import main
-from inspector.export.calibration_documents import calibration_document
 from tests.support.arms import dataset_of, jang_arm, perturbed
 
 

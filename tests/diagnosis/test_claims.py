@@ -14,6 +14,7 @@ from calib.diagnosis.decision_rules import carries_its_names, is_refused, verdic
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import SelectedEffect, calibrate_with
 from calib.diagnosis.words.text import reason_texts
+from calib.documents.diagnosis_documents import diagnosis_document
 from calib.effects.base import Parameter
 from calib.effects.catalogue import effects_for
 from calib.effects.effect import families_from
@@ -21,7 +22,6 @@ from calib.effects.state import RobotState
 from calib.screening.candidates import screen
 from calib.screening.residual_tests import ResidualTests
 from calib.simulation.simulate import simulate_dataset
-from inspector.export.diagnosis_documents import diagnosis_document
 
 
 def simulated(effects: list[tuple[str, float]], seed: int = 3) -> Dataset:

@@ -11,7 +11,7 @@ from calib.dataset.dataset import Dataset
 from calib.diagnosis.decision_rules import noise_is_believed
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
-from inspector.export.diagnosis_documents import diagnosis_document
+from calib.documents.diagnosis_documents import diagnosis_document
 from tests.support.odd_noise import SIGMA_MM, odd_arm
 
 pytestmark = pytest.mark.slow

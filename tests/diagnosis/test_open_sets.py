@@ -12,12 +12,12 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.decision_rules import are_twins, can_stand_for, verdict_of
 from calib.diagnosis.diagnose import diagnose
+from calib.documents.diagnosis_documents import diagnosis_document
 from calib.effects.catalogue import effects_for
 from calib.screening.candidates import screen
 from calib.screening.projected_residual import project_residual
 from calib.screening.residual_tests import ResidualTests
 from calib.simulation.simulate import simulate_dataset
-from inspector.export.diagnosis_documents import diagnosis_document
 
 LOAD = {"joint_compliance", "link_bending", "base_compliance", "gravity_backlash"}
 

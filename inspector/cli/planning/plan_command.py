@@ -10,6 +10,7 @@ from calib.array_types import Array
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.diagnosis.diagnose import diagnose
+from calib.documents.plan_document import plan_document
 from calib.effects.effect import Family
 from calib.errors import CalibError
 from calib.kinematics.robot import Robot
@@ -34,7 +35,6 @@ from inspector.cli.options import PlanOptions
 from inspector.cli.output_paths import check_outputs
 from inspector.cli.progress import stages
 from inspector.cli.robots.reading import reading_of
-from inspector.export.plan_document import plan_document
 from inspector.export.plan_files import check_plan_file, planned_file
 
 FIRST_SET, FURTHER = 20, 5

@@ -15,17 +15,17 @@ from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.conclusions import Adequate, Named
 from calib.diagnosis.words.phrases import untestable_texts
+from calib.display.colours import VERDICT_COLOURS
 from calib.screening.candidates import Candidate, Screening, Untestable
 from inspector.markup.learn.said import advice_said, known_links, reasons_said
 from inspector.markup.parts import elements, numbers
 from inspector.markup.parts.links import Names, linked
-from inspector.markup.parts.palette import BAD, DOUBT, GOOD, NEUTRAL, PROPOSAL
+from inspector.markup.parts.palette import BAD, GOOD, NEUTRAL, PROPOSAL
 from inspector.session.left_out import LEFT_OUT, TAKEN_IN
 from inspector.session.session import Session, StepErrors
 
 NOT_YET = "Not calibrated yet: the model is fitted when the search has ended. The tab Fit says what it lacks."
 SMALL = 0.01  # share of an error below which a change of it counts as none
-VERDICTS = {"adequate": GOOD, "named": GOOD, "ambiguous": DOUBT, "unexplained": BAD, "outliers": DOUBT}
 LOOK_CLOSER = (
     " Look at it in the tab Where it fails; an effect of your own can be tested with --effects-file."
 )
@@ -104,7 +104,7 @@ def verdict_html(diagnosis: Diagnosis | None, names: Names) -> str:
     elif isinstance(sentence, (Adequate, Named)) and sentence.held_out is not None:
         plan = f" {elements.tab_link('Learn/Plan', MORE)}."
     said = elements.Html(f"{left} Verdict: {verdict}{elements.text(more)}{plan}")
-    return elements.alert(said, colour=VERDICTS[diagnosis.verdict])
+    return elements.alert(said, colour=VERDICT_COLOURS[diagnosis.verdict])
 
 
 def reasons_html(diagnosis: Diagnosis | None, names: Names) -> str:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from calib.display.colours import VERDICT_COLOURS
 from calib.monitoring.change_tests import Found
 from calib.monitoring.control_chart import shown_size
 from calib.monitoring.iso9283 import CAVEAT, PoseFigures
 from calib.monitoring.watch import Watched
 from inspector.markup.parts import elements, numbers
-from inspector.markup.parts.palette import BAD, DOUBT, GOOD
 
-VERDICT_COLOURS = {"unchanged": GOOD, "unclear": DOUBT, "changed": BAD}
 EACH = ("", "date", "", "what changed", "error, mm", "limit, mm")
 REPEATS = ("pose", "visits", "RP", "AP", "dAP", "dRP", "moved")
 USUAL_NOTE = (

@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
+from calib.display.blocks import LONG_NAME as LONG_NAME
+
 _CELL = "padding:2px 6px;white-space:nowrap;"
 _BREAK = "overflow-wrap:anywhere;"  # names from outside may be one long word
-LONG_NAME = 22  # characters of a word that stays in one line
 MARK = "rgba(86,180,233,0.22)"  # behind a row that is selected
 _LINE = "border-bottom:1px solid rgba(128,128,128,0.28);"
 

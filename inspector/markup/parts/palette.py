@@ -5,6 +5,11 @@ Roles and models are near Okabe and Ito's set, each as light as stands out from 
 
 from __future__ import annotations
 
+from calib.display.colours import BAD as BAD
+from calib.display.colours import DOUBT as DOUBT  # a corner, or a verdict, that deserves a second look
+from calib.display.colours import GOOD as GOOD
+from calib.display.colours import NEUTRAL as NEUTRAL
+
 ROLE_COLOURS = {"reference": "#2DA587", "train": "#0F96D2", "test": "#B43C00"}
 ROLE_WORDS = {"reference": "reference", "train": "training", "test": "test"}
 FACE_COLOURS = ("#0072B2", "#E69F00", "#CC79A7")  # the three chosen faces, in the order of the corner's faces
@@ -26,12 +31,11 @@ MEASURE = "#7F868F"  # the floor's grid and the bar of known length
 HIGHLIGHT = "#E63C3C"  # the selected corner
 REJECTED = "#5F6B7A"  # what the choice of planes left out; darker than face 3, which some colour-blind eyes see as grey
 FILTER_COLOURS = ("#17BECF", "#7E57C2", "#8D6E3F")  # sets that filter 1, 2, 3 rejected; no face has these
-DOUBT = "#E69F00"  # a corner, or a verdict, that deserves a second look
 SCAN_ON_LIGHT, SCAN_ON_DARK = "#5F6B7A", "#C9D1DC"  # points of the selected scan that are on no face
 UNKNOWN = "#8A8F98"  # of which nothing is known: a role, a pose; what noise alone leaves
 FAILED = "#B3261E"
 LEFT_OUT = UNKNOWN  # a pose that counts for nothing
-GOOD, BAD, NEUTRAL, PROPOSAL = "#009E73", "#D55E00", "#8A8F98", "#0072B2"  # verdicts and what to do next
+PROPOSAL = "#0072B2"  # what to do next
 # Viser makes lighter shades of this and writes with them: #0072B2 on a light page, the colour itself on a dark one.
 BRAND_ON_LIGHT, BRAND_ON_DARK = "#003654", "#40A1DF"
 

@@ -16,10 +16,10 @@ import pytest
 
 from calib.dataset.dataset import About, Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
+from calib.display.blocks import Table
 from inspector.cli.parser import main
 from inspector.markup.parts.numbers import millimetres
 from inspector.report.arm_drawing import stride
-from inspector.report.blocks import Table
 from inspector.report.content import report_of
 from inspector.report.page import render_page
 from inspector.report.report import report_html, versions

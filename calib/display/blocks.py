@@ -1,4 +1,4 @@
-"""What the sections of a report consist of: paragraphs, lists, tables, figures. The templates escape their values."""
+"""What a report and a notebook's view consist of: paragraphs, lists, tables. The templates escape their values."""
 
 from __future__ import annotations
 
@@ -6,25 +6,29 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import plotly.graph_objects as go
-
-from inspector.markup.parts.elements import LONG_NAME
-
+LONG_NAME = 22  # characters of a word that stays in one line
 _SHORT_NAME = 14  # characters
 
 
 @dataclass(frozen=True)
-class Paragraph:
+class Block:
+    """Something that `templates/blocks.html` has a macro for."""
+
+    kind: ClassVar[str]  # the name of that macro
+
+
+@dataclass(frozen=True)
+class Paragraph(Block):
     """A sentence or several; `soft` ones are smaller and grey, a `heading` stands over what follows."""
 
-    kind: ClassVar[str] = "paragraph"  # the macro in templates/blocks.html
+    kind: ClassVar[str] = "paragraph"
     sentence: str
     soft: bool = False
     heading: bool = False
 
 
 @dataclass(frozen=True)
-class Bullets:
+class Bullets(Block):
     """A plain list."""
 
     kind: ClassVar[str] = "bullets"
@@ -43,7 +47,7 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Table:
+class Table(Block):
     """A table: the columns in `left` hold words, the others numbers; row `mark` is emphasised."""
 
     kind: ClassVar[str] = "table"
@@ -63,7 +67,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Facts:
+class Facts(Block):
     """Name and value, a row each."""
 
     kind: ClassVar[str] = "facts"
@@ -71,7 +75,7 @@ class Facts:
 
 
 @dataclass(frozen=True)
-class KeyFigures:
+class KeyFigures(Block):
     """A few numbers to be seen first."""
 
     kind: ClassVar[str] = "key_figures"
@@ -79,7 +83,7 @@ class KeyFigures:
 
 
 @dataclass(frozen=True)
-class Headline:
+class Headline(Block):
     """The way of the error: figure and name of each stage, and what is said below."""
 
     kind: ClassVar[str] = "headline"
@@ -90,7 +94,7 @@ class Headline:
 
 
 @dataclass(frozen=True)
-class VerdictLine:
+class VerdictLine(Block):
     """The answer, marked with a colour of the palette (never one from outside)."""
 
     kind: ClassVar[str] = "verdict"
@@ -99,26 +103,12 @@ class VerdictLine:
 
 
 @dataclass(frozen=True)
-class Figure:
-    """A plotly figure in its light version with its caption; the page draws it as SVG, in its own colours."""
-
-    kind: ClassVar[str] = "figure"
-    drawn: go.Figure
-    caption: str
-    height_px: int = 330
-    width_px: int = 850
-
-
-@dataclass(frozen=True)
-class Drawing:
+class Drawing(Block):
     """A picture that is SVG already, whose words were escaped by the one who drew it."""
 
     kind: ClassVar[str] = "drawing"
     svg: str
     caption: str
-
-
-Block = Paragraph | Bullets | Table | Facts | KeyFigures | VerdictLine | Headline | Figure | Drawing
 
 
 @dataclass(frozen=True)

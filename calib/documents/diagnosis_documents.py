@@ -11,11 +11,11 @@ from calib.diagnosis.findings import Learned
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.noise_text import NoiseShaped, noise_text
 from calib.diagnosis.words.phrases import fault_text
+from calib.documents.calibration_documents import stands_document
 from calib.effects.catalogue import descriptions
 from calib.screening.candidates import Candidate
 from calib.screening.fault_models import JointFault
 from calib.screening.residual_tests import InputTest
-from inspector.export.calibration_documents import stands_document
 
 
 def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+from calib.documents.calibration_documents import by_role
 from calib.monitoring.change_tests import Found
 from calib.monitoring.iso9283 import PoseFigures
 from calib.monitoring.watch import Watched
 from calib.validation.comparison import Comparison
-from inspector.export.calibration_documents import by_role
 
 
 def comparison_document(compared: Comparison) -> dict[str, Any]:
@@ -48,7 +48,7 @@ def comparison_document(compared: Comparison) -> dict[str, Any]:
 
 def watch_document(seen: Sequence[Watched], repeats: Sequence[PoseFigures] = ()) -> dict[str, Any]:
     """Of `inspector watch --json`: the last of the new datasets, all of them in order under "new", and repeats."""
-    documents = [_watched(w) for w in seen]
+    documents = [watched_document(w) for w in seen]
     return {**documents[-1], "new": documents, "iso9283": [_repeated(p) for p in repeats]}
 
 
@@ -65,7 +65,8 @@ def _repeated(pose: PoseFigures) -> dict[str, Any]:
     }
 
 
-def _watched(w: Watched) -> dict[str, Any]:
+def watched_document(w: Watched) -> dict[str, Any]:
+    """Of one new dataset: an entry of "new" in what `inspector watch --json` prints."""
     return {
         "name": w.name,
         "verdict": w.verdict,

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from calib.corners.batch import CornerBatch
 from calib.corners.search import CornerSearch
 from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import FreeFrameRank
 from calib.measurement.labels import FaceLabels
-from calib.measurement.measured_points import failed_searches
-from calib.targets.assignment import Assignment
+from calib.measurement.measured_points import failed_searches, label_faces
+from calib.targets.assignment import Assignment, told_apart
 
 
 def corners_document(
@@ -80,10 +81,24 @@ def _targets_document(named: Assignment) -> dict[str, Any]:
     return {"targets": targets, "targets_failed": failed} if targets or failed else {}
 
 
+def batch_document(batch: CornerBatch) -> dict[str, Any]:
+    """What `corners --json` prints, of the searches of a dataset's scans."""
+    return corners_document(batch, label_faces(batch.dataset, batch), told_apart(batch.dataset, batch))
+
+
 def redundancy_document(redundancy: Redundancy, unknown: FreeFrameRank) -> dict[str, Any]:
     """What `redundancy --json` prints; `unknown` is what is left where the scanner's place is unknown."""
     return {
         "residual": unknown.residual,
+        **pearson_document(redundancy),
+        "rank_unknown_frame": unknown.best[unknown.residual],
+        "rank_unknown_frame_here": unknown.here,
+    }
+
+
+def pearson_document(redundancy: Redundancy) -> dict[str, Any]:
+    """The keys of `redundancy --json` that are of the parameters alone."""
+    return {
         "seen_by": redundancy.measured_by,
         "parameters": redundancy.parameters,
         "pearson": redundancy.pearson,
@@ -92,8 +107,6 @@ def redundancy_document(redundancy: Redundancy, unknown: FreeFrameRank) -> dict[
         "mixed_groups": redundancy.mixed_groups,
         "combinations": [{"parameters": relation} for relation in redundancy.combinations],
         "rank": redundancy.rank,
-        "rank_unknown_frame": unknown.best[unknown.residual],
-        "rank_unknown_frame_here": unknown.here,
         "kept": redundancy.kept,
         "independent": redundancy.independent,
         "dropped": redundancy.dropped,

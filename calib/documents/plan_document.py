@@ -1,4 +1,4 @@
-"""A plan as the command prints it with --json, and as poses.csv."""
+"""A plan as the command prints it with --json."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import Any
 from calib.dataset.files.poses_csv import joint_columns, poses_frame
 from calib.planning.plan import Plan
 from calib.planning.prediction import Prediction
-from calib.text_files.csv_text import frame_csv
 
 
 def plan_document(plan: Plan) -> dict[str, Any]:
@@ -39,11 +38,6 @@ def plan_document(plan: Plan) -> dict[str, Any]:
         "told": plan.told,
         "notes": plan.notes,
     }  # fmt: skip
-
-
-def plan_csv(plan: Plan) -> str:
-    """The planned poses in the form of poses.csv."""
-    return frame_csv(poses_frame(plan.poses, plan.start.dataset.robot))
 
 
 def _band(prediction: Prediction) -> list[float]:

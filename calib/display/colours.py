@@ -1,0 +1,17 @@
+"""Colours beside a verdict, one meaning a colour; colour-blind eyes tell them apart, on light and dark pages."""
+
+from __future__ import annotations
+
+GOOD, DOUBT, BAD, NEUTRAL = "#009E73", "#E69F00", "#D55E00", "#8A8F98"
+VERDICT_COLOURS = {
+    # of diagnoses
+    "adequate": GOOD,
+    "named": GOOD,
+    "ambiguous": DOUBT,
+    "unexplained": BAD,
+    "outliers": DOUBT,
+    # of watched cells
+    "unchanged": GOOD,
+    "unclear": DOUBT,
+    "changed": BAD,
+}

@@ -1,0 +1,86 @@
+"""What results have for whoever works with them in a notebook or a script: `to_dict()` and how a cell shows them.
+
+A result stands far below what tells of it. `calib.documents` and `calib.views` know every result, and `inspector` knows
+both, so a result must import none of them. It finds the one that tells of it by name, when it is asked for, as `calib`
+itself finds its public face: `DOCUMENTS`, `VIEWS` and `TEXTS` are the only places where a name points upwards, and
+tests/display checks every one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from importlib import import_module
+from typing import Any, Protocol
+
+from calib.strict_json import plain
+
+DOCUMENTS: Mapping[str, str] = {  # class -> function that makes its document
+    "calib.calibration.result.Calibration": "calib.documents.calibration_documents:calibration_document",
+    "calib.corners.batch.CornerBatch": "calib.documents.corner_documents:batch_document",
+    "calib.diagnosis.result.Diagnosis": "calib.documents.diagnosis_documents:diagnosis_document",
+    "calib.fleet.result.Fleet": "calib.documents.fleet_document:fleet_document",
+    "calib.identifiability.redundancy.Redundancy": "calib.documents.corner_documents:pearson_document",
+    "calib.monitoring.watch.Watched": "calib.documents.comparison_documents:watched_document",
+    "calib.planning.plan.Plan": "calib.documents.plan_document:plan_document",
+    "calib.validation.acceptance.Check": "calib.documents.check_document:check_document",
+    "calib.validation.comparison.Comparison": "calib.documents.comparison_documents:comparison_document",
+}
+VIEWS: Mapping[str, str] = {  # class -> function that makes its HTML, tables only
+    "calib.calibration.result.Calibration": "calib.views.fit_views:calibration_html",
+    "calib.corners.batch.CornerBatch": "calib.views.measured_views:corners_html",
+    "calib.dataset.dataset.Dataset": "calib.views.measured_views:dataset_html",
+    "calib.diagnosis.result.Diagnosis": "calib.views.fit_views:diagnosis_html",
+    "calib.identifiability.redundancy.Redundancy": "calib.views.fit_views:redundancy_html",
+    "calib.monitoring.watch.Watched": "calib.views.later_views:watched_html",
+    "calib.planning.plan.Plan": "calib.views.later_views:plan_html",
+    "calib.validation.comparison.Comparison": "calib.views.later_views:comparison_html",
+}
+TEXTS: Mapping[str, str] = {  # class -> function that makes its plain text, where that is above it
+    "calib.planning.plan.Plan": "calib.planning.words:plan_text",
+}
+
+
+class Documented:
+    """A result that can be had as plain data."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result with the keys of the command's `--json`: strings, numbers, lists, dicts, None; no NaN.
+
+        `json.dumps(result.to_dict(), allow_nan=False)` always works. Keys are only ever added.
+        """
+        document = plain(_maker(DOCUMENTS[_name_of(type(self))])(self))
+        assert isinstance(document, dict)
+        return document
+
+
+class Printer(Protocol):
+    """What IPython hands to `_repr_pretty_`."""
+
+    def text(self, text: str) -> None: ...
+
+
+class Viewed:
+    """A result that a notebook shows as HTML, and IPython's terminal as its summary."""
+
+    def _repr_html_(self) -> str:
+        """For Jupyter, VS Code and others: light or dark as they are, every name escaped, no script, no network."""
+        return str(_maker(VIEWS[_name_of(type(self))])(self))
+
+    def _repr_pretty_(self, printer: Printer, cycle: bool) -> None:
+        printer.text(self.summary())
+
+    def summary(self) -> str:
+        """The result in a few lines of plain text."""
+        return str(_maker(TEXTS[_name_of(type(self))])(self))
+
+
+def _name_of(kind: type) -> str:
+    return f"{kind.__module__}.{kind.__qualname__}"
+
+
+@cache
+def _maker(place: str) -> Callable[[object], Any]:
+    module, _, name = place.partition(":")
+    maker: Callable[[object], Any] = getattr(import_module(module), name)
+    return maker

@@ -1,0 +1,109 @@
+"""What was measured, as a notebook shows it: a dataset, and the corners in its scans."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.corners.batch import CornerBatch
+from calib.corners.search import CornerSearch
+from calib.dataset.dataset import ROLES, Dataset
+from calib.display.blocks import Block, Bullets, Facts, KeyFigures, Section, Table
+from calib.display.view_page import view_html
+
+_DIGITS = 2  # of degrees and mm in tables of the robot
+
+
+def dataset_html(dataset: Dataset) -> str:
+    """Of a dataset: what it holds, its conditions and doubts; below, the arm's table and how far each joint moves."""
+    return view_html(f"Dataset {dataset.name}", dataset_head(dataset), dataset_sections(dataset))
+
+
+def dataset_head(dataset: Dataset) -> list[Block]:
+    """What stands at the top: the counts, the conditions, the doubts."""
+    poses = dataset.poses
+    counts = {role: int(np.count_nonzero(poses.role == role)) for role in ROLES}
+    setups = len(np.unique(poses.setup))
+    pairs: list[tuple[str, object]] = [
+        ("robot", f"{dataset.robot.name}, {dataset.robot.n_joints} joints"),
+        ("poses", f"{len(poses)}: {', '.join(f'{n} {role}' for role, n in counts.items() if n)}"),
+        ("measured", _measured(dataset)),
+        ("placements of the instrument", setups),
+    ]
+    if dataset.scanner.point_sigma_mm is not None:
+        pairs.append(("declared noise", f"{dataset.scanner.point_sigma_mm:g} mm a coordinate"))
+    head: list[Block] = [KeyFigures(pairs)]
+    if dataset.description:
+        head.append(Facts([("description", dataset.description)]))
+    told = [*dataset.warnings, *dataset.notes]
+    return [*head, *([Bullets(told)] if told else [])]
+
+
+def dataset_sections(dataset: Dataset) -> list[Section]:
+    """What opens with a click: joints' ranges, conditions, the nominal table."""
+    poses, robot = dataset.poses, dataset.robot
+    commanded = np.where(robot.is_revolute, np.degrees(poses.q), poses.q)
+    units = ["°" if turns else "mm" for turns in robot.is_revolute]
+    reach = [
+        (f"joint {k + 1}, {unit}", *(f"{v:.1f}" for v in (q.min(), q.max(), np.ptp(q))))
+        for k, (unit, q) in enumerate(zip(units, commanded.T, strict=True))
+    ]
+    conditions = [
+        (name, f"{values.min():g}", f"{values.max():g}")
+        for name, values in (
+            ("payload, kg", poses.payload_kg),
+            ("temperature, °C", poses.temperature_c),
+            ("time, s", poses.time_s),
+        )
+        if values is not None
+    ]
+    sections = [Section("How far the joints move", [Table(("", "from", "to", "range"), reach)])]
+    if conditions:
+        sections.append(Section("Conditions", [Table(("", "from", "to"), conditions)]))
+    names = ("", "a, mm", "alpha, °", "d, mm", "theta, °", "beta, °")
+    rows = [(f"joint {k + 1}", *_shown(joint.row)) for k, joint in enumerate(robot.joints)]
+    rows.append(("tool", *_shown(robot.tool.row)))
+    return [*sections, Section("The arm as robot.toml has it", [Table(names, rows)])]
+
+
+def _shown(row: tuple[float, float, float, float, float]) -> list[str]:
+    a, alpha, d, theta, beta = row
+    return [f"{v:.{_DIGITS}f}" for v in (a, np.degrees(alpha), d, np.degrees(theta), np.degrees(beta))]
+
+
+def _measured(dataset: Dataset) -> str:
+    if dataset.points is None:
+        return f"{len(dataset.poses)} scans of a jig of {dataset.jig.edge_words()}; no points yet"
+    targets = np.unique(dataset.points.target)
+    of = "" if len(targets) == 1 else f" of {len(targets)} targets"
+    with_scans = ", and scans" if dataset.scan_folder is not None else ""
+    return f"{len(dataset.points)} points{of}{with_scans}"
+
+
+def corners_html(batch: CornerBatch) -> str:
+    """Of the searches of a dataset's scans: how many corners, why some have none, and each with its sigma."""
+    found = {pose_id: search for pose_id, search in batch.items() if search.corner is not None}
+    failed = [(pose_id, search.failure) for pose_id, search in batch.items() if search.corner is None]
+    sigmas = [search.corner.sigma_mm() for search in found.values() if search.corner is not None]
+    pairs: list[tuple[str, object]] = [("corners", f"{len(found)} of {len(batch)} scans")]
+    if sigmas:
+        pairs.append(("sigma, median", f"{1e3 * float(np.median(sigmas)):.1f} µm"))
+    pairs.append(("search", f"{sum(search.seconds for search in batch.values()):.1f} s in all"))
+    head: list[Block] = [KeyFigures(pairs)]
+    if failed:
+        head.append(Table(("scan without a corner", "why"), failed, left=(0, 1)))
+    columns = ("scan", "x, mm", "y, mm", "z, mm", "sigma, µm", "points on the faces", "deserves a look")
+    rows = [_row(pose_id, search) for pose_id, search in found.items()]
+    sections = [Section("Each corner, in the scanner's frame", [Table(columns, rows, left=(0, 5, 6))])]
+    return view_html(f"Corners of {batch.dataset.name}", head, sections if rows else [])
+
+
+def _row(pose_id: str, search: CornerSearch) -> tuple[object, ...]:
+    corner = search.corner
+    assert corner is not None
+    return (
+        pose_id,
+        *(f"{value:.3f}" for value in corner.xyz_mm),
+        f"{1e3 * corner.sigma_mm():.1f}",
+        ", ".join(str(face.points) for face in corner.faces),
+        "; ".join(corner.quality.doubts()) or "–",
+    )

@@ -1,0 +1,36 @@
+"""A figure among the blocks of a report, and the picture that it becomes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import plotly.graph_objects as go
+
+from calib.display.blocks import Block, Drawing
+from inspector.figures.svg.figure import svg_of
+
+
+@dataclass(frozen=True)
+class Figure(Block):
+    """A plotly figure in its light version with its caption; the page draws it as SVG, in its own colours."""
+
+    kind: ClassVar[str] = "figure"
+    drawn: go.Figure
+    caption: str
+    height_px: int = 330
+    width_px: int = 850
+
+
+def still(blocks: Sequence[Block], names: Iterator[str]) -> list[Block]:
+    """The blocks with figures as SVG; `names` are those of the figures, which begin their ids."""
+    return [
+        Drawing(
+            svg_of(block.drawn, block.width_px, block.height_px, name=next(names), title=block.caption),
+            block.caption,
+        )
+        if isinstance(block, Figure)
+        else block
+        for block in blocks
+    ]

@@ -1,0 +1,217 @@
+"""Results as dicts and in notebooks: every name that points upwards leads somewhere, all is strict, all is escaped."""
+
+from __future__ import annotations
+
+import json
+import math
+import pickle
+from dataclasses import replace
+from html.parser import HTMLParser
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import calib
+from calib.corners.batch import CornerBatch
+from calib.corners.search import failed_search
+from calib.dataset.dataset import Dataset
+from calib.diagnosis.result import Diagnosis
+from calib.display.shown import DOCUMENTS, TEXTS, VIEWS, Documented, Viewed
+from calib.identifiability.structural import redundancy
+from calib.options import FitOptions
+from calib.planning.fitted_start import start_of_dataset
+from calib.planning.plan import Plan, plan_poses
+from calib.strict_json import plain, to_json
+from calib.validation.acceptance import check
+from calib.validation.comparison import Comparison, compare
+from inspector.cli.parser import main
+
+SAMPLES = Path(__file__).parents[2] / "sample_data"
+HOSTILE = "<script>alert('x')</script>"
+
+
+@pytest.fixture(scope="module")
+def dataset() -> Dataset:
+    return calib.load_dataset(SAMPLES / "hidden_effect_a")
+
+
+@pytest.fixture(scope="module")
+def found(dataset: Dataset) -> Diagnosis:
+    return calib.diagnose(dataset)
+
+
+@pytest.fixture(scope="module")
+def corners() -> CornerBatch:
+    few = calib.load_dataset(SAMPLES / "rb5_repeats")
+    out = [pose_id for pose_id in few.poses.ids if pose_id not in ("P1_01", "P2_01", "P3_01")]
+    return calib.find_corners(few.leave_out(out), intermediate=False)
+
+
+@pytest.fixture(scope="module")
+def plan(dataset: Dataset) -> Plan:
+    return plan_poses(start_of_dataset(dataset, FitOptions()), 3, candidates=60)
+
+
+@pytest.fixture(scope="module")
+def compared(found: Diagnosis) -> Comparison:
+    one = found.steps[0].calibration
+    return compare(one, replace(one, dataset=replace(one.dataset, name="again")))
+
+
+class Fragment(HTMLParser):
+    """Elements of a piece of HTML, checked to be closed in the order that they were opened."""
+
+    VOID = ("br", "meta", "rect", "path", "circle")
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.seen: list[str] = []
+        self.attributes: list[tuple[str, str | None]] = []
+        self.text = ""
+        self._open: list[str] = []
+        self.feed(html)
+        self.close()
+        assert self._open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.seen.append(tag)
+        self.attributes += attrs
+        if tag not in self.VOID:
+            self._open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.seen.append(tag)
+        self.attributes += attrs
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in self.VOID:
+            assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def safe(html: str) -> Fragment:
+    """The fragment, which holds no script and nothing that a browser would fetch or run."""
+    fragment = Fragment(html)
+    assert fragment.seen[0] == "div"
+    assert not {"script", "link", "iframe", "img", "object"} & set(fragment.seen)
+    assert not [name for name, _ in fragment.attributes if name.startswith("on") or name in ("src", "href")]
+    assert "url(" not in html.replace("url(#", "")
+    assert "@import" not in html
+    return fragment
+
+
+def one_of(place: str) -> Any:
+    module, _, name = place.replace(":", ".").rpartition(".")
+    return getattr(import_module(module), name)
+
+
+def test_every_name_that_points_upwards_leads_to_a_class_and_its_maker() -> None:
+    for table, base in ((DOCUMENTS, Documented), (VIEWS, Viewed), (TEXTS, Viewed)):
+        for kind, maker in table.items():
+            assert issubclass(one_of(kind), base), kind
+            assert callable(one_of(maker)), maker
+
+
+def test_every_result_that_says_it_can_be_shown_has_its_maker() -> None:
+    for place in {*DOCUMENTS, *VIEWS}:
+        import_module(place.rpartition(".")[0])
+    for base, table in ((Documented, DOCUMENTS), (Viewed, VIEWS)):
+        named = {f"{kind.__module__}.{kind.__qualname__}" for kind in base.__subclasses__()}
+        assert named == set(table)
+
+
+def numbers_in(value: object) -> list[float]:
+    if isinstance(value, dict):
+        return [n for item in value.values() for n in numbers_in(item)]
+    if isinstance(value, list):
+        return [n for item in value for n in numbers_in(item)]
+    return [value] if isinstance(value, float) else []
+
+
+def test_to_dict_is_what_the_command_prints(
+    dataset: Dataset, found: Diagnosis, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["diagnose", str(SAMPLES / "hidden_effect_a"), "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert json.loads(json.dumps(found.to_dict(), allow_nan=False)) == printed
+    assert main(["calibrate", str(SAMPLES / "hidden_effect_a"), "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    own = calib.calibrate(dataset).to_dict()
+    assert own.items() <= printed.items()  # the command adds its table and way
+
+
+def test_the_dict_and_the_frame_of_corners_agree_and_both_are_pickled(corners: CornerBatch) -> None:
+    document = corners.to_dict()
+    assert [one["pose"] for one in document["corners"]] == list(corners)
+    json.dumps(document, allow_nan=False)
+    frame = corners.to_frame()
+    assert frame["pose"].tolist() == list(corners)
+    for row, one in zip(frame.to_dict("records"), document["corners"], strict=True):
+        assert [row["x_mm"], row["y_mm"], row["z_mm"]] == one["xyz_mm"]
+    again = pickle.loads(pickle.dumps(corners))
+    assert isinstance(again, CornerBatch)
+    assert list(again) == list(corners)
+
+
+def test_dicts_are_strict_whatever_is_missing(
+    dataset: Dataset, plan: Plan, compared: Comparison, corners: CornerBatch
+) -> None:
+    lost = CornerBatch(corners.dataset, {**corners, "P1_01": failed_search("P1_01", "nothing there")})
+    results: list[Documented] = [plan, compared, lost, redundancy(dataset), check(dataset)]
+    for result in results:
+        document = result.to_dict()
+        assert all(map(math.isfinite, numbers_in(document)))
+        assert json.loads(json.dumps(document, allow_nan=False)) == document
+    assert lost.to_dict()["failed"][0]["reason"] == "nothing there"
+    assert plain({"a": float("nan"), "b": (1, 2.5)}) == json.loads(to_json({"a": math.nan, "b": [1, 2.5]}))
+
+
+def hostile(dataset: Dataset) -> Dataset:
+    named = replace(dataset, name=HOSTILE, description=HOSTILE, notes=(HOSTILE,), warnings=(HOSTILE,))
+    poses = replace(dataset.poses, ids=tuple(f"{HOSTILE}{pose_id}" for pose_id in dataset.poses.ids))
+    return replace(named, poses=poses, robot=replace(dataset.robot, name=HOSTILE))
+
+
+def test_views_escape_every_name(dataset: Dataset, corners: CornerBatch) -> None:
+    names = hostile(dataset)
+    found = calib.diagnose(names)
+    odd = CornerBatch(names, {HOSTILE: failed_search(HOSTILE, HOSTILE), **corners})
+    one = found.steps[0].calibration
+    results: list[Viewed] = [
+        names, found, found.calibration, odd, plan_poses(start_of_dataset(names, FitOptions()), 2, candidates=60),
+        compare(one, one), redundancy(names),
+    ]  # fmt: skip
+    told = [safe(result._repr_html_()).text for result in results]
+    assert all(HOSTILE in text for text in told[:-1])
+
+
+def test_views_tell_the_numbers_of_the_results(dataset: Dataset, found: Diagnosis) -> None:
+    of_dataset = safe(dataset._repr_html_()).text
+    assert f"{dataset.robot.name}, {dataset.robot.n_joints} joints" in of_dataset
+    test = found.calibration.after.test
+    assert test is not None
+    assert f"{test.rmse_mm:.4f}" in safe(found.calibration._repr_html_()).text
+    of_diagnosis = safe(found._repr_html_()).text
+    assert found.missing[0] in of_diagnosis
+    for name in found.calibration.to_frame()["name"]:
+        assert name in of_diagnosis
+
+
+def test_a_terminal_shows_the_summary(dataset: Dataset, found: Diagnosis, plan: Plan) -> None:
+    class Printer:
+        said = ""
+
+        def text(self, text: str) -> None:
+            self.said += text
+
+    results: list[Viewed] = [dataset, found, found.calibration, plan, redundancy(dataset)]
+    for result in results:
+        printer = Printer()
+        result._repr_pretty_(printer, False)
+        assert printer.said == result.summary()
+        assert "array(" not in printer.said
+    assert "64 poses (1 reference" in dataset.summary()
