@@ -42,7 +42,7 @@ myst_enable_extensions = [
 myst_heading_anchors = 4  # a heading can be linked to by its words, as on GitHub
 myst_update_mathjax = False
 nitpicky = True
-numfig = True
+numfig = False  # files and pictures are named, not numbered
 math_numfig = False  # equations are counted page by page
 math_eqref_format = "({number})"
 html_math_renderer = "mathml"
@@ -52,7 +52,6 @@ default_role = "py:obj"  # `name` in a docstring: a link where the name has a pa
 add_module_names = False
 autodoc_default_options = {"members": True, "undoc-members": True, "member-order": "bysource"}
 smartquotes = False  # "" in a docstring is an empty text
-autodoc_preserve_defaults = True
 autodoc_typehints_format = "short"
 autodoc_type_aliases = {
     name: name for name in ("Array", "IndexArray", "BoolArray", "ByteArray", "ArrayLike", "NDArray")

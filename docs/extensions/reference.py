@@ -17,11 +17,18 @@ from importlib import import_module
 from typing import Any
 
 from docutils import nodes
+from docutils.statemachine import StringList
 from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
+from sphinx.domains.python import PyAttribute, PyMethod, PyObject, PyProperty
 from sphinx.environment import BuildEnvironment
 from sphinx.pycode import ModuleAnalyzer
+from sphinx.util.docutils import SphinxDirective
+from sphinx.util.inspect import TypeAliasForwardRef
 from sphinx.util.nodes import make_refnode
+
+import calib
+from calib import errors
 
 # Where the names of other packages are explained. Nothing of it is fetched; a reader may click on it.
 ELSEWHERE = {
@@ -111,7 +118,10 @@ def written_signature(
         return ("", None) if fields or getattr(thing, "_is_protocol", False) else None
     if what in ("function", "method") and inspect.isroutine(inspect.unwrap(thing)):
         function = inspect.unwrap(thing)
-        bare = inspect.signature(function)
+        try:
+            bare = inspect.signature(function)
+        except ValueError:  # of C, and imported
+            return None
         own = list(bare.parameters.values())
         if what == "method" and own and own[0].name in ("self", "cls"):
             own = own[1:]
@@ -139,7 +149,9 @@ def full_names(annotation: Any, function: Any) -> str:
         home, own = getattr(found, "__module__", ""), getattr(found, "__qualname__", "")
         if not inspect.isclass(found) and home not in ("collections.abc", "typing"):
             return name[0]
-        return own if home == "builtins" or not own else f"{home}.{own}"
+        if home == "builtins" and own != "type":  # a bare `type` would be taken for a field of that name
+            return own
+        return f"{home}.{own}" if own else name[0]
 
     return re.sub(r"(?<![\w.'\"])[A-Za-z_][\w.]*", full, annotation)
 
@@ -151,7 +163,13 @@ def skipped(app: Sphinx, what: str, name: str, thing: Any, skip: bool, options: 
 
 def default_text(value: object) -> str:
     """A default, of a dataclass its name alone."""
-    return f"{type(value).__name__}()" if dataclasses.is_dataclass(value) else repr(value)
+    if not dataclasses.is_dataclass(value) or isinstance(value, type):
+        return repr(value)
+    try:
+        plain = value == type(value)()
+    except TypeError:  # it has no defaults
+        plain = False
+    return f"{type(value).__name__}({'' if plain else '...'})"
 
 
 class _Shown:
@@ -176,7 +194,8 @@ def as_restructured(app: Sphinx, what: str, name: str, thing: Any, options: Any,
             section = head[1]
             out.append("")
         elif section and (entry := re.match(r" {4}(?=\S)([^:]+): (.*)", line)):
-            out.append(f"{FIELD[section].format(name=entry[1])} {escaped(entry[2])}")
+            names = [full_error(one) for one in entry[1].split(", ")] if section == "Raises" else [entry[1]]
+            out += [f"{FIELD[section].format(name=one)} {escaped(entry[2])}" for one in names]
         elif section and line.startswith("    "):
             out.append(
                 f"    {escaped(line.strip())}" if out[-1] else f":{section.lower()}: {escaped(line.strip())}"
@@ -190,6 +209,47 @@ def as_restructured(app: Sphinx, what: str, name: str, thing: Any, options: Any,
             out.append(line if plain else escaped(line))
             example = example or line.rstrip().endswith("::")
     lines[:] = out
+
+
+def full_error(name: str) -> str:
+    """An error's name with its module, of which the page shows none."""
+    return f"~calib.errors.{name}" if hasattr(errors, name) else name
+
+
+class Room(SphinxDirective):
+    """`.. room:: calib.frames`: what a module's docstring says, and its public classes and functions.
+
+    With words behind the module, those names alone. The public face, `calib.__all__`, is told where it is asked for.
+    """
+
+    required_arguments = 1
+    optional_arguments = 1
+    final_argument_whitespace = True
+
+    def run(self) -> list[nodes.Node]:
+        """The same as an `automodule` with its members named: without them autodoc loads all that it imports, too."""
+        home = self.arguments[0]
+        module = import_module(home)
+        wanted = self.arguments[1].split() if len(self.arguments) > 1 else public_names(module)
+        missing = [name for name in wanted if not hasattr(module, name)]
+        if missing:
+            raise self.error(f"{home} has no {', '.join(missing)}")
+        source = f"{self.get_source_info()[0]}: {home}"
+        lines = [f".. automodule:: {home}", f"   :members: {', '.join(wanted)}"]
+        return self.parse_text_to_nodes(StringList(lines, source=source))
+
+
+def public_names(module: Any) -> list[str]:
+    """Classes and functions that a module defines, but for those of the public face, in the order of the source."""
+    source = ast.parse(inspect.getsource(module))
+    kinds = (ast.ClassDef, ast.FunctionDef)
+    names = [node.name for node in source.body if isinstance(node, kinds) and not node.name.startswith("_")]
+    return [name for name in names if calib._HOME.get(name) != module.__name__]
+
+
+def in_contents(kind: type[PyObject]) -> None:
+    """Leave what a class holds out of the tables of contents, which are long enough with the classes."""
+    kind._toc_entry_name = lambda self, signature: ""  # type: ignore[method-assign]
 
 
 # ---- names ----------------------------------------------------------------------------------------------------------
@@ -217,9 +277,9 @@ def resolve(
     """A name that no page of ours explains: a link to the library's page, or the name alone where it exists."""
     if node.get("refdomain") != "py":
         return None
-    name = node["reftarget"].removeprefix("pathlib._local.")
+    name = node["reftarget"].removeprefix("pathlib._local.").removeprefix("builtins.")
     short = name.rpartition(".")[2]
-    content = type(content)("", short) if content.astext() == name else content
+    content = type(content)("", short) if content.astext() == node["reftarget"] else content
     page = documented(env, name)
     if page is not None:
         docname, anchor = page
@@ -247,18 +307,27 @@ def resolve(
 def documented(env: BuildEnvironment, name: str) -> tuple[str, str] | None:
     """Page and anchor of what has this name behind the last dot, where there is one such thing only."""
     objects = env.domains.python_domain.objects
-    found = {
-        (entry.docname, entry.node_id)
-        for full, entry in objects.items()
-        if entry.objtype in ("class", "exception", "function", "data", "type")
-        and (full == name or ("." not in name and full.endswith(f".{name}")))
-    }
-    return found.pop() if len(found) == 1 else None
+    if _places.get("of") != len(objects):
+        _places.clear()
+        for full, entry in objects.items():
+            if entry.objtype in ("class", "exception", "function", "type"):
+                for known in {full, full.rpartition(".")[2]}:
+                    _places.setdefault(known, set()).add((entry.docname, entry.node_id))
+        _places["of"] = len(objects)
+    found = _places.get(name, set())
+    return next(iter(found)) if len(found) == 1 else None
+
+
+_places: dict[str, Any] = {}  # by name, made anew when more pages are known
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Connect to autodoc and to the search for references."""
     mark_comments()
+    TypeAliasForwardRef.__repr__ = lambda alias: alias.name  # type: ignore[method-assign]
+    for kind in (PyAttribute, PyMethod, PyProperty):
+        in_contents(kind)
+    app.add_directive("room", Room)
     app.connect("autodoc-process-signature", written_signature)
     app.connect("autodoc-process-docstring", as_restructured)
     app.connect("autodoc-skip-member", skipped)
