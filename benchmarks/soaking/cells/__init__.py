@@ -1,0 +1,1 @@
+"""Random arms, calibrated and diagnosed, and the same arms told otherwise."""

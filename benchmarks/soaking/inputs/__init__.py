@@ -1,0 +1,1 @@
+"""Spoiled inputs of every kind, and the commands that read them."""

@@ -1,0 +1,1 @@
+"""A live server: hostile clients, an honest page, and thousands of operations."""
