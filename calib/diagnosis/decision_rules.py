@@ -48,8 +48,8 @@ def is_convincing(candidate: Candidate) -> bool:
     return candidate.p_holm < MAX_P_VALUE and candidate.log_evidence > MIN_LOG_EVIDENCE
 
 
-def rank_candidates(screening: Screening) -> tuple[Candidate, float | None, tuple[Candidate, ...]]:
-    """The best candidate, its lead over the best rival, and the set that cannot be told apart, () where it leads.
+def rank_candidates(screening: Screening) -> tuple[Candidate, Candidate | None, tuple[Candidate, ...]]:
+    """The best candidate, the best rival that it leads, and the set that cannot be told apart, () where it leads.
 
     A rival could explain most of what the best one explains. A candidate that explains something else is no rival: it
     may be a second cause, and is tested again in the next step.
@@ -58,9 +58,8 @@ def rank_candidates(screening: Screening) -> tuple[Candidate, float | None, tupl
     others = screening.candidates[1:]
     rivals = [c for c in others if best.overlaps.get(c.name, 0.0) > MIN_RIVAL_OVERLAP]
     nearest = (*rivals, *others)[:1]
-    margin = best.log_evidence - nearest[0].log_evidence if nearest else None
     tied = [c for c in rivals if best.log_evidence - c.log_evidence <= MIN_LEAD and c.log_evidence > 0.0]
-    return best, margin, (best, *tied) if tied else ()
+    return best, (nearest[0] if nearest else None), (best, *tied) if tied else ()
 
 
 def are_twins(one: Candidate, other: Candidate, freedom: int) -> bool:

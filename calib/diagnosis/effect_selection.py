@@ -53,6 +53,7 @@ class FitStep:
     log_evidence_margin: float | None = None  # its lead over the next candidate, where there was one
     left_out: tuple[str, ...] = ()  # ids of measured poses that this fit did without
     screening: Screening | None = None  # of every effect that is not in its model, once that was asked for
+    runner_up: str = ""  # the candidate that it leads
 
     @cached_property
     def curves(self) -> LearnedCurves | None:

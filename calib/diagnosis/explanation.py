@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from calib.calibration.plausibility import implausibility_reason
 from calib.dataset.repeats import find_repeats, pooled_sigma_mm
-from calib.diagnosis.decision_rules import untestable_names
+from calib.diagnosis.decision_rules import beside_curves, untestable_names
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.findings import Findings, Learned, OpenSet
 from calib.diagnosis.words.causes import cause_of, worst_pose
@@ -42,7 +42,7 @@ from calib.diagnosis.words.sentences import (
     SetOpen,
     SplitPromise,
 )
-from calib.screening.candidates import Screening
+from calib.screening.candidates import Candidate, Screening
 from calib.screening.curves.smooth_joint_error import LEARNED
 from calib.screening.nuisance import TOLD_EVIDENCE
 from calib.screening.residual_tests import ResidualTests
@@ -90,13 +90,23 @@ def _effect_found(before: FitStep, after: FitStep, screening: Screening, standin
         standing=standing,
         explained_share=candidate.explained_share,
         p_value=candidate.p_holm,
-        runner_up=next((c.name for c in screening.candidates if c.name != candidate.name), ""),
+        runner_up=after.runner_up,
+        left_to_curves=_left_to_curves(before, screening, candidate),
         lead=after.log_evidence_margin,
         change=error_change(before.calibration, after.calibration),
         values=fitted_values(candidate, after.calibration),
         note=candidate.family.note,
         visible_mm=visible_mm(candidate, before.calibration),
     )
+
+
+def _left_to_curves(before: FitStep, screening: Screening, chosen: Candidate) -> tuple[str, ...]:
+    """Causes of one place or pose above the chosen one in the ranking, of which curves say clearly more."""
+    above = [c for c in screening.candidates if c.family.sparse and c.log_evidence > chosen.log_evidence]
+    if not above:
+        return ()
+    kept = {c.name for c in beside_curves(screening, before.curves).candidates}
+    return tuple(c.name for c in above if c.name not in kept)
 
 
 def _curves_learned(step: FitStep, learned: Learned) -> CurvesLearned:

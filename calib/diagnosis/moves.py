@@ -43,6 +43,7 @@ class AddEffect:
 
     candidate: Candidate
     lead: float | None  # in log evidence over the next
+    runner_up: str  # the next; "" where there is none
     selected: tuple[SelectedEffect, ...]
     calibration: Calibration
 
@@ -102,7 +103,8 @@ def next_move(
 def applied(step: FitStep, move: AddEffect | DropEffect) -> FitStep:
     """The step that a move leads to."""
     if isinstance(move, AddEffect):
-        return step_after(step, move.name, move.selected, move.calibration, move.candidate, move.lead)
+        after = step_after(step, move.name, move.selected, move.calibration, move.candidate, move.lead)
+        return replace(after, runner_up=move.runner_up)
     return FitStep(f"− {move.name}", move.selected, move.calibration, left_out=step.left_out)
 
 
@@ -124,20 +126,22 @@ def _addition(
         first = screening.candidates[0]
         if slow_course(screening.projected, first) > first.log_evidence + MIN_LEAD:
             return Stop(left_to_curves=True)
-    best, lead, tied = rank_candidates(screening)
+    best, second, tied = rank_candidates(screening)
+    lead = best.log_evidence - second.log_evidence if second is not None else None
     if tied:
         tell(f"looking one step ahead of {', '.join(c.name for c in tied)}")
         ahead = _look_ahead(space, step, tied)
         if ahead is None and not can_stand_for(best, tied[1:], screening.projected.freedom):
             return Stop(ambiguous=tied)
-        best, lead = ahead or (best, None)
+        best, second, lead = ahead or (best, None, None)
     tell(f"adding {best.name}")
     trial = space.fit((*step.selected, SelectedEffect.of(best)), step.calibration)
     if is_refused(best, screening, step.calibration, trial, further=bool(step.selected)):
         rest = {*dropped, best.name}
         other = _addition(space, step, rest, tell, may_refuse=may_refuse - 1) if may_refuse > 1 else Stop()
         return other if isinstance(other, AddEffect) else Stop(refused=best.name)
-    return AddEffect(best, lead, *with_candidate(space, step, best, trial))
+    runner_up = second.name if second is not None else ""
+    return AddEffect(best, lead, runner_up, *with_candidate(space, step, best, trial))
 
 
 def _without(screening: Screening, names: Collection[str]) -> Screening:
@@ -147,7 +151,7 @@ def _without(screening: Screening, names: Collection[str]) -> Screening:
 
 def _look_ahead(
     space: SearchSpace, step: FitStep, tied: Sequence[Candidate]
-) -> tuple[Candidate, float] | None:
+) -> tuple[Candidate, Candidate, float] | None:
     """Whether one of a tied set leads clearly once the next effect is in too, as when two causes are hidden.
 
     The evidence of each with its best successor is compared; None where none leads by the margin, or where nothing
@@ -162,7 +166,8 @@ def _look_ahead(
         totals.append(candidate.log_evidence + (following[0].log_evidence if following else 0.0))
     order = np.argsort(totals)[::-1]
     lead = totals[order[0]] - totals[order[1]]
-    return (tied[int(order[0])], float(lead)) if followed and lead > MIN_LEAD else None
+    best, second = tied[int(order[0])], tied[int(order[1])]
+    return (best, second, float(lead)) if followed and lead > MIN_LEAD else None
 
 
 def _superfluous(space: SearchSpace, step: FitStep, tell: Tell) -> DropEffect | None:

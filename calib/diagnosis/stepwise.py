@@ -45,7 +45,12 @@ def way_to(space: SearchSpace, steps: Sequence[FitStep]) -> tuple[FitStep, ...]:
         fit = last.calibration if is_last else space.fit(selected, out[-1].calibration)
         step = step_after(out[-1], selected[-1].name, selected, fit)
         if added is not None:
-            step = replace(step, candidate=added.candidate, log_evidence_margin=added.log_evidence_margin)
+            step = replace(
+                step,
+                candidate=added.candidate,
+                log_evidence_margin=added.log_evidence_margin,
+                runner_up=added.runner_up,
+            )
         out.append(space.ranked(replace(step, screening=last.screening if is_last else None)))
     return tuple(out)
 

@@ -9,6 +9,7 @@ from calib.dataset.files.folder import load_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.causes import cause_of, worst_pose
+from calib.diagnosis.words.sentences import EffectFound
 from tests.support import ROOT
 
 
@@ -48,3 +49,30 @@ def test_the_pose_that_is_off_the_most(found: Diagnosis) -> None:
     assert only is not None
     assert only.pose == "p03"
     assert worst_pose(fit, ("nowhere",)) is None
+
+
+def the_lead_is_over_the_one_named(found: Diagnosis) -> None:
+    """The evidence of the runner-up that is named and the lead over it add up to that of the effect, as ranked."""
+    told = [reason for paragraph in found.explanation.reasons for reason in paragraph]
+    effects = [reason for reason in told if isinstance(reason, EffectFound)]
+    assert effects
+    for before, reason in zip(found.steps, effects, strict=False):
+        assert before.screening is not None
+        evidence = {c.name: c.log_evidence for c in before.screening.candidates}
+        assert reason.lead is not None
+        assert evidence[reason.effect] == pytest.approx(evidence[reason.runner_up] + reason.lead)
+
+
+@pytest.mark.slow
+def test_the_lead_is_over_the_effect_that_is_named(found: Diagnosis) -> None:
+    the_lead_is_over_the_one_named(found)
+
+
+@pytest.mark.thorough
+def test_what_is_left_to_curves_is_no_runner_up() -> None:
+    """A real arm, whose ranking begins with causes of one place that its curves explain clearly better."""
+    found = diagnose(load_dataset(ROOT / "sample_data" / "ur10_ipa"))
+    the_lead_is_over_the_one_named(found)
+    (reason,) = [r for p in found.explanation.reasons for r in p if isinstance(r, EffectFound)]
+    assert set(reason.left_to_curves) == {"joint_dent", "high_harmonic"}
+    assert "joint_dent and high_harmonic stand above it in the ranking, but curves" in found.summary()

@@ -73,6 +73,9 @@ class EffectFound:
     values: tuple[FittedValue, ...]  # those known to better than half their size, the surest first
     note: str  # what the family assumes, such as unknown masses; "" where nothing
     visible_mm: float | None = None  # rms over the training poses of what it explains, and link errors do not
+    left_to_curves: tuple[
+        str, ...
+    ] = ()  # above it in the ranking, but smooth curves say clearly more than they
 
 
 @dataclass(frozen=True)

@@ -117,6 +117,9 @@ def _effect_found(found: facts.EffectFound) -> str:
         if found.runner_up and found.lead is not None
         else ""
     )
+    if found.left_to_curves:
+        stand = "stand" if len(found.left_to_curves) > 1 else "stands"
+        lead += f"; {listed(found.left_to_curves)} {stand} above it in the ranking, but curves of all joints explain clearly more"
     change = "" if found.change is None else f". {_error_change(found.change)}"
     note = f" Note: {found.note}." if found.note else ""
     size = "" if found.visible_mm is None else f", {found.visible_mm:.2g} mm rms at the tool"
