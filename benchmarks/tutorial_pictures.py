@@ -8,6 +8,7 @@ Without names all are taken, in some minutes where there is no GPU. They are Web
 from __future__ import annotations
 
 import argparse
+import base64
 import io
 import sys
 import tempfile
@@ -22,12 +23,14 @@ from PIL import Image
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from inspector.app.serving import serving  # noqa: E402
 from inspector.cli.parser import main as command  # noqa: E402
 from inspector.panels.learn.missing_effects import FIND  # noqa: E402
 from inspector.panels.learn.plan import MAKE  # noqa: E402
 from inspector.server.viser_server import url_of  # noqa: E402
 from tests.support.app import IDLE_S, idle_app  # noqa: E402
 from tests.support.browser import MS, browser, open_page, open_tab, says  # noqa: E402
+from tests.support.code_blocks import Reader, blocks_of  # noqa: E402
 
 SAMPLE_ARM = ROOT / "sample_data" / "rb5_jang"
 WIDTH, HEIGHT = 1500, 850
@@ -75,7 +78,38 @@ def report(running: Any) -> dict[str, bytes]:
         return {"report": page.screenshot()}
 
 
-TAKES: dict[str, Take] = {"sample_arm": sample_arm, "report": report}
+def dropped_files(running: Any) -> dict[str, bytes]:
+    """The window that opens where the files of the tutorial `your_points` are dropped on the page."""
+    page_of_files = ROOT / "docs" / "tutorials" / "your_points.md"
+    blocks = blocks_of(page_of_files)
+    last = next(i for i, block in enumerate(blocks) if block.file == "shop/robot.csv")
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
+        Reader(folder).run(blocks[: last + 1])
+        files = [
+            [file.name, base64.b64encode(file.read_bytes()).decode()]
+            for file in sorted((folder / "shop").iterdir())
+        ]
+        with (
+            serving(folder / "measured", port=0, data=folder / "my_data") as app,
+            open_page(running, url_of(app.server), WIDTH, HEIGHT, dpr=1.0) as page,
+        ):
+            assert app.worker.wait_idle(IDLE_S)
+            page.evaluate(DROP, files)
+            says(page, "other way round")
+            settled(page)
+            return {"import": page.get_by_role("dialog").locator("visible=true").last.screenshot()}
+
+
+TAKES: dict[str, Take] = {"sample_arm": sample_arm, "report": report, "import": dropped_files}
+DROP = """(files) => {
+  const transfer = new DataTransfer();
+  for (const [name, text] of files)
+    transfer.items.add(new File([Uint8Array.from(atob(text), c => c.charCodeAt(0))], name));
+  const how = { dataTransfer: transfer, bubbles: true, cancelable: true };
+  for (const kind of ["dragenter", "dragover", "drop"])
+    document.querySelector("canvas").dispatchEvent(new DragEvent(kind, how));
+}"""
 
 
 @contextmanager
@@ -89,9 +123,10 @@ def opened(running: Any, folder: Path) -> Iterator[tuple[Any, Any]]:
 
 
 def settled(page: Any, left: int = 0) -> bytes:
-    """A PNG of the page from `left` on, once it stands still and its notices are closed."""
-    for notice in page.locator(".mantine-Notification-closeButton").all():  # such as that there is no GPU
-        notice.click()
+    """A PNG of the page from `left` on, once it stands still, without its notices."""
+    page.add_style_tag(
+        content=".mantine-Notifications-root { display: none; }"
+    )  # such as that there is no GPU
     time.sleep(SETTLED_S)
     picture: bytes = page.screenshot(clip={"x": left, "y": 0, "width": WIDTH - left, "height": HEIGHT})
     return picture

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.calibration.result import Calibration, declared_sigma_mm
-from calib.dataset.dataset import Dataset
+from calib.calibration.result import Calibration, declared_sigma_mm, is_declared
 from calib.distributions import chi2_ppf
 
 
@@ -49,14 +48,6 @@ class SigmaCheck:
         }[self.verdict]
         ratio = self.sigma_mm / self.declared_mm
         return f"{found}, {ratio:.3g} times the declared {self.declared_mm:.4g} mm: {meaning}"
-
-
-def is_declared(dataset: Dataset) -> bool:
-    """Whether a dataset says how noisy its points are."""
-    points = dataset.points
-    return dataset.scanner.point_sigma_mm is not None or (
-        points is not None and points.covariance_mm2 is not None
-    )
 
 
 def check_sigma(calibration: Calibration) -> SigmaCheck:

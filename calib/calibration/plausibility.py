@@ -27,7 +27,10 @@ def implausibility_reason(calibration: Calibration) -> str:
     """
     assert calibration.dataset.points is not None
     fit, xyz_mm = calibration.fit, calibration.dataset.points.xyz_mm
-    remedy = "check units, joint signs, the order of the poses and robot.toml before any cause"
+    remedy = (
+        "check units, joint signs, the order of the poses, robot.toml, and whether the instrument was "
+        "moved (column setup) before any cause"
+    )
     tolerances = np.abs(fit.x) / calibration.model.scales
     if len(tolerances) and tolerances.max() > MAX_TOLERANCES:
         k = int(tolerances.argmax())

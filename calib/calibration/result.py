@@ -186,7 +186,8 @@ class Calibration(Documented, Viewed):
 
     def summary(self) -> str:
         """Errors before and after on training and test poses, and what there is to be warned of."""
-        lines = [f"{self.dataset.name}: {self.residual} residual, {self.fit.summary()}"]
+        fit = self.fit.summary(declared=is_declared(self.dataset))
+        lines = [f"{self.dataset.name}: {self.residual} residual, {fit}"]
         for label, before, after in (
             ("train", self.before.train, self.after.train),
             ("test ", self.before.test, self.after.test),
@@ -226,6 +227,14 @@ def figures_line(before: Figures, after: Figures) -> str:
             fall("distance max", before.distance_max_mm, after.distance_max_mm),
             fall("distance mean", before.distance_mean_mm, after.distance_mean_mm),
         ]
+    )
+
+
+def is_declared(dataset: Dataset) -> bool:
+    """Whether a dataset says how noisy its points are."""
+    points = dataset.points
+    return dataset.scanner.point_sigma_mm is not None or (
+        points is not None and points.covariance_mm2 is not None
     )
 
 

@@ -10,7 +10,9 @@ from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 from calib.user_tables.unit_names import MOST_CHARACTERS, plain, split_unit
 
-_JOINT = re.compile(r"^(?P<set>.*?)(?:q|j|joint|axis|a|theta|angle|position|pos)(?P<number>\d+)$")
+_JOINT = re.compile(
+    r"^(?P<set>.*?)(?:q|j|joint|axis|a|theta|angle|position|pos|achse|gelenk|winkel|axe|eje|asse)(?P<number>\d+)$"
+)
 _POINT = re.compile(
     r"^(?:measured|meas|point|position|pos|p|t|coord|laser|tracker|scanner|jig)?(?P<axis>[xyz])$"
 )
@@ -26,15 +28,21 @@ _OTHERS = {
         "index",
         "idx",
         "measurement",
+        "point",
         "pointname",
+        "pointid",
         "config",
+        "punkt",
+        "messpunkt",
+        "punktname",
+        "punktnr",
     ),
     "role": ("role", "set", "split"),
     "target": ("target", "reflector", "smr", "marker"),
     "setup": ("setup", "station"),
     "payload_kg": ("payload", "payloadmass", "load"),
-    "temperature_c": ("temperature", "temp"),
-    "time_s": ("time", "timestamp"),
+    "temperature_c": ("temperature", "temp", "temperatur"),
+    "time_s": ("time", "timestamp", "zeit"),
     "scan": ("scan", "scanfile"),
 }
 _CONDITION_UNITS = {"payload_kg": "kg", "temperature_c": "c", "time_s": "s"}

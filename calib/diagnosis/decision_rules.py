@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.calibration.noise_check import is_declared
-from calib.calibration.result import Calibration
+from calib.calibration.result import Calibration, is_declared
 from calib.dataset.stands import stands_of
 from calib.diagnosis.findings import Findings
 from calib.fitting.pose_means import mean_by_pose

@@ -43,9 +43,11 @@ class Fit:
         """(P,) standard deviation of each parameter; inf where nothing bounds it."""
         return np.where(self.undetermined, np.inf, np.sqrt(np.diag(self.covariance)))
 
-    def summary(self) -> str:
+    def summary(self, *, declared: bool = True) -> str:
+        """How the fit ended, in a line; without a `declared` sigma of the points nothing is said of it."""
+        against = f", residual {self.noise:.3g} times the points' sigma" if declared else ""
         state = "converged" if self.converged else "not converged"
         return (
             f"{state} after {len(self.iterations) - 1} iterations ({self.reason}); {self.rows} rows, "
-            f"{len(self.x)} parameters, rank {self.rank}, residual {self.noise:.3g} times the points' sigma"
+            f"{len(self.x)} parameters, rank {self.rank}{against}"
         )

@@ -9,9 +9,9 @@ import numpy as np
 
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Figures
-from calib.calibration.noise_check import is_declared, noise_floor_mm
+from calib.calibration.noise_check import noise_floor_mm
 from calib.calibration.plausibility import implausibility_reason, outlier_hint
-from calib.calibration.result import Calibration, declared_sigma_mm
+from calib.calibration.result import Calibration, declared_sigma_mm, is_declared
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import Repeats, find_repeats, pooled_sigma_mm, scatter_against_covariances
@@ -233,7 +233,7 @@ def _against_training(calibration: Calibration, train: Figures, test: Figures) -
 def _fit(calibration: Calibration, max_test_rmse_mm: float | None) -> list[CheckItem]:
     fit, shift, hint = calibration.fit, calibration.tool_shift, outlier_hint(calibration)
     return [
-        CheckItem("fit", fit.converged, fit.summary()),
+        CheckItem("fit", fit.converged, fit.summary(declared=is_declared(calibration.dataset))),
         *([] if shift is None else [CheckItem("tool point", None, shift.words, warning=True)]),
         *([CheckItem("outliers", None, hint, warning=True)] if hint else []),
         *(CheckItem("fit", None, note) for note in calibration.after.notes),

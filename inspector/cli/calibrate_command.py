@@ -116,6 +116,13 @@ def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
         (options.urdf_out, "--urdf-out", (".urdf",)),
         (options.kinematics_out, "--kinematics-out", (".yaml", ".yml")),
     )
+    known = [suffix for _, _, suffixes in wanted for suffix in suffixes]
+    for path in options.template:
+        if path.suffix.lower() not in known:
+            raise CalibError(
+                f"--template {path}: a template is a .urdf or .yaml; the origins of a .xacro are computed: give "
+                "--kinematics-out with the YAML of joint origins that it reads, or expand it first"
+            )
     found: dict[Path, Path] = {}
     for out, option, suffixes in wanted:
         fitting = [path for path in options.template if path.suffix.lower() in suffixes]
@@ -125,11 +132,6 @@ def _templates(options: CalibrateOptions, dataset: Dataset) -> dict[Path, Path]:
             )
         if out is not None:
             found[out] = fitting[0]
-    if len(found) < len(options.template):
-        raise CalibError(
-            "--template: a template is a .urdf or .yaml; the origins of a .xacro are computed: give --kinematics-out "
-            "with the YAML of joint origins that it reads, or expand it first"
-        )
     for template in found.values():
         require_template_of(template, dataset.robot)
     return found

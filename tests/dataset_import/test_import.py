@@ -53,6 +53,12 @@ TABLES: dict[str, tuple[list[str], float, float, str]] = {
         1e-3,
         ",",
     ),
+    "a German tracker's names": (
+        [*(f"Achse {k} [°]" for k in range(1, 7)), "X [mm]", "Y [mm]", "Z [mm]"],
+        DEG,
+        1.0,
+        ";",
+    ),
     "nothing told, radians and metres": (
         [*(f"joint_{k}" for k in range(1, 7)), "x", "y", "z"],
         RAD,
@@ -103,6 +109,9 @@ def test_a_fit_runs_at_once(truth: Dataset, tmp_path: Path) -> None:
     fitted = calibrate(made.dataset)
     assert fitted.after.test is not None
     assert fitted.after.test.rmse_mm < 0.2
+    assert made.dataset.scanner.point_sigma_mm is None
+    assert "points' sigma" not in fitted.summary()  # there is none to compare with
+    assert "points' sigma" in calibrate(truth).summary()
 
 
 def test_two_tables_meet_by_the_pose(truth: Dataset, tmp_path: Path) -> None:
@@ -128,6 +137,16 @@ def test_two_tables_meet_by_the_pose(truth: Dataset, tmp_path: Path) -> None:
     assert f"{points}: other columns are left out: quality" in made.said
     assert made.dataset.poses.temperature_c is not None
     assert made.dataset.poses.temperature_c[0] == 21.5
+
+
+def test_words_of_another_language_name_poses_and_conditions() -> None:
+    names = ["Messpunkt", *(f"Achse {k} [°]" for k in range(1, 7)), "Temperatur [°C]", "Zeit [s]", "Last [kg]"]
+    found = recognise(names, ROBOT, {})
+    assert not found.faults
+    assert found.columns["pose"].name == "Messpunkt"
+    assert [found.columns[f"q{k}"].name for k in range(1, 7)] == names[1:7]
+    assert (found.columns["temperature_c"].name, found.columns["time_s"].name) == tuple(names[7:9])
+    assert found.rest == ("Last [kg]",)
 
 
 def test_other_columns_are_kept_and_roles_are_read(truth: Dataset, tmp_path: Path) -> None:

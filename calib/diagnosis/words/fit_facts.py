@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.calibration.noise_check import is_declared
-from calib.calibration.result import Calibration
+from calib.calibration.result import Calibration, is_declared
 from calib.calibration.uncertainty import prediction_covariance
 from calib.diagnosis.words.phrases import meaning
 from calib.diagnosis.words.sentences import ErrorChange, FittedValue, ModelFitted
