@@ -140,7 +140,13 @@ def test_two_tables_meet_by_the_pose(truth: Dataset, tmp_path: Path) -> None:
 
 
 def test_words_of_another_language_name_poses_and_conditions() -> None:
-    names = ["Messpunkt", *(f"Achse {k} [°]" for k in range(1, 7)), "Temperatur [°C]", "Zeit [s]", "Last [kg]"]
+    names = [
+        "Messpunkt",
+        *(f"Achse {k} [°]" for k in range(1, 7)),
+        "Temperatur [°C]",
+        "Zeit [s]",
+        "Last [kg]",
+    ]
     found = recognise(names, ROBOT, {})
     assert not found.faults
     assert found.columns["pose"].name == "Messpunkt"
