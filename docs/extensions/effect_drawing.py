@@ -23,7 +23,8 @@ def number(value: float) -> str:
 def svg(body: str, width: float, height: float, words: str) -> str:
     """A picture of this size at the most; `words` are read aloud."""
     said = escape(words, quote=True)
-    size = f"width:100%;max-width:{number(width)}px;height:auto"
+    least = 540.0 if width > 540.0 else 0.0  # of a wide one on a phone, which then moves it sideways
+    size = f"width:100%;min-width:{number(least)}px;max-width:{number(width)}px;height:auto"
     return (
         f'<svg viewBox="0 0 {number(width)} {number(height)}" role="img" aria-label="{said}" style="{size}" '
         f'font-size="12" fill="currentColor">{body}</svg>'

@@ -116,7 +116,7 @@ def index(signatures: Mapping[str, Signature], standard: Standard) -> str:
 
 
 def _figure(svg: str, words: str) -> str:
-    return _raw(f'<figure class="effect">{svg}</figure>') + f"\n\n*{words}*"
+    return _raw(f'<figure style="margin:0;overflow-x:auto">{svg}</figure>') + f"\n\n*{words}*"
 
 
 def _raw(html: str) -> str:
