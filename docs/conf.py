@@ -50,7 +50,7 @@ html_math_renderer = "mathml"
 # ---- the reference --------------------------------------------------------------------------------------------------
 default_role = "py:obj"  # `name` in a docstring: a link where the name has a page, else code
 add_module_names = False
-autodoc_default_options = {"members": True, "undoc-members": True, "member-order": "bysource"}
+autodoc_default_options = {"undoc-members": True, "member-order": "bysource"}
 smartquotes = False  # "" in a docstring is an empty text
 autodoc_typehints_format = "short"
 autodoc_type_aliases = {
@@ -69,8 +69,18 @@ html_show_sphinx = False
 html_show_search_summary = False  # it fetches each page found, which a browser refuses for files on disk
 html_copy_source = False
 html_theme_options = {
-    "light_css_variables": {"color-brand-primary": "#0b5c8a", "color-brand-content": "#0b5c8a"},
-    "dark_css_variables": {"color-brand-primary": "#6cc0ee", "color-brand-content": "#6cc0ee"},
+    "light_css_variables": {
+        "color-brand-primary": "#0b5c8a",
+        "color-brand-content": "#0b5c8a",
+        "color-api-name": "#0b5c8a",
+        "color-api-pre-name": "#5a5c63",
+    },
+    "dark_css_variables": {
+        "color-brand-primary": "#6cc0ee",
+        "color-brand-content": "#6cc0ee",
+        "color-api-name": "#6cc0ee",
+        "color-api-pre-name": "#9ca0a5",
+    },
     "navigation_with_keys": True,
 }
 pygments_style = "friendly"

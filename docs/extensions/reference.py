@@ -227,16 +227,24 @@ class Room(SphinxDirective):
     final_argument_whitespace = True
 
     def run(self) -> list[nodes.Node]:
-        """The same as an `automodule` with its members named: without them autodoc loads all that it imports, too."""
+        """The docstring of the module, then a directive for each name."""
         home = self.arguments[0]
         module = import_module(home)
         wanted = self.arguments[1].split() if len(self.arguments) > 1 else public_names(module)
         missing = [name for name in wanted if not hasattr(module, name)]
         if missing:
             raise self.error(f"{home} has no {', '.join(missing)}")
-        source = f"{self.get_source_info()[0]}: {home}"
-        lines = [f".. automodule:: {home}", f"   :members: {', '.join(wanted)}"]
-        return self.parse_text_to_nodes(StringList(lines, source=source))
+        lines = [f".. automodule:: {home}", "", f".. currentmodule:: {home}", ""]
+        for name in wanted:
+            lines += self._directive(name, getattr(module, name))
+        return self.parse_text_to_nodes(StringList(lines, source=f"{self.get_source_info()[0]}: {home}"))
+
+    @staticmethod
+    def _directive(name: str, thing: Any) -> list[str]:
+        if not inspect.isclass(thing):
+            return [f".. autofunction:: {name}", ""]
+        kind = "autoexception" if issubclass(thing, Exception) else "autoclass"
+        return [f".. {kind}:: {name}", "   :members:", ""]
 
 
 def public_names(module: Any) -> list[str]:
@@ -279,7 +287,8 @@ def resolve(
         return None
     name = node["reftarget"].removeprefix("pathlib._local.").removeprefix("builtins.")
     short = name.rpartition(".")[2]
-    content = type(content)("", short) if content.astext() == node["reftarget"] else content
+    if content.astext() == node["reftarget"]:
+        content = nodes.Text(short) if isinstance(content, nodes.Text) else type(content)("", short)
     page = documented(env, name)
     if page is not None:
         docname, anchor = page
