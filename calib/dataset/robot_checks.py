@@ -21,7 +21,7 @@ def refuse_beyond(robot: Robot, path: Path) -> None:
     for place, key, value in _sizes(robot):
         most = _MOST[key.rpartition("_")[2] if not key.endswith("m_s2") else "m_s2"]
         largest = float(np.max(np.abs(value)))
-        if largest > most:
+        if not largest <= most:  # nor NaN
             found = f"{value:g}" if isinstance(value, float) else str(list(value))
             raise DatasetError(f"{path}: {place}{key}: found {found}, beyond {most:g}; {_PLACE}")
 

@@ -18,6 +18,7 @@ from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, S
 from calib.robot_formats.urdf.safe_xml import Element, XmlFile, parse_xml, read_bytes
 
 _MOST_FILES = 2000
+_FURTHEST_M = 1e6  # from the world, as of a URDF's numbers
 _LARGE = re.compile(r"\d{8}|[GTPEgtpe]\s*$")
 _REFUSED = frozenset(
     {"plugin", "extension", "replicate", "composite", "flexcomp", "size"}
@@ -52,6 +53,7 @@ class _Arm:
         mujoco.mj_kinematics(model, self._data)
         kinds = mujoco.mjtJoint
         self._hinge, self._slide = int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)
+        self._refuse_far()
 
     def chain(self, tip: str | None, base: str | None) -> SerialChain:
         """From base to tip."""
@@ -90,6 +92,22 @@ class _Arm:
             base=self._m.body(root).name,
             tip=tip_name,
         )
+
+    def _refuse_far(self) -> None:
+        """Raise RobotFileError for what is so far off that its place in mm is no number any more."""
+        for kind, one, places_m in (
+            ("body", self._m.body, self._data.xpos),
+            ("the masses of body", self._m.body, self._data.xipos),
+            ("site", self._m.site, self._data.site_xpos),
+            ("joint", self._m.joint, self._data.xanchor),
+        ):
+            far = np.flatnonzero(~(np.abs(places_m) <= _FURTHEST_M).all(axis=1))
+            if len(far):
+                name = one(int(far[0])).name
+                raise RobotFileError(
+                    f"{self._path}: line {self._line(name)}: {kind} {name!r} is more than {_FURTHEST_M:g} m away; "
+                    "lengths are metres, correct pos"
+                )
 
     def _tip(self, tip: str | None) -> tuple[int, Array, str]:
         """Body, place in the world and name of the tip."""

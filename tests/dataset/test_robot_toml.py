@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_toml
+from calib.dataset.robot_checks import refuse_beyond
 from calib.errors import DatasetError
 from calib.frames import apply
 from calib.kinematics.chain import forward, target_points
@@ -53,6 +54,17 @@ xyz_mm = [1.0, 2.0, 3.0]
 def written(robot: Robot, path: Path) -> Robot:
     path.write_text(robot_to_toml(robot), encoding="utf-8")
     return load_robot(path)
+
+
+def test_a_size_that_is_no_number_is_beyond_every_bound(tmp_path: Path) -> None:
+    """As a file of another form can make one, whose own numbers are finite."""
+    robot = jang_arm()
+    refuse_beyond(robot, tmp_path)
+    odd = robot.with_table(
+        np.where(np.arange(robot.table.size).reshape(robot.table.shape) == 7, np.nan, robot.table)
+    )
+    with pytest.raises(DatasetError, match=r"\[\[joints\]\] 2\.d_mm: found nan"):
+        refuse_beyond(odd, tmp_path)
 
 
 def test_round_trip_loses_nothing_not_even_keys_it_does_not_know(tmp_path: Path) -> None:

@@ -355,6 +355,11 @@ def test_a_mujoco_model_is_what_mujoco_makes_of_it(tmp_path: Path) -> None:
         ("</mujoco>", "", "not valid XML"),
         ('axis="0 1 0"/>', 'axis="0 0 0"/>', "MuJoCo refuses it"),
         (
+            'pos="0 0 0.05" ref',
+            'pos="0 -1e308 0.05" ref',
+            r"line 9: joint 'j2' is more than 1e\+06 m away; lengths are metres",
+        ),
+        (
             '<site name="tcp"',
             '<body name="fork"/><body name="other"/><site name="tcp"',
             "several tips; choose one with --tip",

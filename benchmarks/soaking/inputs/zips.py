@@ -44,7 +44,7 @@ def _robot_inside(rng: Rng, files: Files) -> bytes:
 def _names(rng: Rng, files: Files) -> bytes:
     names = (
         "../evil.csv", "/etc/evil", "C:\\evil", "a\nb.csv", "x" * 300, "/".join("abcdefghij"), "\u202evil.csv", "con",
-        "measured.csv/under.csv", "", ".", "..", "a/./b.csv", "MEASURED.csv", "é.csv",
+        "measured.csv/under.csv", " ", ".", "..", "a/./b.csv", "MEASURED.csv", "é.csv",
     )  # fmt: skip
     return packed(files | {str(names[at(rng, len(names))]): files["measured.csv"]})
 
