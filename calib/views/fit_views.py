@@ -28,6 +28,7 @@ from calib.validation.comparison import readable
 
 _FIGURES = (("RMS", "rmse_mm"), ("mean", "mean_mm"), ("maximum", "max_mm"))
 _RANKED = 12
+_PLACES = 9  # of a parameter's value, beyond which there is rounding alone
 
 
 def calibration_html(calibration: Calibration) -> str:
@@ -79,7 +80,8 @@ def parameters(calibration: Calibration) -> list[Block]:
     for row in calibration.to_frame().to_dict(orient="records"):
         unit = row["unit"]
         nominal, value, change, sigma = (
-            readable(row[key], unit)[0] for key in ("nominal", "value", "change", "sigma")
+            round(readable(row[key], unit)[0], _PLACES) + 0.0
+            for key in ("nominal", "value", "change", "sigma")
         )
         name = f"{row['name']}{'' if row['known'] else '*'}"
         shown = (f"{nominal:.6g}", f"{value:.6g}", f"{change:+.3g}", f"{sigma:.2g}")
@@ -101,8 +103,9 @@ def diagnosis_html(diagnosis: Diagnosis) -> str:
         (c.name, f"{c.log_evidence:.1f}", f"{c.p_holm:.2g}", f"{100 * c.explained_share:.0f}")
         for c in diagnosis.candidates[:_RANKED]
     ]
+    why = [Paragraph(words.replace("+-", "±")) for words in reason_texts(diagnosis.explanation)]
     sections = [
-        Section("How the verdict was reached", list(map(Paragraph, reason_texts(diagnosis.explanation)))),
+        Section("How the verdict was reached", why),
         Section("What could be missing", [
             Table(("effect", "log evidence", "p (Holm)", "explains, %"), ranked),
             *([Paragraph("Cannot be tested with these data:")] if diagnosis.untestable else []),

@@ -1,1 +1,72 @@
-"""Plotly figures from arrays. No viser."""
+"""Figures. Those offered here are of results: each takes what `calib` returned, and gives a plotly figure.
+
+    import calib
+    from inspector import figures
+
+    found = calib.diagnose(calib.load_dataset("my_cell"))
+    figures.error_history(found).show()
+
+Plotly comes with the extra `page`; viser is not needed. The modules below take arrays; page and report use them.
+"""
+
+from importlib import import_module
+
+_HOME = {
+    "added_variable": "inspector.figures.results.findings",
+    "control_chart": "inspector.figures.results.further",
+    "convergence": "inspector.figures.results.fits",
+    "error_bars": "inspector.figures.results.fits",
+    "error_history": "inspector.figures.results.findings",
+    "fleet_errors": "inspector.figures.results.further",
+    "learned_curves": "inspector.figures.results.findings",
+    "learning_curve": "inspector.figures.results.further",
+    "plan_curve": "inspector.figures.results.further",
+    "ranking": "inspector.figures.results.findings",
+    "redundancy_heatmap": "inspector.figures.results.fits",
+    "residuals_over": "inspector.figures.results.fits",
+    "to_svg": "inspector.figures.results.still",
+    "where_measured": "inspector.figures.results.fits",
+    "work_space": "inspector.figures.results.fits",
+}
+
+__all__ = [
+    "added_variable",
+    "control_chart",
+    "convergence",
+    "error_bars",
+    "error_history",
+    "fleet_errors",
+    "learned_curves",
+    "learning_curve",
+    "plan_curve",
+    "ranking",
+    "redundancy_heatmap",
+    "residuals_over",
+    "to_svg",
+    "where_measured",
+    "work_space",
+]
+
+
+def __getattr__(name: str) -> object:
+    """A figure of results, from the module that has it (PEP 562). Raises CalibError where plotly is not installed."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    try:
+        module = import_module(_HOME[name])
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != "plotly":
+            raise
+        from calib.errors import CalibError
+
+        raise CalibError(
+            f"inspector.figures.{name} needs plotly, which is not installed: "
+            "pip install 'robot-calibration-inspector[page]'"
+        ) from None
+    value: object = getattr(module, name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

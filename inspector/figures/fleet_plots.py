@@ -18,7 +18,10 @@ STAGES = {
 
 
 def fleet_errors(
-    names: Sequence[str], errors_mm: Sequence[tuple[float | None, float | None, float | None]]
+    names: Sequence[str],
+    errors_mm: Sequence[tuple[float | None, float | None, float | None]],
+    *,
+    dark: bool = False,
 ) -> go.Figure:
     """The 3D RMSE of each dataset at the stages of STAGES, in the order given; None leaves a gap."""
     traces = [
@@ -41,5 +44,5 @@ def fleet_errors(
         },
         yaxis={"title": "3D RMSE, mm", **log_axis(low, high)},
         margin=(56, 14, 30, 10),
-        dark=False,
+        dark=dark,
     )  # fmt: skip

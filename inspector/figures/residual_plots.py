@@ -157,8 +157,34 @@ def place_views(
                 }
             )  # fmt: skip
         traces.append(_ring(dark, letter))
+    return select(_two_views(traces, dark), selected)
+
+
+def places_by_role(
+    place_mm: ArrayLike, ids: Sequence[str], roles: Sequence[str], *, dark: bool = False
+) -> go.Figure:
+    """Places from above and from the side, each pose in the colour of its role. place_mm  # (N, 3) base frame"""
+    place = np.asarray(place_mm, dtype=float)
+    traces = [
+        {
+            "type": "scatter", "mode": "markers", "name": ROLE_WORDS[role], "legendgroup": role,
+            "showlegend": letter == "y", "yaxis": letter, "x": place[rows, 0].tolist(), "y": place[rows, axis].tolist(),
+            "customdata": [escape(ids[i]) for i in rows],
+            "marker": {"size": 8, "color": ROLE_COLOURS[role], "symbol": _SYMBOLS.get(role, "square")},
+            "hovertemplate": f"pose %{{customdata}} ({ROLE_WORDS[role]})<br>x %{{x:.0f}} mm, "
+            f"{'xyz'[axis]} %{{y:.0f}} mm<extra></extra>",
+        }
+        for axis, letter in ((1, "y"), (2, "y2"))
+        for role in ROLE_COLOURS
+        if (rows := [i for i, r in enumerate(roles) if r == role])
+    ]  # fmt: skip
+    return _two_views(traces, dark)
+
+
+def _two_views(traces: Sequence[dict[str, Any]], dark: bool) -> go.Figure:
+    """Traces on "y", from above, and on "y2", from the side, to one scale."""
     equal = {"scaleanchor": "x", "constrain": "domain"}
-    fig = figure(
+    return figure(
         traces,
         xaxis={"title": "x of the base, mm", "anchor": "y2", "constrain": "domain"},
         yaxis={"title": "y, mm (from above)", "domain": [0.53, 1.0], **equal},
@@ -166,7 +192,6 @@ def place_views(
         dark=dark,
         layout={"yaxis2": {"title": "z, mm (from the side)", "domain": [0.0, 0.47], **equal}},
     )
-    return select(fig, selected)
 
 
 def select(fig: go.Figure, pose_id: str | None) -> go.Figure:

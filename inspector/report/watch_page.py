@@ -19,8 +19,8 @@ from calib.display.colours import VERDICT_COLOURS
 from calib.monitoring.control_chart import in_time
 from calib.monitoring.iso9283 import CAVEAT, PoseFigures
 from calib.monitoring.watch import Watched
-from inspector.figures.control_chart import control_chart
-from inspector.figures.svg.figure import svg_of
+from inspector.figures.svg.file import svg_file
+from inspector.figures.watch_plots import control_chart
 from inspector.markup.model.watch import (
     EACH,
     REPEATS,
@@ -69,11 +69,4 @@ def watch_html(base: str, seen: Sequence[Watched], repeats: Sequence[PoseFigures
 
 def watch_svg(seen: Sequence[Watched]) -> str:
     """The control chart as a file of its own."""
-    drawn = svg_of(control_chart(seen), 850, 360, name="watch", title="control chart")
-    style = (
-        "<style>.plot{--ink:#1f2328;--soft:#59636e;--line:#d1d9e0;background:#fff;font-family:sans-serif}"
-        ".plot text{fill:var(--ink)}.plot .grid{stroke:var(--line);fill:none}"
-        ".plot .zero,.plot .ruler{stroke:var(--soft);fill:none}</style>"
-    )
-    start = drawn.index(">") + 1
-    return drawn[:start].replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ') + style + drawn[start:]
+    return svg_file(control_chart(seen), 850, 360, title="control chart")

@@ -70,7 +70,7 @@ def _panels(
     """The panels with their places: margins as the longest labels need them, then each axis' share of the rest."""
     keys = list(dict.fromkeys(map(_axes_of, traces))) or [("x", "y")]
     axes = {key: _axes(traces, layout, key, width, height) for key in keys}
-    left = max(_room(y) for _, y in axes.values())
+    left = max(max(_room(y), _room_of_first(x)) for x, y in axes.values())
     bottom = max(_room_below(x) for x, _ in axes.values())
     right = _BAR_PX if any("colorbar" in trace for trace in traces) else 14.0
     many = len(keys) > 1  # their titles stand above the panels
@@ -105,6 +105,13 @@ def _axes(
 def _room(y: Axis) -> float:
     """What title and numbers need left of an axis."""
     return _TITLE_PX + _GAP_PX + max((width_px(text) for _, text in y.ticks), default=0.0) + 4.0
+
+
+def _room_of_first(x: Axis) -> float:
+    """What a slanted label under the left end of an axis needs left of it."""
+    if not x.ticks or not 1.0 < abs(x.tick_angle_deg) < 80.0:
+        return 0.0
+    return 0.72 * width_px(x.ticks[0][1])
 
 
 def _room_below(x: Axis) -> float:

@@ -38,7 +38,9 @@ def drawn(trace: Trace, before: Trace | None, panel: Panel) -> str:
     kinds: dict[str, Callable[[], str]] = {
         "bar": lambda: _bars(trace, panel),
         "heatmap": lambda: _cells(trace, panel),
-        "scatter": lambda: _band(trace, before, panel) + _line(trace, panel) + _points(trace, panel),
+        "scatter": lambda: (
+            _band(trace, before, panel) + _line(trace, panel) + _spread(trace, panel) + _points(trace, panel)
+        ),
     }
     return kinds[str(trace.get("type", "scatter"))]()
 
@@ -124,6 +126,19 @@ def _band(trace: Trace, before: Trace | None, panel: Panel) -> str:
         return ""
     edge = _path([*_places(trace, panel), *reversed(_places(before, panel))])
     return f'<path d="{edge}z" fill="{trace["fillcolor"]}" stroke="none"/>'
+
+
+def _spread(trace: Trace, panel: Panel) -> str:
+    """A thin line through each point, as far up and down as its `error_y` says."""
+    lengths = (trace.get("error_y") or {}).get("array")
+    if lengths is None:
+        return ""
+    out = []
+    for x, y, half in zip(trace["x"], trace["y"], lengths, strict=True):
+        (px, low), (_, high) = panel.at(x, y - half), panel.at(x, y + half)
+        if not math.isnan(low + high):
+            out.append(f"M{number(px)} {number(low)}V{number(high)}")
+    return f'<path d="{"".join(out)}" stroke="{line_colour(trace)}" stroke-width="1.2" fill="none"/>'
 
 
 def _points(trace: Trace, panel: Panel) -> str:

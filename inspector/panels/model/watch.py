@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import viser
 
-from inspector.figures.control_chart import control_chart
+from inspector.figures.watch_plots import control_chart
 from inspector.markup.model.watch import watch_html
 from inspector.markup.parts import elements
 from inspector.panels.base import Actions, by_page, hidden_plot, put

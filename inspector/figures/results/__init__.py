@@ -1,0 +1,1 @@
+"""Figures of results, which `inspector.figures` offers by name."""

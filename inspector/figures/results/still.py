@@ -1,0 +1,20 @@
+"""Figures as pictures without a script."""
+
+from __future__ import annotations
+
+import plotly.graph_objects as go
+
+from inspector.figures.svg.file import svg_file
+from inspector.figures.svg.text import plain
+
+
+def to_svg(figure: go.Figure, width_px: int = 850, height_px: int = 0) -> str:
+    """A figure of this module as an SVG file: the same without a script, its hover texts as titles.
+
+    Args:
+        height_px: 0 takes the figure's own.
+
+    Raises CalibError on the views of the work space, which plotly alone draws to one scale.
+    """
+    title = plain(figure.layout.title.text or "figure")
+    return svg_file(figure, width_px, height_px or int(figure.layout.height or 360), title=title)

@@ -1,0 +1,300 @@
+"""Figures of results: each shows the numbers of a real fit, with title, units and its own background."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+
+import calib
+from calib.calibration.result import Calibration
+from calib.dataset.dataset import Dataset
+from calib.diagnosis.result import Diagnosis
+from calib.errors import CalibError
+from calib.fleet.result import Fleet
+from calib.fleet.row import Rmse
+from calib.identifiability.structural import redundancy
+from calib.monitoring.watch import watch
+from calib.options import FitOptions
+from calib.planning.fitted_start import start_of_dataset
+from calib.planning.plan import plan_poses
+from calib.screening.curves.fitted_curves import fitted_curves
+from calib.validation.learning_curve import learning_curve
+from inspector import figures
+from inspector.figures.curve_plots import CURVE
+from tests.support.fleet import row
+from tests.support.hidden_dataset import write_unnamed
+
+ROOT = Path(__file__).parents[4]
+
+
+@pytest.fixture(scope="module")
+def dataset() -> Dataset:
+    return calib.load_dataset(ROOT / "sample_data" / "hidden_effect_a")
+
+
+@pytest.fixture(scope="module")
+def found(dataset: Dataset) -> Diagnosis:
+    return calib.diagnose(dataset)
+
+
+@pytest.fixture(scope="module")
+def fit(found: Diagnosis) -> Calibration:
+    return found.steps[0].calibration
+
+
+def named(figure: go.Figure, name: str) -> go.Scatter:
+    (trace,) = (trace for trace in figure.data if trace.name == name)
+    return trace
+
+
+def stands_alone(figure: go.Figure, *units: str) -> None:
+    """Title and axes are there, the units stand in the axes, and plotly takes every value."""
+    checked = go.Figure(figure.to_dict())
+    layout = checked.layout
+    assert layout.title.text
+    titles = [axis.title.text or "" for axis in (*checked.select_xaxes(), *checked.select_yaxes())]
+    for unit in units:
+        assert any(unit in title for title in titles), (unit, titles)
+    assert abs(luminance(layout.font.color) - luminance(layout.paper_bgcolor)) > 0.6
+
+
+def luminance(colour: str) -> float:
+    return float(np.mean([int(colour[k : k + 2], 16) for k in (1, 3, 5)])) / 255.0
+
+
+def test_bars_are_the_errors_of_the_poses(fit: Calibration) -> None:
+    figure = figures.error_bars(fit)
+    frame = fit.after.to_frame(fit.dataset).set_index("pose")
+    shown = {
+        x: y for trace in figure.data if trace.type == "bar" for x, y in zip(trace.x, trace.y, strict=True)
+    }
+    assert shown == pytest.approx(frame["error_mm"].to_dict())
+    before = figures.error_bars(fit, before=True)
+    assert before.data[0].y[0] == fit.before.to_frame(fit.dataset)["error_mm"][0]
+    stands_alone(figure, "mm")
+
+
+@pytest.mark.parametrize(
+    ("over", "show", "x_unit", "y_unit"),
+    [("q2", "length", "°", "mm"), ("torque3", 3, "Nm", "millidegrees"), ("order", "z", "order", "mm")],
+)
+def test_residuals_over_an_input_are_those_of_the_fit(
+    fit: Calibration, over: str, show: str | int, x_unit: str, y_unit: str
+) -> None:
+    figure = figures.residuals_over(fit, over, show=show)
+    frame = fit.after.to_frame(fit.dataset).set_index("pose")
+    test = named(figure, "test")
+    of_test = frame[frame["role"] == "test"]
+    assert list(test.ids) == list(of_test.index)
+    if show == "length":
+        np.testing.assert_allclose(test.y, of_test["error_mm"])
+        at = [fit.dataset.poses.ids.index(i) for i in test.ids]
+        np.testing.assert_allclose(test.x, np.degrees(fit.dataset.poses.q[at, 1]))
+    elif show == "z":
+        np.testing.assert_allclose(test.y, of_test["error_z_mm"])
+    stands_alone(figure, x_unit, y_unit)
+
+
+def test_a_wrong_name_lists_the_right_ones(fit: Calibration, found: Diagnosis) -> None:
+    for wrong, says in (
+        (lambda: figures.residuals_over(fit, "speed"), r"no input named 'speed'; there are q1, .*torque2"),
+        (lambda: figures.residuals_over(fit, "q1", show="w"), "there are length, x, y, z"),
+        (lambda: figures.work_space(fit, show=7), "no joint 7; .* has joints 1 to 6"),
+        (lambda: figures.convergence(fit, what="2D"), "there are 3D and distance"),
+        (lambda: figures.ranking(found, step=9), "no ranking after step 9"),
+        (lambda: figures.added_variable(found, "rust"), "rust is not among the candidates"),
+        (lambda: figures.learned_curves(found), "no curves were learned; the model is link errors"),
+        (lambda: figures.control_chart([]), "no measurement to draw"),
+        (lambda: figures.to_svg(figures.work_space(fit)), "drawn by plotly alone"),
+    ):
+        with pytest.raises(CalibError, match=says):
+            wrong()
+
+
+def test_the_work_space_has_each_pose_at_its_place_in_its_colour(fit: Calibration, dataset: Dataset) -> None:
+    figure = figures.work_space(fit)
+    frame = fit.after.to_frame(dataset).set_index("pose")
+    for trace in figure.data:
+        if trace.ids is not None:
+            np.testing.assert_allclose(list(trace.marker.color), frame.loc[list(trace.ids), "error_mm"])
+    stands_alone(figure, "mm")
+    measured = figures.where_measured(dataset)
+    assert sum(len(trace.x) for trace in measured.data) == 2 * len(dataset.poses)
+    # The scanner sees these places moved as a whole: distances between them are nearly those that were measured.
+    points = dataset.points
+    assert points is not None
+    above, side = (
+        {
+            i: (x, v)
+            for t in measured.data
+            if (t.yaxis or "y") == y
+            for i, x, v in zip(t.customdata, t.x, t.y, strict=True)
+        }
+        for y in ("y", "y2")
+    )
+    place = np.array([[*above[i], side[i][1]] for i in (dataset.poses.ids[k] for k in points.pose)])
+    distances = [np.linalg.norm(np.diff(xyz, axis=0), axis=1) for xyz in (place, points.xyz_mm)]
+    np.testing.assert_allclose(distances[0], distances[1], atol=10.0)
+    stands_alone(measured, "mm")
+
+
+def test_convergence_begins_at_the_nominal_robot_and_ends_at_the_fit(fit: Calibration) -> None:
+    assert fit.before.test is not None
+    assert fit.after.test is not None
+    test = named(figures.convergence(fit), "test")
+    assert (test.y[0], test.y[-1]) == pytest.approx((fit.before.test.rmse_mm, fit.after.test.rmse_mm))
+    distances = named(figures.convergence(fit, what="distance"), "training")
+    assert distances.y[0] == pytest.approx(fit.iteration_errors[0].train_distance_rmse_mm)
+    stands_alone(figures.convergence(fit), "mm", "iteration")
+
+
+def test_the_heatmap_is_the_same_from_dataset_fit_and_analysis(dataset: Dataset, fit: Calibration) -> None:
+    analysis = redundancy(dataset)
+    for of in (dataset, fit, analysis):
+        cells = figures.redundancy_heatmap(of).data[-1]
+        np.testing.assert_array_equal(np.asarray(cells.z, float), analysis.pearson)
+    stands_alone(figures.redundancy_heatmap(dataset), "parameter")
+
+
+def test_the_history_tells_the_errors_of_the_steps(found: Diagnosis, fit: Calibration) -> None:
+    figure = figures.error_history(found)
+    steps = found.to_frame()
+    assert fit.before.test is not None
+    np.testing.assert_allclose(named(figure, "test").y, [fit.before.test.rmse_mm, *steps["test_rmse_mm"]])
+    np.testing.assert_allclose(named(figure, "training").y[1:], steps["train_rmse_mm"])
+    assert named(figure, "noise alone").y[0] == pytest.approx(np.sqrt(3.0) * dataset_sigma(fit.dataset))
+    stands_alone(figure, "mm")
+
+
+def dataset_sigma(dataset: Dataset) -> float:
+    assert dataset.scanner.point_sigma_mm is not None
+    return dataset.scanner.point_sigma_mm
+
+
+def test_the_ranking_and_one_effect_of_it(found: Diagnosis) -> None:
+    figure = figures.ranking(found)
+    table = found.screenings[0].to_frame().set_index("effect")["log_evidence"]
+    bars = {k: v for t in figure.data if t.type == "bar" for k, v in zip(t.customdata, t.y, strict=True)}
+    assert bars == pytest.approx(table[list(bars)].to_dict())
+    assert set(named(figure, "named by the diagnosis").customdata) == set(found.missing)
+    stands_alone(figure, "log evidence")
+    best = found.missing[0]
+    points = figures.added_variable(found, best).data[0]
+    share = found.candidates[0].explained_share
+    left = np.asarray(points.y) - np.asarray(points.x)
+    assert 1.0 - left @ left / (np.asarray(points.y) @ np.asarray(points.y)) == pytest.approx(share)
+    stands_alone(figures.added_variable(found, best), "σ")
+
+
+def test_learned_curves_are_those_of_the_fit(tmp_path: Path) -> None:
+    found = calib.diagnose(calib.load_dataset(write_unnamed(tmp_path)))
+    curves = fitted_curves(found.calibration)
+    figure = figures.learned_curves(found)
+    assert figures.learned_curves(found.calibration) == figure
+    assert [note.text for note in figure.layout.annotations] == [
+        f"<b>Joint {c.joint + 1}</b>" for c in curves
+    ]
+    drawn = [trace for trace in figure.data if trace.name == CURVE]
+    largest = [np.nanmax(np.abs(np.array(trace.y, dtype=float))) for trace in drawn]
+    for curve, size in zip(curves, largest, strict=True):
+        assert size <= np.max(np.abs(curve.scale * curve.value)) + 1e-12
+    stands_alone(figure, "mrad", "°")
+
+
+def test_what_more_poses_and_a_plan_promise(dataset: Dataset) -> None:
+    curve = learning_curve(dataset, counts=[20, 40], repeats=2)
+    figure = figures.learning_curve(curve)
+    held_out = named(figure, "held-out poses")
+    table = curve.to_frame()
+    assert list(held_out.x) == table["poses"].tolist()
+    np.testing.assert_allclose(held_out.y, table["held_out_rmse_mm"])
+    np.testing.assert_allclose(held_out.error_y.array, table["spread_mm"])
+    stands_alone(figure, "mm", "poses")
+    plan = plan_poses(start_of_dataset(dataset, FitOptions()), 3, candidates=60)
+    drawn = figures.plan_curve(plan)
+    at = named(drawn, "this plan")
+    assert (at.x[0], at.y[0]) == (3, plan.curve_mm[3])
+    stands_alone(drawn, "mm", "poses")
+
+
+def test_a_cell_and_a_fleet(found: Diagnosis, dataset: Dataset) -> None:
+    later = [watch(found.calibration, replace(dataset, name=name)) for name in ("may", "june")]
+    figure = figures.control_chart(later)
+    points = [
+        (x, y)
+        for trace in figure.data
+        if trace.mode == "markers"
+        for x, y in zip(trace.x, trace.y, strict=True)
+    ]
+    assert sorted(points) == [(1, later[0].rmse_mm), (2, later[1].rmse_mm)]
+    assert len(figures.control_chart(later[0]).data) == len(figure.data)
+    stands_alone(figure, "mm")
+    rows = tuple(row(f"arm{k}", test=Rmse(3.0, 0.5, 0.1 * k)) for k in (2, 1))
+    fleet = Fleet(ROOT, rows, (), (), (), 0, 1.0)
+    last = named(figures.fleet_errors(fleet), "with all that was found")
+    assert list(zip(last.customdata, last.y, strict=True)) == [("arm1", 0.1), ("arm2", pytest.approx(0.2))]
+    stands_alone(figures.fleet_errors(fleet), "mm")
+
+
+def test_dark_figures_are_dark(fit: Calibration, found: Diagnosis) -> None:
+    for dark in (False, True):
+        for figure in (figures.error_bars(fit, dark=dark), figures.error_history(found, dark=dark)):
+            assert (luminance(figure.layout.paper_bgcolor) < 0.5) is dark
+            stands_alone(figure)
+
+
+def test_names_are_escaped(fit: Calibration) -> None:
+    hostile = replace(fit, dataset=replace(fit.dataset, name="<b>&"))
+    assert "<b>" not in figures.error_bars(hostile).layout.title.text
+    assert "<b>" not in figures.to_svg(figures.error_bars(hostile))
+
+
+def test_a_still_picture_is_one_file_with_the_same_values(fit: Calibration) -> None:
+    text = figures.to_svg(figures.error_bars(fit), 700)
+    picture = ElementTree.fromstring(text)
+    assert picture.get("viewBox") == "0 0 700 420"
+    space = "{http://www.w3.org/2000/svg}"
+    clipped = [e for e in picture.iter(f"{space}rect") if e.find(f"{space}title") is not None]
+    told = [float(re.search(r"([\d.]+) mm", e.findtext(f"{space}title") or "")[1]) for e in clipped]  # type: ignore[index]
+    errors = fit.after.to_frame(fit.dataset)["error_mm"]
+    np.testing.assert_allclose(sorted(told), sorted(errors), atol=6e-5)
+
+
+def test_the_face_is_what_type_checkers_see_and_loads_when_asked() -> None:
+    stub = (ROOT / "inspector" / "figures" / "__init__.pyi").read_text("utf-8")
+    assert sorted(re.findall(r"import (\w+) as \1", stub)) == figures.__all__ == sorted(figures._HOME)
+    for home, name in re.findall(r"from (\S+) import (\w+) as", stub):
+        assert figures._HOME[name] == home
+    for name in figures.__all__:
+        assert getattr(figures, name).__doc__, name
+    with pytest.raises(AttributeError, match="no attribute 'error_bar'"):
+        figures.error_bar  # noqa: B018
+
+
+@pytest.mark.slow
+def test_without_plotly_one_line_says_what_to_install() -> None:
+    program = """
+import sys
+sys.modules["plotly"] = None
+from inspector import figures
+assert "viser" not in sys.modules and "error_bars" in dir(figures)
+try:
+    figures.error_bars
+except Exception as error:
+    print(type(error).__name__, error)
+"""
+    said = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert said.stdout.splitlines() == [
+        "CalibError inspector.figures.error_bars needs plotly, which is not installed: "
+        "pip install 'robot-calibration-inspector[page]'"
+    ]
