@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -36,6 +37,15 @@ GROUPS = {
     "order_steps": "What sets in at one pose",
 }
 """Headings of the index, by the module of the catalogue; another module's name is its own heading."""
+ANY_INPUT = (
+    (r"joint \d+", "a joint"),
+    (r"^\d+ times q\d+", "many times a joint's angle"),
+    (r"^q\d+ [+-] q\d+", "the sum or difference of two joints' angles"),
+    (r"tool's [xyz]", "tool's x, y or z"),
+    (r"^(x|y|depth) in", "place in"),
+    (r"^turn that .*", "nothing that the output lists"),
+)
+"""From the input of a picture to the inputs that are like it."""
 
 
 def write_pages(folder: Path, notes: Path) -> tuple[str, ...]:
@@ -101,6 +111,24 @@ def index(signatures: Mapping[str, Signature], standard: Standard) -> str:
             f"## {heading}",
             ":::::{grid} 2 3 3 3\n:gutter: 2\n\n" + "\n\n".join(cards) + "\n:::::",
         ]
+    by_input: dict[str, list[str]] = {}
+    for kind in CATALOGUE:
+        words = signatures[kind.name].input.words
+        for pattern, instead in ANY_INPUT:
+            words = re.sub(pattern, instead, words)
+        if not np.any(signatures[kind.name].after_mm):
+            continue
+        link = f"{{doc}}`{kind.name} <{ROOM}/{kind.name}>`"
+        by_input.setdefault(words, []).append(link)
+    out += [
+        "## By what the residual has order against",
+        "`inspector diagnose` tells it, such as *order against torque3*. These are the inputs of the pictures. Of the "
+        "lower five rows it has no input: the effect is found all the same, by its own columns.",
+        "\n".join(
+            ["| order against | look at |", "|---|---|"]
+            + [f"| {words} | {', '.join(links)} |" for words, links in by_input.items()]
+        ),
+    ]
     rows = [
         f"| {{doc}}`{kind.name} <{ROOM}/{kind.name}>` | {_cell(kind.equation)} | {_cell(kind.needs)} | "
         f"{100 * signatures[kind.name].left:.0f} % |"
