@@ -98,6 +98,7 @@ class DatasetController:
             self._show_progress(running=True)
             yield
         self._show_progress(running=False)
+        self._stage.show_corner()  # equal targets have their names only now, by all poses together
         self._stage.aim_again()
         if self._state.session.calibration is None:
             fit.update(self._state.now, waiting="Calibrating …")

@@ -91,6 +91,10 @@ class Stage:
         self._panels.planes.update(view)
         self._panels.corner.update(view)
 
+    def show_corner(self) -> None:
+        """What the tab Corner says of the selected pose, anew."""
+        self._panels.corner.update(self._state.now)
+
     def draw_model(self, first: bool) -> None:
         """What the model predicts, in 3D and side by side; `first`: until now the dataset had none."""
         self.comparison.draw()

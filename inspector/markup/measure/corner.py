@@ -56,29 +56,42 @@ def corner_html(view: View) -> str:
         took = f"{search.seconds:.2f} s, {numbers.count(search.search_passes, 'look')}"
         parts += [*quality_html(corner), elements.facts([*quality_facts(corner), ("search took", took)])]
     if isinstance(search, ScanSearch):
-        parts.append(targets_html(search))
+        parts.append(targets_html(search, view))
     what = "point" if view.session.dataset.scan_folder is None else "corner"
     return "".join([*parts, elements.note(f"Click a {what} in the scene to select its pose.")])
 
 
-def targets_html(search: ScanSearch) -> str:
+def targets_html(search: ScanSearch, view: View) -> str:
     """All targets of a scan: where they are, what was found of them besides, or why they were not found."""
-    rows, sizes, said = [], [], []
+    rows: list[tuple[object, ...]] = []
+    sizes, said = [], []
+    unnamed = any(not place.name and len(found.names) > 1 for found in search.found for place in found.places)
+    named = _names_by_all_poses(view) if unnamed else {}
     for found in search.found:
         names = ", ".join(found.names)
         if found.failure:
             said.append(elements.alert(f"{names}: {found.failure}"))
         for place in found.places:
-            name = place.name or names
+            name = named.get(tuple(place.xyz_mm), place.name or names)
+            colour = FACE_COLOURS[len(rows) % len(FACE_COLOURS)]  # of its points in the scene
             at = " ".join(f"{value:.2f}" for value in place.xyz_mm)
             sigma, rms = numbers.length(place.sigma_mm()), numbers.length(place.rms_mm)
-            rows.append((name, at, sigma, f"{place.points:,}", rms))
+            rows.append((elements.named_swatch(colour, name), at, sigma, f"{place.points:,}", rms))
             if place.radius_mm is not None:
                 sizes.append(f"{name} ø {2 * place.radius_mm:.3f} mm")
             said += [elements.alert(f"{name}: {doubt}", colour=DOUBT) for doubt in place.doubts]
     table = elements.table(("target", "x y z, mm", "sigma, 3D", "points", "rms"), rows) if rows else ""
     across = elements.note("; ".join(sizes)) if sizes else ""
     return elements.heading("Targets") + table + across + "".join(said)
+
+
+def _names_by_all_poses(view: View) -> dict[tuple[float, ...], str]:
+    """The names of the selected pose's points by their places: equal targets are told apart by all poses together."""
+    points = view.session.measured.points
+    if points is None:
+        return {}
+    rows = np.flatnonzero(points.pose == view.pose)
+    return {tuple(points.xyz_mm[row]): str(points.target[row]) for row in rows}
 
 
 def doubts_html(corner: Corner) -> list[str]:

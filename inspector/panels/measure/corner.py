@@ -14,6 +14,10 @@ NOTE = (
     "seen. Look for a long ellipsoid (a face seen edge-on) and for a face with few points or a large rms; "
     "Distances colours each point by how far it lies off its face."
 )
+TARGETS_NOTE = (
+    "What was found of each target in this scan. Its uncertainty is drawn as an ellipsoid, enlarged so that it can be "
+    "seen; the points that were taken for it have its colour. Look for a target with few points or a large rms."
+)
 POINTS_NOTE = (
     "The point was measured by another instrument (points.csv). Its uncertainty is drawn as an ellipsoid, enlarged so "
     "that it can be seen."
@@ -38,5 +42,6 @@ class CornerPanel:
         shown = (THIS, ALL, DISTANCES) if has_scans else (POINT, ALL)
         if shown != tuple(self._show.options):
             self._show.options = shown
-        self._note.content = elements.note(NOTE if has_scans else POINTS_NOTE)
+        faces = view.session.dataset.shows_faces
+        self._note.content = elements.note(POINTS_NOTE if not has_scans else NOTE if faces else TARGETS_NOTE)
         self._content.content = corner_html(view)

@@ -29,3 +29,24 @@ def test_a_scanned_ball_is_told_of(tmp_path: Path) -> None:
     assert not session.unlabelled
     assert session.measured.points is not None
     np.testing.assert_array_equal(session.measured.points.target, ["jig"])
+
+
+@pytest.mark.slow
+def test_equal_balls_have_their_names_once_all_poses_are_searched(tmp_path: Path) -> None:
+    table = "".join(
+        f'[[targets]]\nname = "{name}"\nshape = "sphere"\ndiameter_mm = 25.0\n' for name in ("jig", "b")
+    )
+    offsets = {"b": np.array([60.0, 30.0, -60.0])}
+    sizes = {"jig": 25.0, "b": 25.0}
+    write_ball_dataset(tmp_path / "cell", table, offsets=offsets, diameters_mm=sizes, poses=12, rays=8_000)
+    session = open_session(tmp_path / "cell")
+    for pose in range(12):
+        session = with_search(session, pose)
+    said = corner_html(View(session, pose=3))
+    measured = session.measured.points
+    assert measured is not None
+    for row in np.flatnonzero(measured.pose == 3):
+        place = " ".join(f"{value:.2f}" for value in measured.xyz_mm[row])
+        before = said.partition(place)[0]
+        assert before.rpartition("&nbsp;")[2].startswith(f"{measured.target[row]}<")
+    assert "jig, b" not in said
