@@ -288,6 +288,35 @@ def test_installs_again_when_pyproject_changes_or_the_folder_moves(sandbox: Sand
     assert calls == ["-P -m inspector check x"]
 
 
+def test_locked_installs_the_lock_alone_and_each_way_keeps_its_stamp(sandbox: Sandbox):
+    (sandbox.project / "requirements").mkdir()
+    lock = sandbox.project / "requirements" / "locked.txt"
+    lock.write_text("numpy==2.4.6\n")
+    _, calls = sandbox.run("check", "x", LOCKED="1")
+    assert [call.partition("--no-input ")[2] for call in calls if "pip install" in call] == [
+        "--require-hashes --requirement requirements/locked.txt",
+        "--no-deps --editable .",
+    ]
+    _, calls = sandbox.run("check", "x", LOCKED="1")
+    assert calls == ["-P -m inspector check x"]
+    lock.write_text("numpy==2.4.7\n")
+    _, calls = sandbox.run("check", "x", LOCKED="1")
+    assert any("--require-hashes" in call for call in calls), "another lock is another environment"
+    _, calls = sandbox.run("check", "x")
+    assert any(call.endswith("--editable .[scans,page]") for call in calls), (
+        "without LOCKED what pip would choose"
+    )
+
+
+def test_locked_without_a_lock_is_a_failed_installation(sandbox: Sandbox):
+    done, calls = sandbox.run(
+        "check", "x", LOCKED="1", PIP_EXIT="1", PIP_SAYS="ERROR: THESE PACKAGES DO NOT MATCH"
+    )
+    assert done.returncode == 1
+    assert "DO NOT MATCH" in done.stderr
+    assert not any("--editable" in call for call in calls), "nothing is installed beside what failed"
+
+
 @pytest.mark.parametrize(
     ("pip_says", "expected", "starts_afresh"),
     [
