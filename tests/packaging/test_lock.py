@@ -1,4 +1,4 @@
-"""The locked environment, requirements/locked.txt, held against pyproject.toml for every Python and system it serves."""
+"""The locked environment, requirements/locked.txt, held against pyproject.toml for each Python and system."""
 
 from __future__ import annotations
 
