@@ -113,7 +113,7 @@ def test_a_workflow_calls_programs_of_the_project_and_pinned_actions(path: Path)
             )
         if step.get("uses", "").startswith("actions/checkout@"):
             assert step["with"]["persist-credentials"] is False
-    assert all(job["timeout-minutes"] <= 40 for job in workflow["jobs"].values())
+    assert all(job["timeout-minutes"] <= 200 for job in workflow["jobs"].values()), "a hanging job ends"
 
 
 # ---- CITATION.cff and CHANGELOG.md ----------------------------------------------------------------------------------
