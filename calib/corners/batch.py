@@ -17,6 +17,7 @@ from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
 from calib.corners.refinement import RefinementOptions
 from calib.corners.search import CornerOptions, CornerSearch, failed_search, find_corner
 from calib.dataset.dataset import Dataset, Scanner
+from calib.display.progress import OnProgress, counted
 from calib.display.shown import Documented, Viewed
 from calib.errors import CornerError, DatasetError, ScanError
 from calib.jig import Jig
@@ -63,7 +64,8 @@ class CornerBatch(dict[str, CornerSearch], Documented, Viewed):
 def find_corners(
     dataset: Dataset,
     *,
-    on_progress: Callable[[int, int, str], None] | None = None,
+    progress: bool = False,
+    on_progress: OnProgress | None = None,
     executor: Executor | None = None,
     in_flight: int = 64,
     intermediate: bool = True,
@@ -71,7 +73,8 @@ def find_corners(
 ) -> CornerBatch:
     """The corner of every pose's scan, by pose id, in the dataset's order; none of poses that are left out.
 
-    `on_progress(done, total, pose_id)` is called after each scan. With an `executor` (threads, processes, Dask's
+    `progress` shows a bar, in a notebook's cell or at the terminal, and `on_progress(done, total, pose_id)` is called
+    after each scan. With an `executor` (threads, processes, Dask's
     `Client.get_executor()`: any `concurrent.futures.Executor`) the scans are processed by it, `in_flight` with it at a
     time, which should be twice its workers or more; the result is the same to the bit, as each search multiplies on
     one BLAS thread wherever it runs. Each job loads its own scan, so no more scans are in memory than jobs run at a
@@ -98,10 +101,11 @@ def find_corners(
     )
     found: dict[int, CornerSearch] = {}
     try:
-        for pose, result in map_as_completed(search, scans, executor, in_flight):
-            found[pose] = result
-            if on_progress is not None:
-                on_progress(len(found), len(ids), ids[pose])
+        with counted("corners", "scan", asked=progress, then=on_progress) as tell:
+            for pose, result in map_as_completed(search, scans, executor, in_flight):
+                found[pose] = result
+                if tell is not None:
+                    tell(len(found), len(ids), ids[pose])
     except BrokenExecutor:
         raise CornerError(
             f"dataset {dataset.name!r}: a process died after {len(found)} of {len(ids)} scans, perhaps for want of "

@@ -9,7 +9,7 @@ joints are learned.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +30,7 @@ from calib.diagnosis.moves import Tell
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import MAX_EFFECTS, SearchSpace, step_after
 from calib.diagnosis.stepwise import search_stepwise
+from calib.display.progress import OnStep, staged
 from calib.effects.catalogue import effects_named
 from calib.effects.effect import Family
 from calib.options import FitOptions
@@ -77,7 +78,8 @@ def diagnose(
     effects: Sequence[str] = (),
     user_effects: Sequence[Family] = (),
     max_steps: int = MAX_EFFECTS,
-    on_step: Callable[[str], None] | None = None,
+    progress: bool = False,
+    on_step: OnStep | None = None,
 ) -> Diagnosis:
     """Find what is missing from the five-parameter model.
 
@@ -87,6 +89,7 @@ def diagnose(
         effects: families that are taken as present from the start, all joints.
         user_effects: families beyond the catalogue.
         max_steps: effects to add at the most.
+        progress: show the stage under way, in a notebook's cell or at the terminal.
         on_step: called with a line of words before each stage.
 
     Raises:
@@ -99,7 +102,8 @@ def diagnose(
         user_effects=user_effects,
         max_effects=max_steps,
     )
-    return whole_diagnosis(space, on_step or (lambda words: None))
+    with staged(asked=progress, then=on_step) as tell:
+        return whole_diagnosis(space, tell or (lambda words: None))
 
 
 def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:

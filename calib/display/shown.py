@@ -2,8 +2,9 @@
 
 A result stands far below what tells of it. `calib.documents` and `calib.views` know every result, and `inspector` knows
 both, so a result must import none of them. It finds the one that tells of it by name, when it is asked for, as `calib`
-itself finds its public face: `DOCUMENTS`, `VIEWS` and `TEXTS` are the only places where a name points upwards, and
-tests/display checks every one of them.
+itself finds its public face: `DOCUMENTS`, `VIEWS`, `TEXTS` and `WITH_FIGURES` are the only places where a name points
+upwards, and tests/display checks every one of them. Where the extra `page` is installed the report's own sections, with
+figures, take the place of the plain views.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any, Protocol
 
 from calib.strict_json import plain
@@ -40,6 +42,9 @@ TEXTS: Mapping[str, str] = {  # class -> function that makes its plain text, whe
     "calib.planning.plan.Plan": "calib.planning.words:plan_text",
 }
 
+WITH_FIGURES = "inspector.notebook:html_with_figures"  # of the same classes; None where it has nothing to add
+NEEDS = ("plotly", "inspector")  # what that takes: the extra `page`, and the package that ships with this one
+
 
 class Documented:
     """A result that can be had as plain data."""
@@ -65,6 +70,10 @@ class Viewed:
 
     def _repr_html_(self) -> str:
         """For Jupyter, VS Code and others: light or dark as they are, every name escaped, no script, no network."""
+        if all(find_spec(name) is not None for name in NEEDS):
+            html = _maker(WITH_FIGURES)(self)
+            if html is not None:
+                return str(html)
         return str(_maker(VIEWS[_name_of(type(self))])(self))
 
     def _repr_pretty_(self, printer: Printer, cycle: bool) -> None:

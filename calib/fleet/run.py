@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
+from calib.display.progress import OnProgress, counted
 from calib.fleet.discovery import Discovered
 from calib.fleet.drift import Drift, DriftTask, compare, consecutive, not_compared
 from calib.fleet.judge import FleetOptions, Judged, Task, Unchanged, judge, one_line, pair_key
@@ -17,7 +18,6 @@ from calib.fleet.row import Failure, Row
 from calib.fleet.shared_causes import shared_causes
 from calib.parallel import futures_as_completed
 
-Progress = Callable[[int, int, str], None]
 Asked = TypeVar("Asked")
 Answer = TypeVar("Answer")
 
@@ -38,7 +38,8 @@ def run_fleet(
     options: FleetOptions = FleetOptions(),
     *,
     fresh: bool = False,
-    on_progress: Progress | None = None,
+    progress: bool = False,
+    on_progress: OnProgress | None = None,
 ) -> Fleet:
     """Judge every dataset that was found below a folder.
 
@@ -49,6 +50,7 @@ def run_fleet(
         workers: they read the files by their absolute paths.
         options: how each dataset is judged.
         fresh: drop the results that are kept.
+        progress: show a bar, in a notebook's cell or at the terminal.
         on_progress: called as (done, total, path) after each dataset, then after each comparison of two.
 
     A dataset that fails is tried once more, after all others, and then listed with its reason.
@@ -57,7 +59,7 @@ def run_fleet(
     """
     folder = found.folder.resolve()
     kept = KeptResults(results)
-    with kept.held():
+    with kept.held(), counted("datasets", "dataset", asked=progress, then=on_progress) as tell:
         if fresh:
             kept.forget()
         failures = list(found.failures)
@@ -70,11 +72,11 @@ def run_fleet(
             else:
                 taken_over += isinstance(outcome, Unchanged)
                 judged.append(outcome.path)
-            if on_progress is not None:
-                on_progress(len(judged) + len(failures) - len(found.failures), total, outcome.path)
+            if tell is not None:
+                tell(len(judged) + len(failures) - len(found.failures), total, outcome.path)
         rows, keys, seconds = _rows(sorted(judged), kept)
         pairs = consecutive(rows)
-        drifts = tuple(_drifts(pairs, keys, folder, kept, workers, options, on_progress))
+        drifts = tuple(_drifts(pairs, keys, folder, kept, workers, options, tell))
     failures.sort(key=lambda failure: failure.path)
     return Fleet(found.folder, rows, tuple(failures), drifts, shared_causes(rows), taken_over, seconds)
 
@@ -170,7 +172,7 @@ def _drifts(
     kept: KeptResults,
     workers: Workers,
     options: FleetOptions,
-    on_progress: Progress | None,
+    on_progress: OnProgress | None,
 ) -> list[Drift]:
     """What each pair says, in the pairs' order."""
 

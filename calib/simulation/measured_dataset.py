@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from calib.array_types import Array
 from calib.dataset.dataset import Dataset, Orientations, Points, Poses, Scanner
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import write_dataset
+from calib.display.progress import OnProgress, counted
 from calib.errors import CalibError
 from calib.jig import Jig
 from calib.kinematics.robot import Robot
@@ -146,18 +146,23 @@ def write_simulation(
     folder: Path,
     *,
     truth_path: Path | None = None,
-    on_progress: Callable[[int, int, str], None] | None = None,
+    progress: bool = False,
+    on_progress: OnProgress | None = None,
 ) -> None:
-    """Write the dataset's folder, its scans, and the truth (truth.json in the folder unless told otherwise)."""
+    """Write the dataset's folder, its scans, and the truth (truth.json in the folder unless told otherwise).
+
+    `progress` shows a bar while scans are made, in a notebook's cell or at the terminal.
+    """
     folder = Path(folder)
     poses = simulation.dataset.poses
     if simulation.scan_model is not None:
         scan_folder = folder / (simulation.dataset.scan_folder or "scans")
         scan_folder.mkdir(parents=True, exist_ok=True)
-        for i, scan_name in enumerate(poses.scan_names):
-            write_scan(scan_folder / scan_name, simulation.scan(i).scan)
-            if on_progress is not None:
-                on_progress(i + 1, len(poses), poses.ids[i])
+        with counted("scans", "scan", asked=progress, then=on_progress) as tell:
+            for i, scan_name in enumerate(poses.scan_names):
+                write_scan(scan_folder / scan_name, simulation.scan(i).scan)
+                if tell is not None:
+                    tell(i + 1, len(poses), poses.ids[i])
     write_dataset(simulation.dataset, folder)
     truth_path = folder / "truth.json" if truth_path is None else truth_path
     truth_path.parent.mkdir(parents=True, exist_ok=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
@@ -13,6 +13,7 @@ from calib.corners.batch import CornerBatch, brief, find_corners, told_noise
 from calib.corners.noise.told import NOTHING_TOLD, ToldNoise
 from calib.corners.search import CornerSearch, failed_search
 from calib.dataset.dataset import Dataset
+from calib.display.progress import OnProgress
 from calib.errors import ScanError
 from calib.scans.scan import PointCount, load_scan
 from calib.target_shapes import Target
@@ -24,7 +25,8 @@ def find_targets(
     dataset: Dataset,
     *,
     finder: UserFunction | UserFinder | None = None,
-    on_progress: Callable[[int, int, str], None] | None = None,
+    progress: bool = False,
+    on_progress: OnProgress | None = None,
     executor: Executor | None = None,
     in_flight: int = 64,
     intermediate: bool = True,
@@ -44,7 +46,12 @@ def find_targets(
         intermediate=intermediate,
     )
     return find_corners(
-        dataset, on_progress=on_progress, executor=executor, in_flight=in_flight, search=search
+        dataset,
+        progress=progress,
+        on_progress=on_progress,
+        executor=executor,
+        in_flight=in_flight,
+        search=search,
     )
 
 

@@ -6,7 +6,7 @@ Poses of the role test take no part. Whether more poses would help is the questi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,13 +19,12 @@ from calib.calibration.evaluation import Evaluation, Figures
 from calib.calibration.noise_check import SigmaCheck, check_sigma
 from calib.calibration.result import Calibration, figures_line
 from calib.dataset.dataset import Dataset
+from calib.display.progress import OnProgress, counted
 from calib.effects.effect import Effect
 from calib.errors import FitError
 from calib.fitting.fit import Fit
 from calib.options import DEFAULT_FOLDS, FitOptions
 from calib.validation.splits import deal_folds, split_dataset, training_groups
-
-Progress = Callable[[int, int, str], None]
 
 SUSPICIOUS = (
     1.5  # held-out over training error, in multiples of what noise explains, that calls the model in question
@@ -157,7 +156,8 @@ def cross_validate(
     folds: int = DEFAULT_FOLDS,
     effects: Sequence[Effect] = (),
     rng: np.random.Generator | None = None,
-    on_progress: Progress | None = None,
+    progress: bool = False,
+    on_progress: OnProgress | None = None,
 ) -> CrossValidation:
     """Fit `folds` times, each time without one fold of the training poses, and evaluate the fold.
 
@@ -167,6 +167,7 @@ def cross_validate(
         options: what is asked of every fit.
         effects: in the model of every fit, beyond the link errors.
         rng: deals the poses into folds; always the same where None.
+        progress: show a bar, in a notebook's cell or at the terminal.
         on_progress: called with fits done, fits in all, and what was fitted.
 
     Raises:
@@ -190,18 +191,21 @@ def cross_validate(
     whole = calibrate(split_dataset(dataset, everything, everything[:0])[0], options, effects=effects)
     done: list[Fold] = []
     before, after = [], []
-    for fold in dealt:
-        held_out = groups.poses_of(fold)
-        split, rows = split_dataset(dataset, np.setdiff1d(everything, held_out), held_out)
-        fitted = calibrate(split, options, effects=effects)
-        before.append(_held_out(fitted.before, rows, len(dataset.poses)))
-        after.append(_held_out(fitted.after, rows, len(dataset.poses)))
-        train, test = fitted.after.train, fitted.after.test
-        assert train is not None
-        assert test is not None
-        done.append(Fold(tuple(dataset.poses.ids[i] for i in held_out), train, test, fitted.fit.converged))
-        if on_progress is not None:
-            on_progress(len(done), folds, f"fold {len(done)}")
+    with counted("fits", "fit", asked=progress, then=on_progress) as tell:
+        for fold in dealt:
+            held_out = groups.poses_of(fold)
+            split, rows = split_dataset(dataset, np.setdiff1d(everything, held_out), held_out)
+            fitted = calibrate(split, options, effects=effects)
+            before.append(_held_out(fitted.before, rows, len(dataset.poses)))
+            after.append(_held_out(fitted.after, rows, len(dataset.poses)))
+            train, test = fitted.after.train, fitted.after.test
+            assert train is not None
+            assert test is not None
+            done.append(
+                Fold(tuple(dataset.poses.ids[i] for i in held_out), train, test, fitted.fit.converged)
+            )
+            if tell is not None:
+                tell(len(done), folds, f"fold {len(done)}")
     notes = tuple(f"setup {name!r} has too few poses to hold any out: all of them train" for name in small)
     notes += whole.fitted_dataset.notes[len(dataset.notes) :]
     return CrossValidation(

@@ -18,11 +18,11 @@ from calib.calibration.calibrate import calibrate
 from calib.calibration.noise_check import SigmaCheck, check_sigma
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
+from calib.display.progress import OnProgress, counted
 from calib.effects.effect import Effect
 from calib.errors import FitError
 from calib.identifiability.structural import structural_rank
 from calib.options import FitOptions
-from calib.validation.cross_validation import Progress
 from calib.validation.splits import (
     MIN_FRAME_POSES,
     JointGroups,
@@ -160,7 +160,8 @@ def learning_curve(
     repeats: int = 5,
     effects: Sequence[Effect] = (),
     rng: np.random.Generator | None = None,
-    on_progress: Progress | None = None,
+    progress: bool = False,
+    on_progress: OnProgress | None = None,
 ) -> LearningCurve:
     """Fit growing subsets of the training poses and evaluate poses that are always held out.
 
@@ -174,6 +175,7 @@ def learning_curve(
         options: what is asked of every fit.
         effects: in the model of every fit, beyond the link errors.
         rng: draws the poses; always the same where None.
+        progress: show a bar, in a notebook's cell or at the terminal.
         on_progress: called with fits done, fits in all, and the count just fitted.
 
     Raises:
@@ -196,15 +198,16 @@ def learning_curve(
         )
     tests = np.flatnonzero(dataset.poses.is_test)
     fits: dict[int, list[Calibration]] = {n: [] for n in counts}
-    for repeat, (order, held) in enumerate(draws):
-        for k, n in enumerate(counts):
-            if n == len(groups) and fits[n]:
-                continue  # all poses and the same test poses: the same fit again
-            outside = tests if held is None else groups.poses_of(held)
-            split, _ = split_dataset(dataset, groups.poses_of(order[:n]), outside)
-            fits[n].append(calibrate(split, options, effects=effects))
-            if on_progress is not None:
-                on_progress(repeat * len(counts) + k + 1, repeats * len(counts), f"{n} poses")
+    with counted("fits", "fit", asked=progress, then=on_progress) as tell:
+        for repeat, (order, held) in enumerate(draws):
+            for k, n in enumerate(counts):
+                if n == len(groups) and fits[n]:
+                    continue  # all poses and the same test poses: the same fit again
+                outside = tests if held is None else groups.poses_of(held)
+                split, _ = split_dataset(dataset, groups.poses_of(order[:n]), outside)
+                fits[n].append(calibrate(split, options, effects=effects))
+                if tell is not None:
+                    tell(repeat * len(counts) + k + 1, repeats * len(counts), f"{n} poses")
     last = fits[counts[-1]][0]
     steps = tuple(_step(n, fits[n]) for n in counts)
     return LearningCurve(dataset, options.residual, held_out, steps, check_sigma(last), last.after.notes)

@@ -7,27 +7,20 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
+
+from calib.display.progress import OnProgress, OnStep, counted, staged
 
 MIN_SCANS_FOR_PROCESSES = 12  # below this, starting further interpreters takes longer than it saves
 
 
 @contextmanager
-def stages() -> Iterator[Callable[[str], None] | None]:
+def stages() -> Iterator[OnStep | None]:
     """A function that shows the step under way in one line of a terminal; None where stderr is none."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-
-    def tell(step: str) -> None:
-        print(f"\r\033[K{step} ...", end="", file=sys.stderr, flush=True)
-
-    try:
+    with staged(asked=sys.stderr.isatty()) as tell:
         yield tell
-    finally:
-        print("\r\033[K", end="", file=sys.stderr, flush=True)
 
 
 def cores() -> int:
@@ -64,18 +57,7 @@ def _ignored_interrupts() -> Iterator[None]:
 
 
 @contextmanager
-def progress(what: str, unit: str = "scan") -> Iterator[Callable[[int, int, str], None] | None]:
+def progress(what: str, unit: str = "scan") -> Iterator[OnProgress | None]:
     """A function that moves a progress bar on stderr; None where that is no terminal."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from tqdm import tqdm
-
-    with tqdm(desc=what, unit=unit, file=sys.stderr, leave=False) as bar:
-
-        def on_progress(done: int, total: int, pose_id: str) -> None:
-            bar.total = total
-            bar.set_postfix_str(pose_id, refresh=False)
-            bar.update(done - bar.n)
-
+    with counted(what, unit, asked=sys.stderr.isatty()) as on_progress:
         yield on_progress

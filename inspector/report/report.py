@@ -49,6 +49,7 @@ REFERENCES = (
     "Park et al. 2022, Kinematic Calibration Based on Position of Robot Manipulator Eliminating Redundancy of "
     "Parameters, JKSPE 39(7) 517-528, doi 10.7736/JKSPE.022.023 (redundancy).",
 )
+HISTORY = "Error history"
 PACKAGES = ("robot-calibration-inspector", "numpy", "scipy", "pandas", "open3d-cpu", "open3d", "plotly")
 
 
@@ -62,24 +63,31 @@ def is_report(path: Path) -> bool:
 def report_html(report: Report, *, now: datetime) -> str:
     """The page; `now` is the date that it carries."""
     made = now.astimezone().strftime("%Y-%m-%d %H:%M %Z").strip()
-    residuals = [block for model in report.residuals for block in sections.model_residual(report, model)]
-    curves = sections.learned_curves(report)
     return render_page(
         f"Calibration report: {report.dataset.name}",
         first_page(report, made),
         (
-            Section("How the verdict was reached", _reasons(report)),
-            Section("Error history", _history(report)),
-            Section("Dataset and how it was measured", sections.dataset(report)),
-            Section("What could be missing", sections.ranking(report)),
-            Section("Where the model is off", residuals),
-            *([Section("Learned curves of the joints", curves)] if curves else []),
-            Section("Residual by pose", sections.by_pose(report)),
-            Section("Which parameters can be known", sections.redundancy(report)),
-            Section("Parameters", sections.parameters(report)),
+            *finding_sections(report),
             Section("Method", (Bullets(METHOD), Bullets(REFERENCES))),
             Section("Made with", (Facts(versions()), Paragraph(f"Made {made}.", soft=True))),
         ),
+    )
+
+
+def finding_sections(report: Report) -> tuple[Section, ...]:
+    """All that was found, after the first page: a report's middle, and what a notebook shows of a diagnosis."""
+    residuals = [block for model in report.residuals for block in sections.model_residual(report, model)]
+    curves = sections.learned_curves(report)
+    return (
+        Section("How the verdict was reached", _reasons(report)),
+        Section(HISTORY, _history(report)),
+        Section("Dataset and how it was measured", sections.dataset(report)),
+        Section("What could be missing", sections.ranking(report)),
+        Section("Where the model is off", residuals),
+        *([Section("Learned curves of the joints", curves)] if curves else []),
+        Section("Residual by pose", sections.by_pose(report)),
+        Section("Which parameters can be known", sections.redundancy(report)),
+        Section("Parameters", sections.parameters(report)),
     )
 
 

@@ -18,7 +18,7 @@ from calib.corners.batch import CornerBatch
 from calib.corners.search import failed_search
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.result import Diagnosis
-from calib.display.shown import DOCUMENTS, TEXTS, VIEWS, Documented, Viewed
+from calib.display.shown import DOCUMENTS, TEXTS, VIEWS, WITH_FIGURES, Documented, Viewed
 from calib.identifiability.structural import redundancy
 from calib.options import FitOptions
 from calib.planning.fitted_start import start_of_dataset
@@ -110,6 +110,7 @@ def one_of(place: str) -> Any:
 
 
 def test_every_name_that_points_upwards_leads_to_a_class_and_its_maker() -> None:
+    assert callable(one_of(WITH_FIGURES))
     for table, base in ((DOCUMENTS, Documented), (VIEWS, Viewed), (TEXTS, Viewed)):
         for kind, maker in table.items():
             assert issubclass(one_of(kind), base), kind
@@ -176,7 +177,12 @@ def hostile(dataset: Dataset) -> Dataset:
     return replace(named, poses=poses, robot=replace(dataset.robot, name=HOSTILE))
 
 
-def test_views_escape_every_name(dataset: Dataset, corners: CornerBatch) -> None:
+@pytest.mark.parametrize("with_figures", [False, True])
+def test_views_escape_every_name(
+    dataset: Dataset, corners: CornerBatch, with_figures: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not with_figures:  # as where the extra `page` is not installed
+        monkeypatch.setattr("calib.display.shown.NEEDS", ("no_such_package",))
     names = hostile(dataset)
     found = calib.diagnose(names)
     odd = CornerBatch(names, {HOSTILE: failed_search(HOSTILE, HOSTILE), **corners})
@@ -185,8 +191,10 @@ def test_views_escape_every_name(dataset: Dataset, corners: CornerBatch) -> None
         names, found, found.calibration, odd, plan_poses(start_of_dataset(names, FitOptions()), 2, candidates=60),
         compare(one, one), redundancy(names),
     ]  # fmt: skip
-    told = [safe(result._repr_html_()).text for result in results]
-    assert all(HOSTILE in text for text in told[:-1])
+    told = [safe(result._repr_html_()) for result in results]
+    assert all(HOSTILE in view.text for view in told[:-1])
+    drawn = ["svg" in view.seen for view in told]
+    assert drawn == [with_figures and of in (1, 2, 4, 6) for of in range(len(told))]
 
 
 def test_views_tell_the_numbers_of_the_results(dataset: Dataset, found: Diagnosis) -> None:
@@ -215,3 +223,13 @@ def test_a_terminal_shows_the_summary(dataset: Dataset, found: Diagnosis, plan: 
         assert printer.said == result.summary()
         assert "array(" not in printer.said
     assert "64 poses (1 reference" in dataset.summary()
+
+
+def test_drawings_of_two_results_on_one_page_have_ids_of_their_own(found: Diagnosis) -> None:
+    ids = [
+        [value for name, value in safe(fit._repr_html_()).attributes if name == "id"]
+        for fit in (found.calibration, found.steps[0].calibration)
+    ]
+    assert ids[0]
+    assert ids[1]
+    assert not set(ids[0]) & set(ids[1])

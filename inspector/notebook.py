@@ -1,0 +1,104 @@
+"""Results in a notebook with the report's own sections and figures, where the extra `page` is installed.
+
+`calib.display.shown` finds `html_with_figures` by name when a cell shows a result: nothing has to be imported for it.
+Figures are SVG in the notebook's own colours, without a script.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import singledispatch
+from itertools import count
+
+from calib.calibration.result import Calibration
+from calib.diagnosis.result import Diagnosis
+from calib.display.blocks import Block, Section
+from calib.display.view_page import FIGURES, view_html
+from calib.identifiability.redundancy import Redundancy
+from calib.identifiability.structural import redundancy
+from calib.monitoring.watch import Watched
+from calib.planning.plan import Plan
+from calib.views.fit_views import calibration_head, diagnosis_head, parameters, redundancy_head
+from calib.views.later_views import plan_head, plan_sections, watched_head, watched_sections
+from inspector import figures
+from inspector.report.content import report_of
+from inspector.report.figure_block import Figure, still
+from inspector.report.report import HISTORY, finding_sections
+from inspector.session.session import Session
+from inspector.session.transitions import with_found
+
+
+@singledispatch
+def html_with_figures(result: object) -> str | None:
+    """The view of a result; None of a kind that has no figures."""
+    return None
+
+
+@html_with_figures.register
+def _of_diagnosis(found: Diagnosis) -> str:
+    """The way of the error and the verdict, the error's fall, then the report's sections."""
+    dataset = found.calibration.dataset
+    report = report_of(with_found(Session(dataset), found))
+    drawn = Figure(figures.error_history(found), "3D RMSE after each change of the model.", height_px=260)
+    head = [*diagnosis_head(found), drawn]
+    sections = finding_sections(report)
+    return _view(f"Diagnosis of {dataset.name}", head, [_drawn_above(section) for section in sections])
+
+
+def _drawn_above(section: Section) -> Section:
+    """The error's history is drawn at the top already."""
+    if section.heading != HISTORY:
+        return section
+    return Section(HISTORY, [block for block in section.blocks if not isinstance(block, Figure)])
+
+
+@html_with_figures.register
+def _of_calibration(calibration: Calibration) -> str:
+    """The errors, a bar a pose; how the fit went, its parameters, and which of them act alike."""
+    drawn = Figure(figures.error_bars(calibration), "3D error of each pose after the fit.", height_px=260)
+    analysis = redundancy(calibration.dataset, residual=calibration.residual)
+    sections = [
+        Section("Parameters", parameters(calibration)),
+        Section("Which parameters can be known", _redundant(analysis)),
+        Section(
+            "Convergence",
+            [Figure(figures.convergence(calibration), "Error at each iteration.", height_px=280)],
+        ),
+    ]
+    return _view(
+        f"Calibration of {calibration.dataset.name}", [*calibration_head(calibration), drawn], sections
+    )
+
+
+@html_with_figures.register
+def _of_redundancy(analysis: Redundancy) -> str:
+    """The matrix, and in words which parameters act alike."""
+    return _view("Which parameters can be known", _redundant(analysis))
+
+
+def _redundant(analysis: Redundancy) -> list[Block]:
+    caption = "Pearson's r between the columns of the nominal Jacobian; grey: no influence."
+    drawn = Figure(figures.redundancy_heatmap(analysis), caption, height_px=600, width_px=640)
+    return [*redundancy_head(analysis), drawn]
+
+
+@html_with_figures.register
+def _of_plan(plan: Plan) -> str:
+    """What the poses promise, the error by their number, and the poses."""
+    drawn = Figure(figures.plan_curve(plan), "The predicted error by the number of new poses.", height_px=260)
+    return _view(f"Plan for {plan.start.dataset.name}", [*plan_head(plan), drawn], plan_sections(plan))
+
+
+@html_with_figures.register
+def _of_watched(seen: Watched) -> str:
+    """What changed, the control chart, and each joint and the tool."""
+    drawn = Figure(
+        figures.control_chart(seen), "The error at the check poses, against its limit.", height_px=260
+    )
+    return _view(f"Watch: {seen.name}", [*watched_head(seen), drawn], watched_sections([seen]))
+
+
+def _view(title: str, head: Sequence[Block], sections: Sequence[Section] = ()) -> str:
+    names = (f"{FIGURES}-{number}" for number in count(1))
+    drawn = [Section(section.heading, still(section.blocks, names)) for section in sections]
+    return view_html(title, still(head, names), drawn)
