@@ -25,7 +25,7 @@ from calib.planning.prediction import (
     predicted,
     predicted_once_placed,
 )
-from calib.planning.purpose import ForCalibration, Purpose, Situation
+from calib.planning.purpose import WATCH, ForCalibration, Purpose, Situation
 from calib.planning.reasons import new_ids, reasons
 from calib.planning.start import Start
 from calib.workcell.candidates import candidate_poses
@@ -109,7 +109,7 @@ def plan_poses(
     then = predicted(situation.region, situation.information(chosen), unknowns.degrees_of_freedom, rng)
     why = purpose.why(situation, chosen) or reasons(situation, chosen)
     order = _order(situation, chosen)
-    planned = _to_measure(situation, chosen[order])
+    planned = _to_measure(situation, chosen[order], a_set=purpose.name == WATCH)
     return Plan(
         start=start,
         purpose=purpose,
@@ -223,15 +223,15 @@ def _order(situation: Situation, chosen: IndexArray) -> IndexArray:
     return np.array(out, dtype=np.int64)
 
 
-def _to_measure(situation: Situation, rows: IndexArray) -> Poses:
+def _to_measure(situation: Situation, rows: IndexArray, *, a_set: bool) -> Poses:
     """The chosen candidates under names of their own, joints to 0.001 deg or mm as a person would type them.
 
-    The first of a set from scratch is the reference.
+    The first is the reference where they are a dataset by themselves: from scratch, or `a_set`, as check poses are.
     """
     measured = situation.start.measured
     ids = new_ids(len(rows), () if measured is None else measured.ids)
     role = np.full(len(rows), "train", dtype="<U9")
-    if measured is None:
+    if measured is None or a_set:
         role[0] = "reference"
     poses = situation.candidates.select(rows)
     step = np.where(situation.start.dataset.robot.is_revolute, np.radians(_TYPED), _TYPED)

@@ -118,7 +118,11 @@ def test_check_poses_for_a_calibration_and_for_nothing_else(
 ) -> None:
     assert main(["plan", "rb5", "--for", "watch"]) == 2
     assert "against a calibration" in capsys.readouterr().err
-    assert main(["plan", str(folder), "--for", "watch", "--effect", "joint_compliance"]) == 0
+    checks = folder.parent / "checks.csv"
+    told = ["plan", str(folder), "--for", "watch", "--effect", "joint_compliance", "--out", str(checks)]
+    assert main(told) == 0
+    roles = pd.read_csv(checks)["role"].tolist()
+    assert roles == ["reference", *["train"] * 7]  # as they are, the poses of a new dataset
     said = capsys.readouterr().out
     assert said.startswith("8 poses for ")
     assert "to watch the cell" in said
