@@ -26,8 +26,9 @@ extensions = [
     "reference",
     "effects",  # docs/extensions: a page for each effect of the catalogue
     "commands",
+    "gallery",
 ]
-exclude_patterns = ["gallery/**", "notebooks/.ipynb_checkpoints", "**/README.md"]
+exclude_patterns = ["**/README.md"]
 
 # ---- pages ----------------------------------------------------------------------------------------------------------
 myst_enable_extensions = [
