@@ -60,6 +60,21 @@ autodoc_type_aliases = {
 python_maximum_signature_line_length = 90
 python_use_unqualified_type_names = True
 
+# ---- the gallery ----------------------------------------------------------------------------------------------------
+gallery_order = (  # the others follow by name
+    "error_falls",
+    "corner_of_a_scan",
+    "residual_over_joint",
+    "learned_curves",
+    "redundancy",
+    "sigma_of_parameters",
+    "repeats_and_covariance",
+    "learning_curve",
+    "planned_poses",
+    "control_chart",
+    "compare_two",
+)
+
 # ---- look -----------------------------------------------------------------------------------------------------------
 html_theme = "furo"
 html_title = f"Robot calibration inspector {version}"

@@ -37,6 +37,9 @@ WIDTH_PX, HEIGHT_PX = 720, 380  # of a figure that says nothing else
 MAX_SECONDS = 6.0  # of this process; a script that takes longer is told of
 
 
+FORMATTER = re.compile(r"  # fmt: skip$", re.MULTILINE)  # words for a tool, not for a reader
+
+
 @dataclass(frozen=True)
 class Cell:
     """A part of a script: text in Markdown, then code."""
@@ -152,14 +155,14 @@ def page_of(script: Script, shown: Sequence[Shown], download: str) -> str:
     """The script's page: text, code, output and figures, cell by cell."""
     out = [f"# {script.title}", "", script.intro, ""]
     for cell, had in zip(script.cells, shown, strict=True):
-        out += [cell.text, "", "```{code-block} python", cell.code, "```", ""]
+        out += [cell.text, "", "```{code-block} python", FORMATTER.sub("", cell.code), "```", ""]
         if had.printed.strip():
             out += [":::{code-block} text", ":class: output", "", had.printed.rstrip(), ":::", ""]
         for svg in had.svgs:
             title = re.search(r'aria-label="([^"]*)"', svg)
             caption = f"<figcaption>{title[1] if title else ''}</figcaption>"
             out += ["```{raw} html", f'<figure class="gallery">{svg}{caption}</figure>', "```", ""]
-    return "\n".join([*out, f"{{download}}`The script <{download}>`", ""])
+    return "\n".join([*out, f"{{download}}`Download the script <{download}>`", ""])
 
 
 def index_of(scripts: Sequence[Script], shown: Sequence[Sequence[Shown]]) -> str:
@@ -188,9 +191,13 @@ def _small(svg: str) -> str:
     return re.sub(r'(id="|url\(#)', r"\1small-", bare)
 
 
-def write_gallery(source: Path, target: Path, samples: Path) -> None:
-    """Run all scripts of a folder and write their pages and the index, where something has changed."""
-    paths = sorted(path for path in source.glob("*.py"))
+def write_gallery(source: Path, target: Path, samples: Path, order: Sequence[str] = ()) -> None:
+    """Run all scripts of a folder and write their pages and the index, where something has changed.
+
+    order: names of those that come first.
+    """
+    named = [source / f"{name}.py" for name in order]
+    paths = [*named, *sorted(set(source.glob("*.py")) - set(named))]
     stamp = target / ".made-of"
     made_of = _hash(paths, source.parents[1])
     if stamp.is_file() and stamp.read_text() == made_of:
@@ -207,7 +214,7 @@ def write_gallery(source: Path, target: Path, samples: Path) -> None:
         seconds = time.process_time() - began
         logger.info("gallery: %s %.1f s", script.path.name, seconds)
         if seconds > MAX_SECONDS:
-            print(f"gallery: {script.path.name} took {seconds:.1f} s, {MAX_SECONDS:g} are meant", file=sys.stderr)
+            sys.stderr.write(f"gallery: {script.path.name}: {seconds:.1f} s; {MAX_SECONDS:g} are meant\n")
         download = os.path.relpath(script.path, target)
         (target / f"{script.path.stem}.md").write_text(page_of(script, shown[-1], download), encoding="utf-8")
     (target / "index.inc").write_text(index_of(scripts, shown), encoding="utf-8")
@@ -224,10 +231,13 @@ def _hash(paths: Sequence[Path], project: Path) -> str:
 
 def _on_start(app: Sphinx) -> None:
     source = Path(app.srcdir)
-    write_gallery(source / "gallery", source / GENERATED, source.parent / "sample_data")
+    write_gallery(
+        source / "gallery", source / GENERATED, source.parent / "sample_data", app.config.gallery_order
+    )
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Write the pages before Sphinx looks for them."""
+    app.add_config_value("gallery_order", (), "env")
     app.connect("builder-inited", _on_start)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

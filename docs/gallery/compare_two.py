@@ -1,7 +1,7 @@
 """Before and after a repair
 
-Two calibrations of one arm, with a repair between them that moved the zero of joint 4. Which parameter has changed, by how much, and
-is it more than noise?
+Two calibrations of one arm, with a repair between them that moved the zero of joint 2. Which parameter has
+changed, by how much, and is it more than noise?
 """
 
 from dataclasses import replace
@@ -16,7 +16,7 @@ from inspector.figures.style import figure as figure_of
 
 robot = builtin_robot("rb5")
 shift_rad = np.zeros(robot.n_joints)
-shift_rad[3] = np.radians(0.1)
+shift_rad[1] = np.radians(0.1)
 repair = JointStep(offset_rad=shift_rad, first=60)
 rng = np.random.default_rng(8)
 both = calib.simulate_dataset(robot, rng=rng, poses=120, effects=[repair]).dataset
@@ -39,16 +39,26 @@ print(comparison.headline)
 # Each parameter's difference in its own sigmas: one stands out, the others are noise.
 
 apart = [p for p in comparison.parameters if p.sigma > 0]
-bars = {
-    "type": "bar", "x": [p.name for p in apart], "y": [p.z for p in apart],
-    "marker": {"color": ["#D55E00" if abs(p.z) > 4 else "#0072B2" for p in apart]}, "showlegend": False,
-}  # fmt: skip
+names = [p.name for p in apart]
+bars = [
+    {
+        "type": "bar", "name": name, "x": [p.name for p in apart if far(p.z)], "y": [p.z for p in apart if far(p.z)],
+        "marker": {"color": colour},
+    }
+    for name, colour, far in (
+        ("beyond 4 sigmas", "#D55E00", lambda z: abs(z) > 4),
+        ("within", "#0072B2", lambda z: abs(z) <= 4),
+    )
+]  # fmt: skip
 figure = figure_of(
-    [bars],
-    xaxis={"type": "category", "tickangle": -45},
+    bars,
+    xaxis={
+        "type": "category", "categoryorder": "array", "categoryarray": names,
+        "tickangle": -45, "tickvals": names, "ticktext": names,
+    },
     yaxis={"title": "difference, sigmas"},
-    margin=(50, 12, 20, 70),
+    margin=(50, 12, 44, 70),
     dark=False,
-)
+)  # fmt: skip
 figure.update_layout(title_text="Difference of each link parameter over its sigma")
 figure.show()

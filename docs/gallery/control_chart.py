@@ -1,7 +1,7 @@
 """A cell, watched for a year
 
-Eight check poses, measured every second month. From the fourth time on the zero of joint 3 is off by 0.02 degrees, which the chart
-shows and `watch` names.
+Eight check poses, measured every second month. From the fourth time on the zero of joint 3 is off by 0.02
+degrees, which the chart shows and `watch` names.
 """
 
 from dataclasses import replace
@@ -40,8 +40,7 @@ def part(first, count, date):
 base = calib.calibrate(part(0, BASE, "2026-01-10"))
 dates = [f"2026-{month:02}-10" for month in (2, 4, 6, 8, 10, 12)]
 seen = [watch(base, part(BASE + k * CHECKS, CHECKS, date)) for k, date in enumerate(dates)]
-for date, one in zip(dates, seen, strict=True):
-    print(f"{date}: {one.headline}")
+print("\n".join(one.headline for one in seen))
 
 # %%
 

@@ -1,7 +1,7 @@
 """The corner of a scan, with its planes
 
-A simulated structured-light scan of the jig, with smooth noise, mixed pixels at the edges, and a wall and a table behind. The search
-finds three planes and the point where they meet; it is told nothing of the pose.
+A simulated structured-light scan of the jig, with smooth noise, mixed pixels at the edges, and a wall and a
+table behind. The search finds three planes and the point where they meet; it is told nothing of the pose.
 """
 
 import numpy as np
@@ -18,7 +18,8 @@ print(search.summary())
 print(f"off the true corner by {np.linalg.norm(search.corner.xyz_mm - scan.apex_mm):.3f} mm")
 
 # %%
-# Seen by the scanner: each face in its colour, what belongs to none grey, and the corner with its three edges.
+# Seen by the scanner: each face in its colour, what belongs to none grey, and the corner with its three
+# edges.
 
 points = scan.scan.points_mm[::4] - search.corner.xyz_mm
 near = np.linalg.norm(points, axis=1) < 110
@@ -28,9 +29,10 @@ for k, face in enumerate(search.corner.faces):
 on_face = on_face[::4]
 traces = []
 for k, (name, colour) in enumerate(
-    [("other points", "#8a8f98"), ("face 1", "#0072B2"), ("face 2", "#E69F00"), ("face 3", "#009E73")], start=-1
+    [("other points", "#8a8f98"), ("face 1", "#0072B2"), ("face 2", "#E69F00"), ("face 3", "#009E73")],
+    start=-1,
 ):
-    x, y, _ = points[near & (on_face == k)].T
+    x, y = points[near & (on_face == k), :2].T.tolist()
     marker = {"color": colour, "size": 3}
     traces.append({"type": "scatter", "mode": "markers", "name": name, "x": x, "y": y, "marker": marker})
 normals = [face.normal for face in search.corner.faces]
@@ -40,7 +42,7 @@ for k in range(3):
     line = {"color": "#D55E00", "width": 2}
     traces.append(
         {
-            "type": "scatter", "mode": "lines", "x": [0, edge[0]], "y": [0, edge[1]],
+            "type": "scatter", "mode": "lines", "x": [0.0, float(edge[0])], "y": [0.0, float(edge[1])],
             "line": line, "showlegend": k == 0, "name": "edges of the jig",
         }
     )  # fmt: skip
@@ -51,5 +53,7 @@ figure = figure_of(
     margin=(50, 12, 44, 42),
     dark=False,
 )
-figure.update_layout(title_text="The points of a scan by the face that they belong to, and the jig's edges", height=520)
+figure.update_layout(
+    title_text="The points of a scan by the face that they belong to, and the jig's edges", height=520
+)
 figure.show()

@@ -1,7 +1,7 @@
 """The error falls as effects are added
 
-An arm hides something that its folder does not tell. `diagnose` adds one physical effect after the other, and keeps one only
-if poses that no fit has seen are predicted better with it.
+An arm hides something that its folder does not tell. `diagnose` adds one physical effect after the other, and
+keeps one only if poses that no fit has seen are predicted better with it.
 """
 
 import calib
@@ -19,7 +19,8 @@ figure.update_layout(title_text="RMS error of training and test poses after each
 figure.show()
 
 # %%
-# Each step was chosen by a ranking of all effects of the catalogue. The lead over the next has to be more than 3.
+# Each step was chosen by a ranking of all effects of the catalogue. The lead over the next has to be more
+# than 3.
 
 figure = figures.ranking(found)
 figure.update_layout(title_text="Log evidence of the candidate effects before the first was added")

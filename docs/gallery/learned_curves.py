@@ -1,7 +1,8 @@
 """What has no name is learned
 
-Gears that run unevenly all along their range, with waves that no turn brings back: no effect of the catalogue makes that. A smooth
-curve for each joint is fitted with everything else, if poses that were left out are predicted better with it.
+Gears that run unevenly all along their range, with waves that no turn brings back: no effect of the catalogue
+makes that. A smooth curve for each joint is fitted with everything else, if poses that were left out are
+predicted better with it.
 """
 
 import numpy as np

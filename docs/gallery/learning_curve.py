@@ -1,7 +1,7 @@
 """Would more poses help
 
-Fits to fewer poses than there are tell how the error falls with their number. Where the two lines meet, more poses of the same kind
-help no more.
+Fits to fewer poses than there are tell how the error falls with their number. Where the two lines meet, more
+poses of the same kind help no more.
 """
 
 import calib

@@ -1,7 +1,7 @@
 """What planned poses promise
 
-Which five poses tell most about the parameters of an arm that was measured before? The plan predicts the error of the fit that will
-have them.
+Which five poses tell most about the parameters of an arm that was measured before? The plan predicts the
+error of the fit that will have them.
 """
 
 import calib
@@ -15,4 +15,4 @@ plan = plan_poses(start, 5, candidates=200)
 figure = figures.plan_curve(plan)
 figure.update_layout(title_text="Predicted error against the number of new poses")
 figure.show()
-print(plan.summary())
+print("\n".join(line for line in plan.summary().splitlines() if not line.startswith("note")))

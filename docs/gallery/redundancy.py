@@ -1,7 +1,7 @@
 """Which parameters act alike
 
-Two parameters whose effect on all measured points is the same cannot both be known. Park et al. 2022 find them by Pearson's
-correlation of the Jacobian's columns.
+Two parameters whose effect on all measured points is the same cannot both be known. Park et al. 2022 find
+them by Pearson's correlation of the Jacobian's columns.
 """
 
 import calib

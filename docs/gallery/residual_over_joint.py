@@ -1,7 +1,7 @@
 """What is left, over a joint's angle
 
-What a fit leaves over is no noise where it follows a joint. Here the gear of joint 2 has an error that repeats with the joint's turn.
-The same figure is drawn before and after the effect is in the model.
+What a fit leaves over is no noise where it follows a joint. Here the gear of joint 2 has an error that
+repeats with the joint's turn. The same figure is drawn before and after the effect is in the model.
 """
 
 import numpy as np

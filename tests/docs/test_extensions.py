@@ -1,0 +1,142 @@
+"""What the documentation is built with: equations as MathML, comments beside fields, scripts of the gallery."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+pytest.importorskip("sphinx")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def extensions() -> Any:
+    sys.path.insert(0, str(ROOT / "docs" / "extensions"))
+    yield
+    sys.path.remove(str(ROOT / "docs" / "extensions"))
+
+
+@pytest.mark.parametrize(
+    ("latex", "holds"),
+    [
+        (r"\frac{a}{b}", "<mfrac>"),
+        (r"\begin{aligned} a &= b \\ c &= d \end{aligned}", 'columnalign="right"'),
+        (r"a &= b \\ c &= d", 'columnalign="right"'),
+        (r"\boldsymbol{\theta}", "&#x1D73D;"),
+        (r"x_\mathrm{max}", "<mtext>max</mtext>"),
+        (r"\operatorname*{rank} J", "rank"),
+    ],
+)
+def test_equations_become_mathml_that_browsers_know(latex: str, holds: str):
+    made, fault = import_module("mathml").mathml(latex, display=True)
+    assert fault == ""
+    assert holds in made
+    assert made.startswith("<math alttext=")
+    assert "mathvariant=" not in made.replace('mathvariant="normal"', "")
+
+
+@pytest.mark.parametrize("latex", [r"\nosuchcommand x", r"a_1_2"])
+def test_what_is_not_understood_in_an_equation_is_told(latex: str):
+    assert import_module("mathml").mathml(latex, display=False)[1]
+
+
+def test_comments_beside_fields_become_their_documentation():
+    from sphinx.pycode import ModuleAnalyzer
+
+    source = '''
+class Points:
+    """Points."""
+
+    xyz_mm: list  # (M, 3), *scanner* frame
+    covariance: list = (
+        None  # (M, 3, 3)
+    )
+    order: int = 0
+    """(M,) told behind it."""
+    bare: int = 1
+'''
+    marked = import_module("reference").with_marked_comments(source)
+    docs = ModuleAnalyzer.for_string(marked, "made").find_attr_docs()
+    assert docs["Points", "xyz_mm"][0] == r"(M, 3), \*scanner* frame"
+    assert docs["Points", "covariance"][0] == "(M, 3, 3)"
+    assert docs["Points", "order"][0] == "(M,) told behind it."
+    assert ("Points", "bare") not in docs
+
+
+def test_every_name_of_the_public_face_is_in_the_reference():
+    import calib
+
+    text = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "api").glob("*.md"))
+    missing = [
+        name for name in calib.__all__ if not any(f".. auto{kind}:: {name}\n" in text for kind in KINDS)
+    ]
+    assert missing == []
+
+
+KINDS = ("function", "class", "exception")
+
+SCRIPT = '''"""A line
+
+It is drawn.
+"""
+
+from inspector.figures.style import figure as figure_of
+
+# %%
+# Two points
+# of text.
+
+print("made")
+axis = {"title": "x"}
+figure = figure_of(
+    [{"type": "scatter", "mode": "lines", "x": [0, 1], "y": [0, 1]}],
+    xaxis=axis, yaxis=axis, margin=(1, 1, 1, 1), dark=False,
+)  # fmt: skip
+figure.update_layout(title_text="A line <b>")
+figure.show()
+'''
+
+
+def script_of(folder: Path, text: str) -> Path:
+    path = folder / "line.py"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_script_becomes_a_page_with_its_figure_and_what_it_prints(tmp_path: Path):
+    gallery = import_module("gallery")
+    script = gallery.read_script(script_of(tmp_path, SCRIPT))
+    assert (script.title, script.intro) == ("A line", "It is drawn.")
+    assert [(cell.text, cell.line) for cell in script.cells] == [("", 6), ("Two points\nof text.", 12)]
+    shown = gallery.run_script(script, ROOT / "sample_data")
+    assert shown[1].printed == "made\n"
+    page = gallery.page_of(script, shown, "line.py")
+    assert 'aria-label="A line &lt;b&gt;"' in page
+    assert "fmt: skip" not in page
+    assert "/generated/gallery/line" in gallery.index_of([script], [shown])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('print("made")', "1 / 0", "line.py:12: ZeroDivisionError"),
+        ("figure.show()", "", "it shows no figure"),
+        ('figure.update_layout(title_text="A line <b>")', "", "needs layout.title"),
+        ("It is drawn.", "", "a docstring with a title"),
+    ],
+)
+def test_a_script_that_fails_stops_the_build_and_says_where(tmp_path: Path, old: str, new: str, says: str):
+    from sphinx.errors import ExtensionError
+
+    gallery = import_module("gallery")
+    before = Path.cwd()
+    with pytest.raises(ExtensionError) as caught:
+        gallery.run_script(
+            gallery.read_script(script_of(tmp_path, SCRIPT.replace(old, new))), ROOT / "sample_data"
+        )
+    assert says in str(caught.value)
+    assert Path.cwd() == before
