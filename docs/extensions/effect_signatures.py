@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from effect_channels import LEVER, NOISE_MM, Channel, Input, in_shown_unit, label_of, roughness
 
 from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
@@ -26,10 +27,8 @@ from calib.screening.projected_residual import ProjectedResidual, joint_directio
 from calib.simulation.simulate import simulate_dataset
 
 POSES = 160
-NOISE_MM = 0.05
 SHAPE = np.array([1.0, 0.6, -0.8, 0.5, -0.7, 0.4])  # of an effect's parameters, in usual sizes: none alone
 GOOD_ENOUGH = 0.08  # roughness beyond the best, up to which an input that stands earlier is taken
-LEVER = 0.25  # of the longest, that a joint's motion has to have at a pose for the pose to be drawn
 CONFUSED = 0.3  # share that another effect could make, from which it is told
 Kind = type[CatalogueEffect]
 
@@ -75,10 +74,16 @@ class Standard:
         return joint_directions(self.projected)
 
     @cached_property
+    def tested(self) -> dict[str, Array]:
+        """The inputs (N,) that a diagnosis holds a residual against."""
+        return inputs_at(self.state.robot, self.state.poses, self.state)
+
+    @cached_property
     def inputs(self) -> dict[str, tuple[str, Array]]:
         """By name: its label on an axis, and its value at each pose (N,). Those that a user has come first."""
-        state, robot, poses = self.state, self.state.robot, self.state.poses
-        out = {name: (_label(name), _shown(name, u)) for name, u in inputs_at(robot, poses, state).items()}
+        state, poses = self.state, self.state.poses
+        robot = state.robot
+        out = {name: (label_of(name), in_shown_unit(name, u)) for name, u in self.tested.items()}
         n = robot.n_joints
         for j in range(n):
             for k in (j - 1, j + 1):
@@ -156,11 +161,11 @@ class Standard:
             y = channel.of(raw)
             share = float(y @ y) / max(channel.most(raw), 1e-300)
             for rank, (name, (_, u)) in enumerate(inputs.items()):
-                tried.append((1.0 - share * (1.0 - _roughness(u, y)), rank, channel, name))
+                tried.append((1.0 - share * (1.0 - roughness(u, y)), rank, channel, name))
         best = min(tried, key=lambda one: one[0])
         near = [one for one in tried if one[2] is best[2] and one[0] < best[0] + GOOD_ENOUGH]
         _, _, channel, name = min(near, key=lambda one: one[1])
-        return channel, Input(*inputs[name])
+        return channel, Input(*inputs[name], is_tested=name in self.tested)
 
     def _channels(self) -> Iterator[Channel]:
         row = self.projected.residuals.observed.used_poses[1]
@@ -176,51 +181,6 @@ class Standard:
         )
         for axis, name in enumerate("xyz"):
             yield Channel(f"along the flange's {name}, mm", tool[:, axis])
-
-
-@dataclass(frozen=True)
-class Input:
-    """What a channel is drawn over."""
-
-    label: str
-    values: Array  # (N,) at each pose
-
-    @property
-    def words(self) -> str:
-        """The label without its unit."""
-        return self.label.split(",")[0]
-
-
-@dataclass(frozen=True)
-class Channel:
-    """A scalar of each point: its motion along an axis, or the turn of a joint that would make it."""
-
-    label: str
-    direction: Array  # (M, 3) whitened
-    joint: int | None = None
-
-    def of(self, rows: Array) -> Array:
-        """(M,) of whitened rows (3 M,): mm, or mrad of a joint."""
-        along = np.einsum("mi,mi->m", self.direction, rows.reshape(-1, 3))
-        if self.joint is None:
-            return NOISE_MM * along
-        length = np.sum(self.direction**2, axis=1)
-        return np.asarray(1e3 * along / np.maximum(length, 0.02 * float(length.max())))
-
-    @property
-    def tells(self) -> Array:
-        """(M,) whether a turn of the joint moves the point enough to be told."""
-        length = np.linalg.norm(self.direction, axis=1)
-        return np.asarray(length > LEVER * float(length.max()))
-
-    def most(self, rows: Array) -> float:
-        """The sum of squares that `of` would have, were all of the rows along the direction."""
-        size = np.linalg.norm(rows.reshape(-1, 3), axis=1)
-        if self.joint is None:
-            return float(NOISE_MM**2 * size @ size)
-        length = np.linalg.norm(self.direction, axis=1)
-        turn = 1e3 * size * length / np.maximum(length**2, 0.02 * float((length**2).max()))
-        return float(turn @ turn)
 
 
 @dataclass(frozen=True)
@@ -275,36 +235,3 @@ def _size_of(member: Effect, state: RobotState) -> Array | None:
     if s[0] <= 0.0 or s[1] > 0.02 * s[0] or np.any(np.abs(vt[0][is_length]) > 1e-6):
         return None
     return np.asarray(1e3 * u[:, 0] * s[0])
-
-
-def _roughness(u: Array, y: Array) -> float:
-    """Von Neumann's ratio over an input: near 0 where y is a curve of it, near 1 where it is not; 1 at the most."""
-    order = np.lexsort((y, u)) if len(np.unique(u)) < 0.5 * len(u) else np.argsort(u, kind="stable")
-    if len(np.unique(u)) < 0.5 * len(u):  # levels: what differs within one
-        levels, index = np.unique(u, return_inverse=True)
-        means = np.bincount(index, y) / np.bincount(index)
-        return min(float(np.var(y - means[index]) / max(np.var(y), 1e-300)), 1.0) if len(levels) > 1 else 1.0
-    steps = np.diff(y[order])
-    return min(float(np.mean(steps**2) / (2.0 * max(np.var(y), 1e-300))), 1.0)
-
-
-def _label(name: str) -> str:
-    stem = name.rstrip("0123456789")
-    words = {"q": "deg", "torque": "Nm"}
-    if stem in words and name != stem:
-        what = {"q": "angle of joint", "torque": "gravity's torque about joint"}[stem]
-        return f"{what} {name[len(stem) :]}, {words[stem]}"
-    if stem == "approach":
-        return f"side from which joint {name[len(stem) :]} came"
-    shown = {
-        "temperature_c": "temperature, C", "time_s": "time, min", "payload_kg": "payload, kg",
-        "order": "number of the pose", "x": "x in the scanner's frame, mm", "y": "y in the scanner's frame, mm",
-        "z": "depth in the scanner's frame, mm",
-    }  # fmt: skip
-    return shown.get(name, name)
-
-
-def _shown(name: str, u: Array) -> Array:
-    if name.startswith("q"):
-        return np.degrees(u)
-    return u / 60.0 if name == "time_s" else u

@@ -43,7 +43,7 @@ ANY_INPUT = (
     (r"^q\d+ [+-] q\d+", "the sum or difference of two joints' angles"),
     (r"tool's [xyz]", "tool's x, y or z"),
     (r"^(x|y|depth) in", "place in"),
-    (r"^turn that .*", "nothing that the output lists"),
+    (r"^turn that .*", "the effect's own size"),
 )
 """From the input of a picture to the inputs that are like it."""
 
@@ -88,6 +88,9 @@ def page(kind: type[CatalogueEffect], signature: Signature, standard: Standard, 
         + ("" if kind.testable else "\n- Poses alone never test it; the output says so."),
         "## What it is taken for",
         _alike(signature),
+        "## Try it",
+        f"An arm with it, at a size that is drawn, and a look at what is found:\n\n```sh\n"
+        f"inspector simulate try --robot rb5 --effect {kind.name} --seed 1\ninspector diagnose try\n```",
         "## In the code",
         _code(kind),
     ]
@@ -111,7 +114,7 @@ def index(signatures: Mapping[str, Signature], standard: Standard) -> str:
             f"## {heading}",
             ":::::{grid} 2 3 3 3\n:gutter: 2\n\n" + "\n\n".join(cards) + "\n:::::",
         ]
-    by_input: dict[str, list[str]] = {}
+    by_input: dict[tuple[str, str], list[str]] = {}
     for kind in CATALOGUE:
         words = signatures[kind.name].input.words
         for pattern, instead in ANY_INPUT:
@@ -119,14 +122,15 @@ def index(signatures: Mapping[str, Signature], standard: Standard) -> str:
         if not np.any(signatures[kind.name].after_mm):
             continue
         link = f"{{doc}}`{kind.name} <{ROOM}/{kind.name}>`"
-        by_input.setdefault(words, []).append(link)
+        tested = "yes" if signatures[kind.name].input.is_tested else "no"
+        by_input.setdefault((words, tested), []).append(link)
     out += [
         "## By what the residual has order against",
-        "`inspector diagnose` tells it, such as *order against torque3*. These are the inputs of the pictures. Of the "
-        "lower five rows it has no input: the effect is found all the same, by its own columns.",
+        "`inspector diagnose` tells it, such as *order against torque3*. These are the inputs of the pictures. Where "
+        "its tests have no such input, an effect is found all the same, by its own columns.",
         "\n".join(
-            ["| order against | look at |", "|---|---|"]
-            + [f"| {words} | {', '.join(links)} |" for words, links in by_input.items()]
+            ["| order against | is tested | look at |", "|---|---|---|"]
+            + [f"| {words} | {tested} | {', '.join(links)} |" for (words, tested), links in by_input.items()]
         ),
     ]
     rows = [

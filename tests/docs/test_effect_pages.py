@@ -10,9 +10,12 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import CATALOGUE, catalogue_names
 from calib.effects.catalogue.joints import JointScale
 from calib.effects.effect import CatalogueEffect
+from calib.simulation.simulate import simulate_dataset
 
 DOCS = Path(__file__).parents[2] / "docs"
 pytestmark = pytest.mark.slow
@@ -53,6 +56,17 @@ def test_every_effect_has_a_page_with_two_pictures_that_are_told_in_words(
     assert kind.needs in page
     assert len(page) < 80_000
     assert "nan" not in re.sub(r"[a-z]*nan[a-z]+", "", page)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", catalogue_names())
+def test_what_a_page_has_one_try_finds_the_effect(name: str):
+    """The commands of *Try it*: what they simulate shares no code with what looks for it."""
+    simulated = simulate_dataset(builtin_robot("rb5"), rng=np.random.default_rng(1), effects=(name,))
+    found = diagnose(simulated.dataset)
+    testable = name != "scanner_scale"
+    assert found.missing == ((name,) if testable else ())
+    assert found.verdict == ("named" if testable else "adequate")
 
 
 def test_the_index_shows_all_of_them_once_with_a_picture(pages: Path):
