@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -210,6 +212,15 @@ def test_an_effect_is_told_with_its_lead_its_test_error_and_its_surest_parameter
         "Fitted: backlash.J1.b = 0.001 +- 1e-05 rad (0.057°); "
     )
     assert said.endswith(", and 2 more. Note: unknown masses.")
+    alone = reason_text(
+        replace(found, lead=2.2)
+    )  # what explains something else is no rival, and no lead is asked for
+    assert (
+        "leads the next, tool_sag, by 2 in log evidence, which would explain something else. With it" in alone
+    )
+    assert "by 2 in log evidence (more than 3 is asked for)" in reason_text(
+        replace(found, lead=2.2, standing="open")
+    )
 
 
 def test_the_verdict_comes_last_and_paragraphs_are_apart() -> None:

@@ -19,6 +19,7 @@ from calib.diagnosis.words.phrases import (
     shots_text,
     times_text,
 )
+from calib.screening.candidates import MIN_LEAD
 
 _SHOWN_VALUES = 4  # fitted parameters of an effect that are told; the others are counted
 _STANDING = {"claimed": "Missing", "suspected": "Suspected", "open": "Missing, it or what is like it"}
@@ -112,11 +113,14 @@ def _model_fitted(model: facts.ModelFitted) -> str:
 
 
 def _effect_found(found: facts.EffectFound) -> str:
-    lead = (
-        f" and leads the next, {found.runner_up}, by {found.lead:.0f} in log evidence (more than 3 is asked for)"
-        if found.runner_up and found.lead is not None
-        else ""
-    )
+    lead = ""
+    if found.runner_up and found.lead is not None:
+        lead = f" and leads the next, {found.runner_up}, by {found.lead:.0f} in log evidence"
+        # Claimed with less, it has no rival: the next would explain something else, and is tried again after it.
+        no_rival = found.standing == "claimed" and found.lead <= MIN_LEAD
+        lead += (
+            ", which would explain something else" if no_rival else f" (more than {MIN_LEAD:g} is asked for)"
+        )
     if found.left_to_curves:
         stand = "stand" if len(found.left_to_curves) > 1 else "stands"
         lead += f"; {listed(found.left_to_curves)} {stand} above it in the ranking, but curves of all joints explain clearly more"
