@@ -86,7 +86,7 @@ def page(kind: type[CatalogueEffect], signature: Signature, standard: Standard, 
         "## What it needs, and how to confirm it",
         f"- Needs: {kind.needs}.\n- To confirm it: {kind.confirm or 'nothing is known that shows it alone'}."
         + ("" if kind.testable else "\n- Poses alone never test it; the output says so."),
-        "## What it is taken for",
+        "## What it is confused with",
         _alike(signature),
         "## Try it",
         f"An arm with it, at a size that is drawn, and a look at what is found:\n\n```sh\n"
