@@ -135,7 +135,7 @@ def index(signatures: Mapping[str, Signature], standard: Standard) -> str:
     ]
     rows = [
         f"| {{doc}}`{kind.name} <{ROOM}/{kind.name}>` | {_cell(kind.equation)} | {_cell(kind.needs)} | "
-        f"{100 * signatures[kind.name].left:.0f} % |"
+        f"{100 * signatures[kind.name].left:.0f}\N{NO-BREAK SPACE}% |"
         for kind in CATALOGUE
     ]
     out += [
