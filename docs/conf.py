@@ -49,7 +49,7 @@ math_eqref_format = "({number})"
 html_math_renderer = "mathml"
 
 # ---- the reference --------------------------------------------------------------------------------------------------
-default_role = "py:obj"  # `name` in a docstring: a link where the name has a page, else code
+default_role = "named"  # `name` in a docstring: a link where the name has a page, else code
 add_module_names = False
 autodoc_default_options = {"undoc-members": True, "member-order": "bysource"}
 smartquotes = False  # "" in a docstring is an empty text

@@ -52,6 +52,7 @@ ALIASES = {  # names as Python knows them, or as annotations write them, which a
     "pandas.core.frame.DataFrame": ELSEWHERE["pandas"].format(name="pandas.DataFrame"),
     "pandas.core.series.Series": ELSEWHERE["pandas"].format(name="pandas.Series"),
 }
+NAMED = "calib-name"
 FIELD = {"Args": ":param {name}:", "Raises": ":raises {name}:", "Returns": ":returns: {name}:"}
 ESCAPED = re.compile(r"(?<![\w\\])[*|](?=\S)|(?<=\w)_(?![\w`])")
 
@@ -283,6 +284,11 @@ def resolve(
     app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.TextElement
 ) -> nodes.Element | None:
     """A name that no page of ours explains: a link to the library's page, or the name alone where it exists."""
+    if node.get("reftype") == NAMED:
+        page = documented(env, node["reftarget"])
+        return (
+            make_refnode(app.builder, node["refdoc"], *page, content, node["reftarget"]) if page else content
+        )
     if node.get("refdomain") != "py":
         return None
     name = node["reftarget"].removeprefix("pathlib._local.").removeprefix("builtins.")
@@ -308,21 +314,30 @@ def resolve(
         link["classes"].append("elsewhere")
         return link
     known = (f"{node.get('py:module')}.{name}", f"calib.{name}", name)
-    if node["reftype"] == "obj" or any(exists(one) for one in known):
+    if any(exists(one) for one in known):
         return content
     return None
+
+
+def named(
+    name: str, rawtext: str, text: str, lineno: int, inliner: Any, *_: Any
+) -> tuple[list[nodes.Node], list[nodes.system_message]]:
+    """The role of plain backticks: a link where one class or function has this name, and code in any case."""
+    words = nodes.literal(rawtext, text, classes=["py", "py-obj"])
+    docname = inliner.document.settings.env.docname
+    return [pending_xref("", words, reftype=NAMED, reftarget=text, refdomain="", refdoc=docname)], []
 
 
 def documented(env: BuildEnvironment, name: str) -> tuple[str, str] | None:
     """Page and anchor of what has this name behind the last dot, where there is one such thing only."""
     objects = env.domains.python_domain.objects
-    if _places.get("of") != len(objects):
+    if _places.get("(count)") != len(objects):
         _places.clear()
         for full, entry in objects.items():
             if entry.objtype in ("class", "exception", "function", "type"):
                 for known in {full, full.rpartition(".")[2]}:
                     _places.setdefault(known, set()).add((entry.docname, entry.node_id))
-        _places["of"] = len(objects)
+        _places["(count)"] = len(objects)
     found = _places.get(name, set())
     return next(iter(found)) if len(found) == 1 else None
 
@@ -336,6 +351,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     TypeAliasForwardRef.__repr__ = lambda alias: alias.name  # type: ignore[method-assign]
     for kind in (PyAttribute, PyMethod, PyProperty):
         in_contents(kind)
+    app.add_role("named", named)
     app.add_directive("room", Room)
     app.connect("autodoc-process-signature", written_signature)
     app.connect("autodoc-process-docstring", as_restructured)
