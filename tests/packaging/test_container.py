@@ -1,0 +1,155 @@
+"""The Dockerfile, read line by line and held against the code; .github/workflows/artefacts.yml builds the image."""
+
+from __future__ import annotations
+
+import fnmatch
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from inspector.cli.parser import _parser
+from inspector.server.viser_server import origin_allowed, start_server
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "Dockerfile").read_text(encoding="utf-8")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+def instructions() -> list[tuple[str, str]]:
+    """Each instruction and what it is given, in order; lines that go on are joined."""
+    plain = re.sub(r"\\\n\s*", " ", re.sub(r"^#.*\n", "", TEXT, flags=re.MULTILINE))
+    return [(line.split()[0], line.partition(" ")[2].strip()) for line in plain.splitlines() if line]
+
+
+STEPS = instructions()
+
+
+def given(name: str) -> str:
+    """What the last instruction of this name is given."""
+    return [text for step, text in STEPS if step == name][-1]
+
+
+def port() -> str:
+    return given("EXPOSE")
+
+
+def health_check() -> list[str]:
+    return json.loads(given("HEALTHCHECK").partition("CMD ")[2])
+
+
+def test_it_runs_as_a_user_of_its_own():
+    names = [step for step, _ in STEPS]
+    assert names.index("USER") < names.index("ENTRYPOINT")
+    assert not {"RUN", "COPY", "ADD"} & set(names[names.index("USER") :]), (
+        "the user owns nothing of the program"
+    )
+    assert re.search(
+        rf"useradd .*\b{given('USER')}$", "\n".join(text for step, text in STEPS if step == "RUN")
+    )
+
+
+def test_what_it_starts_is_the_server_on_the_folder_that_is_mounted():
+    entry, words = json.loads(given("ENTRYPOINT")), json.loads(given("CMD"))
+    assert entry == [*PROJECT["scripts"]]
+    asked = vars(_parser().parse_args(words))
+    assert asked["subcommand"].name == "serve"
+    assert asked["path"] == Path(given("WORKDIR")) == Path("/data")
+    assert (asked["host"], str(asked["port"])) == ("0.0.0.0", port()), (
+        "a port of the container reaches no loopback"
+    )
+
+
+@pytest.mark.parametrize("outside", ["127.0.0.1:8080", "localhost:8080", "127.0.0.1:9000"])
+def test_the_page_may_talk_to_it_through_a_port_of_the_host(outside: str):
+    assert origin_allowed(f"http://{outside}", outside, bound_host="0.0.0.0")
+    assert not origin_allowed("http://page.example", outside, bound_host="0.0.0.0")
+    assert not origin_allowed("http://page.example:8080", "page.example:8080", bound_host="0.0.0.0")
+
+
+def test_the_health_check_tells_a_server_from_none():
+    _, option, program = health_check()
+    assert health_check()[0] == "python"
+    assert f":{port()}/" in program
+    server = start_server(port=0)
+    try:
+        there = program.replace(f":{port()}/", f":{server.get_port()}/")
+        assert subprocess.run([sys.executable, option, there], check=False).returncode == 0
+    finally:
+        server.stop()
+    gone = subprocess.run([sys.executable, option, there], capture_output=True, check=False)
+    assert gone.returncode == 1
+
+
+def test_its_steps_are_shell_and_name_the_systems_libraries_of_run():
+    for step, text in STEPS:
+        if step == "RUN":
+            command = re.sub(r"^--mount=\S+\s+", "", text)
+            done = subprocess.run(
+                [shutil.which("sh") or "sh", "-n", "-c", command], capture_output=True, text=True
+            )
+            assert done.returncode == 0, done.stderr
+    (libraries,) = re.findall(r"^libraries='([^']*)'", (ROOT / "run").read_text(), re.MULTILINE)
+    assert f"--no-install-recommends {libraries} &&" in re.sub(r"\s+", " ", TEXT.replace("\\\n", " "))
+
+
+def test_its_python_and_extras_are_the_projects():
+    images = {text.split()[0] for step, text in STEPS if step == "FROM"}
+    assert len(images) == 1
+    version = re.fullmatch(r"python:(3\.\d+)-slim-\w+", images.pop())
+    assert version
+    assert f"Programming Language :: Python :: {version[1]}" in PROJECT["classifiers"]
+    extras = set(given("ARG").removeprefix("EXTRAS=").split(","))
+    assert "page" in extras <= set(PROJECT["optional-dependencies"])
+
+
+def ignored(path: str) -> bool:
+    """Whether .dockerignore keeps a file out: the last pattern that matches it or a folder above it decides."""
+    out = False
+    parts = path.split("/")
+    above = ["/".join(parts[: end + 1]) for end in range(len(parts))]
+    for line in (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines():
+        pattern = line.removeprefix("!").removeprefix("**/")
+        if not pattern or pattern.startswith("#"):
+            continue
+        names = parts if "**/" in line else above
+        depths = [name for name in names if "**/" in line or name.count("/") == pattern.count("/")]
+        if any(fnmatch.fnmatchcase(name, pattern) for name in depths):
+            out = not line.startswith("!")
+    return out
+
+
+def test_the_image_is_built_from_what_the_wheel_needs_and_no_more():
+    data = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["data-files"]
+    samples = [pattern.replace("*", "points.csv") for patterns in data.values() for pattern in patterns]
+    needed = [
+        "pyproject.toml",
+        "README.md",
+        "LICENSE",
+        "MANIFEST.in",
+        "calib/frames.py",
+        "inspector/py.typed",
+    ]
+    named = shlex.split((ROOT / "MANIFEST.in").read_text().splitlines()[0])[1:]
+    assert [path for path in [*needed, *named, *samples] if ignored(path)] == []
+    kept_out = [
+        ".git/config",
+        ".venv/bin/python",
+        "tests/test_jig.py",
+        "build/lib/calib/frames.py",
+        "my_data/a/poses.csv",
+    ]
+    kept_out += [
+        "sample_data/ur10_ipa/points.csv",
+        "calib/__pycache__/frames.pyc",
+        "docs/index.md",
+        ".env",
+        ".git/config",
+    ]
+    assert [path for path in kept_out if not ignored(path)] == []
