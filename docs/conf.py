@@ -27,6 +27,7 @@ extensions = [
     "effects",  # docs/extensions: a page for each effect of the catalogue
     "commands",
     "gallery",
+    "notebooks",  # docs/extensions: docs/notebooks/*.ipynb are run, and become pages
 ]
 exclude_patterns = ["**/README.md"]
 

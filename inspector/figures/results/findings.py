@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import plotly.graph_objects as go
 
 from calib.calibration.noise_check import noise_floor_mm
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import MIN_LOG_EVIDENCE
-from calib.diagnosis.effect_selection import candidate_of
+from calib.diagnosis.effect_selection import FitStep, candidate_of
 from calib.diagnosis.result import Diagnosis
 from calib.errors import CalibError
 from calib.screening.curves.fitted_curves import fitted_curves
@@ -21,14 +23,18 @@ from inspector.figures import (
 from inspector.figures.style import titled
 
 
-def error_history(diagnosis: Diagnosis, *, dark: bool = False) -> go.Figure:
+def error_history(of: Diagnosis | Sequence[FitStep], *, dark: bool = False) -> go.Figure:
     """How the 3D error (RMS, mm, logarithmic) of training and test poses fell with each effect that was added.
 
     Dashed: what noise alone leaves, where the dataset declares it.
+
+    Args:
+        of: a diagnosis, or the steps of a model, as `calib.diagnosis.search_space.add_in_turn` makes them.
     """
-    first, last = diagnosis.steps[0].calibration, diagnosis.calibration
-    stages = [first.before, *(step.calibration.after for step in diagnosis.steps)]
-    labels = ["as delivered", *(step.label for step in diagnosis.steps)]
+    steps = of.steps if isinstance(of, Diagnosis) else of
+    first, last = steps[0].calibration, steps[-1].calibration
+    stages = [first.before, *(step.calibration.after for step in steps)]
+    labels = ["as delivered", *(step.label for step in steps)]
     train = [np.nan if s.train is None else s.train.rmse_mm for s in stages]
     test = [np.nan if s.test is None else s.test.rmse_mm for s in stages]
     drawn = plots.error_history(labels, train, test, noise_floor_mm(last), dark=dark)

@@ -14,7 +14,7 @@ def to_svg(figure: go.Figure, width_px: int = 850, height_px: int = 0) -> str:
     Args:
         height_px: 0 takes the figure's own.
 
-    Raises CalibError on the views of the work space, which plotly alone draws to one scale.
+    Raises CalibError on `work_space`: plotly alone draws points in the colours of a scale.
     """
     title = plain(figure.layout.title.text or "figure")
     return svg_file(figure, width_px, height_px or int(figure.layout.height or 360), title=title)

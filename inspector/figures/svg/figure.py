@@ -23,6 +23,7 @@ from inspector.figures.svg.marks import (
     marker_of,
     symbol,
 )
+from inspector.figures.svg.one_scale import to_one_scale
 from inspector.figures.svg.text import USUAL_PX, escaped, label, number, plain, width_px
 
 _LEGEND_PX, _TITLE_PX, _GAP_PX = 20.0, 18.0, 6.0
@@ -78,13 +79,14 @@ def _panels(
     inner_w, inner_h = width - left - right, height - top - bottom
     if _is_heat(traces):
         inner_w = inner_h = min(inner_w, inner_h)
-    return {
+    placed = {
         key: Panel(
             x, y, left + inner_w * x.domain[0], top + inner_h * (1.0 - y.domain[1]),
             inner_w * (x.domain[1] - x.domain[0]), inner_h * (y.domain[1] - y.domain[0]),
         )
         for key, (x, y) in axes.items()
     }  # fmt: skip
+    return to_one_scale(placed, layout)
 
 
 def _axes(

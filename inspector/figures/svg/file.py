@@ -10,9 +10,11 @@ from inspector.figures.svg.figure import svg_of
 
 def svg_file(figure: go.Figure, width: int, height: int, *, title: str) -> str:
     """The figure as a file of its own, dark on white. Raises CalibError on one that cannot be drawn so."""
-    if "yaxis2" in (layout := figure.to_dict()["layout"]) and "scaleanchor" in layout["yaxis2"]:
+    if any(
+        not isinstance((t.marker and t.marker.color) or "", str) for t in figure.data if t.type == "scatter"
+    ):
         raise CalibError(
-            f"{title}: two views to one scale are drawn by plotly alone; write_html keeps this figure as a page"
+            f"{title}: plotly alone draws points in the colours of a scale; write_html keeps it as a page"
         )
     drawn = svg_of(figure, width, height, name="figure", title=title)
     style = (

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from inspector.figures.plots import correlation_heatmap, error_history, pose_residuals
-from inspector.figures.residual_plots import residual_against
+from inspector.figures.residual_plots import places_by_role, residual_against
 from inspector.figures.svg.axis import axis_of
 from inspector.figures.svg.figure import svg_of
 from inspector.figures.svg.marks import cell_colour
@@ -132,3 +132,19 @@ def test_what_lies_beyond_an_axis_is_told_at_its_edge_and_stays_inside() -> None
         clipped = [g for g in drawn.iter("g") if g.get("clip-path")]
         tall = [r for r in drawn.iter("rect") if float(r.get("height") or 0) > HEIGHT]
         assert all(any(r in list(g.iter()) for g in clipped) for r in tall)
+
+
+def test_two_views_have_one_scale_and_numbers_below_the_lower_one() -> None:
+    place = np.array([[0.0, 0.0, 0.0], [1000.0, 200.0, 300.0]])
+    drawn = places_by_role(place, ["a", "b"], ["train", "train"])
+    picture = parsed(svg_of(drawn, 800, 600, name="views", title="views"))
+    marks = [circle for circle in picture.iter("circle") if circle.find("title") is not None]
+    at = [(float(circle.get("cx", "")), float(circle.get("cy", ""))) for circle in marks]
+    (x0, y0), (x1, y1), (u0, v0), (u1, v1) = at
+    per_mm = (x1 - x0) / 1000.0
+    assert (u0, u1) == (x0, x1)
+    assert (y0 - y1) / 200.0 == pytest.approx(per_mm, rel=1e-2)
+    assert (v0 - v1) / 300.0 == pytest.approx(per_mm, rel=1e-2)
+    words = ["".join(text.itertext()) for text in picture.iter("text")]
+    assert words.count("x of the base, mm") == 1
+    assert words.count("500") == 1

@@ -113,7 +113,7 @@ def test_a_wrong_name_lists_the_right_ones(fit: Calibration, found: Diagnosis) -
         (lambda: figures.added_variable(found, "rust"), "rust is not among the candidates"),
         (lambda: figures.learned_curves(found), "no curves were learned; the model is link errors"),
         (lambda: figures.control_chart([]), "no measurement to draw"),
-        (lambda: figures.to_svg(figures.work_space(fit)), "drawn by plotly alone"),
+        (lambda: figures.to_svg(figures.work_space(fit)), "plotly alone draws points"),
     ):
         with pytest.raises(CalibError, match=says):
             wrong()

@@ -1,0 +1,42 @@
+"""Panels whose axes have one scale: as many millimetres a pixel across as along, in each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from inspector.figures.svg.axis import Axis, axis_of
+from inspector.figures.svg.marks import Panel
+
+Key = tuple[str, str]  # the names of a panel's axes
+
+
+def to_one_scale(panels: Mapping[Key, Panel], layout: Mapping[str, Any]) -> dict[Key, Panel]:
+    """The panels with wider ranges where the layout asks for one scale of x and y; else as they are.
+
+    Of panels above each other the lowest alone has numbers and a title below.
+    """
+    if not all("scaleanchor" in (layout.get(f"yaxis{y[1:]}") or {}) for _, y in panels) or len(panels) < 2:
+        return dict(panels)
+    scale = max(max((p.x.high - p.x.low) / p.width, (p.y.high - p.y.low) / p.height) for p in panels.values())
+    lowest = max(panel.top for panel in panels.values())
+    width = max((p.x.high - p.x.low) / scale for p in panels.values())
+    return {
+        key: replace(
+            panel,
+            x=_widened(panel.x, scale * width, width, told=panel.top == lowest),
+            y=_widened(panel.y, scale * panel.height, panel.height),
+            width=width,
+        )
+        for key, panel in panels.items()
+    }
+
+
+def _widened(axis: Axis, length: float, pixels: float, *, told: bool = True) -> Axis:
+    """The axis about its middle, `length` long; without words where it is not told."""
+    middle = 0.5 * (axis.low + axis.high)
+    ends = [middle - 0.5 * length, middle + 0.5 * length]
+    given = {"title": {"text": axis.title if told else ""}, "range": ends, "domain": axis.domain}
+    wider = axis_of(given, [], 0.85 * pixels, marks=True)
+    return wider if told else replace(wider, ticks=tuple((at, "") for at, _ in wider.ticks))

@@ -1,0 +1,131 @@
+"""The notebook is run cell by cell: the error falls, nothing warns; and what its cells show becomes a page."""
+
+from __future__ import annotations
+
+import json
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from IPython.core.interactiveshell import InteractiveShell
+from IPython.utils.capture import capture_output
+from traitlets.config import Config
+
+ROOT = Path(__file__).parents[2]
+NOTEBOOK = ROOT / "docs" / "notebooks" / "diagnose.ipynb"
+
+
+def cells(kind: str) -> list[dict[str, Any]]:
+    return [cell for cell in json.loads(NOTEBOOK.read_text("utf-8"))["cells"] if cell["cell_type"] == kind]
+
+
+@pytest.fixture
+def shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[InteractiveShell]:
+    """A shell in an empty folder that has the sample data."""
+    (tmp_path / "sample_data").symlink_to(ROOT / "sample_data")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    monkeypatch.setenv("PLOTLY_RENDERER", "plotly_mimetype")
+    hook, modules = sys.displayhook, dict(sys.modules)
+    shell = InteractiveShell(config=Config({"HistoryManager": {"enabled": False}}))
+    yield shell
+    sys.displayhook = hook
+    sys.modules["__main__"] = modules["__main__"]
+
+
+def test_it_has_ten_cells_and_is_stored_without_outputs() -> None:
+    code = cells("code")
+    assert len(code) == 10
+    assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in code)
+    told = ["".join(cell["source"]) for cell in cells("markdown")]
+    assert [text.splitlines()[0].split(".")[0] for text in told[1:-1]] == [f"## {k}" for k in range(1, 11)]
+
+
+@pytest.mark.slow
+def test_every_cell_runs_without_a_warning_and_the_error_falls(
+    shell: InteractiveShell, tmp_path: Path
+) -> None:
+    for cell in cells("code"):
+        with warnings.catch_warnings(), capture_output() as said:
+            warnings.simplefilter("error")
+            done = shell.run_cell("".join(cell["source"]))
+        assert done.success, cell["id"]
+        assert said.stderr == "", cell["id"]
+        assert said.stdout or said.outputs, f"cell {cell['id']} shows nothing"
+    left = shell.user_ns
+    errors = [step.calibration.after.test.rmse_mm for step in left["steps"]]
+    errors.insert(0, left["calibration"].before.test.rmse_mm)
+    assert all(np.diff(errors) < 0.0), errors
+    # The folder's truth: compliance and backlash (tests/truth). Noise alone leaves sqrt(3) of a coordinate's.
+    assert errors[-1] < 1.5 * np.sqrt(3.0) * left["dataset"].scanner.point_sigma_mm
+    truth = json.loads((ROOT / "tests" / "truth" / "hidden_effect_b.json").read_text("utf-8"))
+    assert set(left["found"].missing) == set(truth["effects"])
+    assert left["correction"].reached.all()
+    assert left["correction"].position_error_mm.max() < 1e-6
+    assert (tmp_path / "model.json").is_file()
+
+
+@pytest.fixture
+def pages(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The extension that makes pages of notebooks."""
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "extensions"))
+    pytest.importorskip("sphinx")
+    import notebooks
+
+    return notebooks
+
+
+def output(kind: str = "display_data", **given: Any) -> SimpleNamespace:
+    return SimpleNamespace(output_type=kind, **given)
+
+
+def test_a_page_shows_what_the_cells_show(pages: Any) -> None:
+    import plotly.graph_objects as go
+
+    drawn = go.Figure(
+        {"data": [{"type": "bar", "x": ["a<b"], "y": [2.5], "marker": {"color": "#0072B2"}}],
+         "layout": {"title": {"text": "<i>bars"}, "xaxis": {"type": "category"}, "height": 300}}
+    )  # fmt: skip
+    page = pages.page_of(
+        SimpleNamespace(
+            cells=[
+                SimpleNamespace(cell_type="markdown", source="# Title"),
+                SimpleNamespace(
+                    cell_type="code", source="x = 1",
+                    outputs=[
+                        output("stream", name="stdout", text="said\n"),
+                        output(data={"text/html": "", "text/plain": "<HTML object>"}),  # a bar that is done
+                        output(data={"text/html": '<table border="1"><tr><td>7</td></tr></table>'}),
+                        output(data={"application/vnd.plotly.v1+json": json.loads(drawn.to_json())}),
+                        output("execute_result", data={"text/plain": "42"}),
+                    ],
+                ),
+            ]
+        )
+    )  # fmt: skip
+    parts = page.split("\n\n")
+    assert parts[:3] == ["# Title", "```{code-block} python\nx = 1\n```", "```text\nsaid\n```"]
+    assert page.count("{raw} html") == 2
+    assert "<td>7</td>" in page
+    assert "border=" not in page
+    assert "<svg" in page
+    assert "<i>" not in page
+    assert "<script" not in page
+    assert page.endswith("```text\n42\n```\n")
+
+
+@pytest.mark.thorough
+def test_a_cell_that_warns_or_fails_fails_the_build(pages: Any) -> None:
+    from nbformat.v4 import new_code_cell, new_notebook
+
+    for source, says in (
+        ("import warnings; warnings.warn('old')", "writes to stderr: .*old"),
+        ("1 / 0", "ZeroDivisionError"),
+    ):
+        with pytest.raises(pages.ExtensionError, match=f"(?s)odd.ipynb: .*{says}"):
+            pages.run(new_notebook(cells=[new_code_cell(source)]), "odd.ipynb")
