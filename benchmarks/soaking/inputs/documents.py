@@ -64,7 +64,24 @@ def _toml_table(rng: Rng, content: bytes) -> bytes:
     return b"".join(parts)
 
 
+_FLOAT = re.compile(rb"(?<![\w.\"])-?\d+\.\d+(?![\w.])")
+
+
+def _toml_plausible(rng: Rng, content: bytes) -> bytes:
+    """One to three decimals larger, smaller, negative, zero, or another's: a document still."""
+    for _ in range(int(rng.integers(1, 4))):
+        found = list(_FLOAT.finditer(content))
+        if not found:
+            break
+        one, other = found[at(rng, len(found))], found[at(rng, len(found))]
+        factor = float(rng.choice([-1.0, 0.0, 2.0, 0.5, 1e-6, 10.0, 1000.0]))
+        new = other[0] if rng.random() < 0.2 else repr(float(one[0]) * factor).encode()
+        content = content[: one.start()] + new + content[one.end() :]
+    return content
+
+
 TOML_CHANGES: dict[str, Change] = {
+    **{f"plausible numbers {k}": _toml_plausible for k in (1, 2, 3, 4)},
     "values": _toml_value,
     "values again": _toml_value,
     "keys": _toml_key,
