@@ -9,6 +9,7 @@ This file, `viser_caches` and `uploads` alone lean on viser's private names, so 
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import http
 import io
@@ -32,7 +33,7 @@ from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
 from calib.errors import CalibError
-from inspector.server.connection_log import connection_logger
+from inspector.server.connection_log import CrowdTold, connection_logger
 from inspector.server.page_requests import PageRequests, with_script
 from inspector.server.viser_caches import cache_lookups
 
@@ -218,6 +219,7 @@ def _serving_on(listener: socket.socket, bound_host: str, requests: PageRequests
         select_subprotocol: Callable[[ServerConnection, Sequence[Subprotocol]], Subprotocol | None],
     ) -> websockets_serve:
         del host, port
+        asyncio.get_running_loop().set_exception_handler(CrowdTold())
         return websockets_serve(
             handler,
             sock=listener,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -17,8 +18,14 @@ from soaking.inputs.commands import files_below
 from tests.support.wire_client import WireClient
 
 ROOT = Path(__file__).resolve().parents[3]
+OPEN_FILES = 1024
 START_S = 300.0
 ASKS_AGAIN_S, GIVES_UP_S = 10.0, 60.0
+
+
+def _usual_files() -> None:
+    """As many open files as a user's shell allows; more connections than that are part of what is tried."""
+    resource.setrlimit(resource.RLIMIT_NOFILE, (OPEN_FILES, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
 
 
 class LiveServer:
@@ -41,6 +48,7 @@ class LiveServer:
             [sys.executable, "-u", "-m", "inspector", "serve", str(folder / "served"), "--port", "0",
              "--data", str(folder / "data")],
             stdout=self.log.open("wb"), stderr=subprocess.STDOUT, cwd=folder / "cwd", env=environment,
+            preexec_fn=_usual_files,
         )  # fmt: skip
         end = time.monotonic() + START_S
         while not (found := re.search(r"Open http://127\.0\.0\.1:(\d+)", self.said())):

@@ -155,13 +155,11 @@ def odd_asks(port: int) -> None:
 
 
 def flood_of_connections(port: int) -> None:
-    """Fifteen hundred at once, open until they are closed."""
-    callers = []
-    for _ in range(1500):
-        try:
-            callers.append(socket.create_connection((HOST, port), 0.5))
-        except OSError:
-            break
+    """Fifteen hundred at once, more than a process may have open files as a rule, until they are closed."""
+    callers, end = [], time.monotonic() + 2 * SPAN_S
+    while len(callers) < 1500 and time.monotonic() < end:
+        with contextlib.suppress(OSError):
+            callers.append(socket.create_connection((HOST, port), 8.0))
     time.sleep(SPAN_S / 3)
     for caller in callers:
         caller.close()

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import logging
+import resource
 import socket
 import struct
+import subprocess
+import sys
+import time
 import urllib.request
+from pathlib import Path
 
 import pytest
 import viser
@@ -86,4 +91,47 @@ def test_rubbish_from_a_page_is_a_line(
             assert "\n" not in record.getMessage()
         assert "Traceback" not in capfd.readouterr().err
     finally:
+        server.stop()
+
+
+CROWD = """
+import socket, sys
+callers = [socket.create_connection(("127.0.0.1", int(sys.argv[1])), 20.0) for _ in range(80)]
+print("there", flush=True)
+sys.stdin.readline()
+"""
+
+
+def test_a_crowd_beyond_the_open_files_is_one_line_and_the_page_is_served_on(
+    caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
+) -> None:
+    server = start_server(port=0)
+    port = server.get_port()
+    usual = resource.getrlimit(resource.RLIMIT_NOFILE)
+    try:
+        with WireClient(port) as page, caplog.at_level(logging.WARNING):
+            command = [sys.executable, "-S", "-c", CROWD, str(port)]
+            with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as crowd:
+                assert crowd.stdin is not None
+                assert crowd.stdout is not None
+                taken = {int(path.name) for path in Path("/proc/self/fd").iterdir()}
+                free = [number for number in range(10_000) if number not in taken]
+                resource.setrlimit(resource.RLIMIT_NOFILE, (free[20], usual[1]))
+                assert crowd.stdout.readline() == "there\n"
+                for _ in range(100):
+                    if caplog.records:
+                        break
+                    page.wait(lambda _: True)
+                    time.sleep(0.05)
+                resource.setrlimit(resource.RLIMIT_NOFILE, usual)
+                crowd.stdin.write("\n")
+                crowd.stdin.flush()
+            with WireClient(port):  # whoever waited is let in
+                pass
+        (told,) = caplog.records
+        assert "more connections at a time" in told.getMessage()
+        assert told.exc_info is None
+        assert "Traceback" not in capfd.readouterr().err
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, usual)
         server.stop()
