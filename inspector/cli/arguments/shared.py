@@ -106,7 +106,13 @@ def add_finder(sub: ArgumentParser) -> None:
 
 def add_residual(sub: ArgumentParser) -> None:
     """The option --residual."""
-    sub.add_argument("--residual", choices=RESIDUAL_KINDS, default="position", help="default position")
+    sub.add_argument(
+        "--residual",
+        choices=RESIDUAL_KINDS,
+        default="position",
+        help="what is fitted: places with the scanner's place unknown (position, the default), distances to the "
+        "reference pose, distances of pairs of poses, or full poses",
+    )
 
 
 def convert_arguments(sub: ArgumentParser) -> None:
