@@ -79,6 +79,11 @@ class Viewed:
     def _repr_pretty_(self, printer: Printer, cycle: bool) -> None:
         printer.text(self.summary())
 
+    def __init_subclass__(cls) -> None:
+        # IPython goes by the class's own attributes: else it would take the long text that dataclasses make, a
+        # megabyte of a diagnosis, which a notebook keeps beside the HTML.
+        cls._repr_pretty_ = Viewed._repr_pretty_  # type: ignore[method-assign]
+
     def summary(self) -> str:
         """The result in a few lines of plain text."""
         return str(_maker(TEXTS[_name_of(type(self))])(self))

@@ -39,9 +39,6 @@ def selects_joint_of_row(joints: Mapping[str, int]) -> dict[str, object]:
     return {"ask": "joint", "rows": dict(joints)}
 
 
-_TITLE_PX, _ALONE_PX = 34, 420  # what a title takes; the height of a figure that stands alone
-
-
 def ink(dark: bool) -> str:
     """The colour of text and thin lines."""
     return "#E8EAED" if dark else "#24292F"
@@ -140,16 +137,3 @@ def figure(
         "yaxis": axis(yaxis),
     }  # fmt: skip
     return go.Figure({"data": list(traces), "layout": {**common, **more}}, _validate=False)
-
-
-def titled(fig: go.Figure, title: str, *, dark: bool, height_px: int = 0) -> go.Figure:
-    """The figure to stand alone: with a title, and on a background of its own, light or dark."""
-    page = "#15191F" if dark else "#FFFFFF"
-    top = fig.layout.margin.t + _TITLE_PX
-    fig.update_layout(
-        title={"text": escape(title), "font": {"size": 15}, "x": 0, "xref": "paper", "y": 1, "yref": "container",
-               "yanchor": "top", "pad": {"t": 10}},
-        paper_bgcolor=page, plot_bgcolor=page, margin_t=top,
-        height=height_px + _TITLE_PX if height_px else _ALONE_PX,
-    )  # fmt: skip
-    return fig

@@ -20,7 +20,7 @@ from inspector.figures import (
     plots,
     residual_plots,
 )
-from inspector.figures.style import titled
+from inspector.figures.results.alone import titled
 
 
 def error_history(of: Diagnosis | Sequence[FitStep], *, dark: bool = False) -> go.Figure:

@@ -22,7 +22,7 @@ from inspector.figures import (
     plots,
     residual_plots,
 )
-from inspector.figures.style import titled
+from inspector.figures.results.alone import titled
 from inspector.markup.learn.residuals import AXES, LENGTH, input_title, joint_title, shown, turned
 
 _TALL_PX = 620  # of figures of one scale both ways

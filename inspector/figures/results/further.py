@@ -17,7 +17,7 @@ from inspector.figures import (
     plan_plots,
     watch_plots,
 )
-from inspector.figures.style import titled
+from inspector.figures.results.alone import titled
 
 
 def learning_curve(curve: LearningCurve, *, dark: bool = False) -> go.Figure:

@@ -6,6 +6,7 @@ have the colours of the page it stands in (`--ink`, `--soft`, `--line`): one pic
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -113,23 +114,15 @@ def _room_of_first(x: Axis) -> float:
     """What a slanted label under the left end of an axis needs left of it."""
     if not x.ticks or not 1.0 < abs(x.tick_angle_deg) < 80.0:
         return 0.0
-    return 0.72 * width_px(x.ticks[0][1])
+    return math.cos(math.radians(x.tick_angle_deg)) * width_px(x.ticks[0][1])
 
 
 def _room_below(x: Axis) -> float:
+    """What title and numbers need below an axis."""
     longest = max((width_px(text) for _, text in x.ticks), default=0.0)
-    slanted = abs(x.tick_angle_deg) > 1.0
-    return (
-        _TITLE_PX
-        + _GAP_PX
-        + (
-            0.72 * longest + 8.0
-            if slanted and abs(x.tick_angle_deg) < 80
-            else longest + 4.0
-            if slanted
-            else 14.0
-        )
-    )
+    angle = abs(x.tick_angle_deg)
+    slanted = math.sin(math.radians(angle)) * longest + (8.0 if angle < 80.0 else 4.0)
+    return _TITLE_PX + _GAP_PX + (slanted if angle > 1.0 else 14.0)
 
 
 def _clips(panels: Mapping[tuple[str, str], Panel], name: str) -> str:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -298,3 +299,22 @@ except Exception as error:
         "CalibError inspector.figures.error_bars needs plotly, which is not installed: "
         "pip install 'robot-calibration-inspector[page]'"
     ]
+
+
+def test_a_cell_gets_a_still_picture_beside_what_plotly_makes(
+    fit: Calibration, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PLOTLY_RENDERER", "plotly_mimetype")
+    monkeypatch.setattr("plotly.io.renderers.default", "plotly_mimetype")
+    shown: list[dict[str, object]] = []
+    shell = SimpleNamespace(kernel=object())
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))  # type: ignore[arg-type]
+    display = SimpleNamespace(display=lambda bundle, raw: shown.append(bundle))
+    monkeypatch.setitem(sys.modules, "IPython.display", display)  # type: ignore[arg-type]
+    figures.error_bars(fit)._ipython_display_()
+    (bundle,) = shown
+    assert set(bundle) == {"application/vnd.plotly.v1+json", "image/svg+xml"}
+    assert bundle["image/svg+xml"] == figures.to_svg(figures.error_bars(fit))
+    assert set(figures.work_space(fit)._repr_mimebundle_()) == {"application/vnd.plotly.v1+json"}
+    for figure in (figures.error_bars(fit), figures.work_space(fit)):
+        assert "cdn." not in figure._repr_html_()[:2000]

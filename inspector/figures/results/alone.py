@@ -1,0 +1,62 @@
+"""A figure that stands alone: with a title, on a background of its own, and as a still picture where no script runs."""
+
+from __future__ import annotations
+
+from html import escape
+from importlib import import_module
+from typing import Any
+
+import plotly.graph_objects as go
+
+from calib.display.progress import in_notebook
+from calib.errors import CalibError
+from inspector.figures.results.still import to_svg
+
+_TITLE_PX, _ALONE_PX = 34, 420  # what a title takes; the height of a figure that gives none
+_SVG = "image/svg+xml"
+
+
+class ResultFigure(go.Figure):  # type: ignore[misc]
+    """A plotly figure that a notebook can show without a script too.
+
+    Beside what plotly's renderer makes of it a cell gets the still picture: an export to HTML or PDF, a code host or an
+    untrusted notebook shows that. Nothing is asked of the network.
+    """
+
+    def _repr_mimebundle_(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
+        bundle: dict[str, Any] = super()._repr_mimebundle_(*args, **kwargs)
+        try:
+            return {**bundle, _SVG: to_svg(self)}
+        except CalibError:  # plotly alone draws it
+            return bundle
+
+    def _ipython_display_(self) -> None:
+        if in_notebook():
+            import_module("IPython.display").display(self._repr_mimebundle_(), raw=True)
+        else:
+            super()._ipython_display_()
+
+    def _repr_html_(self) -> str:
+        try:
+            return to_svg(self)
+        except CalibError:
+            return str(self.to_html(full_html=False, include_plotlyjs=True))
+
+
+def titled(fig: go.Figure, title: str, *, dark: bool, height_px: int = 0) -> ResultFigure:
+    """The figure to stand alone, light or dark; `height_px` without its title, 0 for the usual."""
+    page = "#15191F" if dark else "#FFFFFF"
+    given = fig.to_dict()
+    layout = given["layout"]
+    top = layout["margin"]["t"] + _TITLE_PX
+    alone = {
+        "title": {
+            "text": escape(title), "font": {"size": 15}, "x": 0, "xref": "paper", "y": 1, "yref": "container",
+            "yanchor": "top", "pad": {"t": 10},
+        },
+        "paper_bgcolor": page,
+        "plot_bgcolor": page,
+        "margin": {**layout["margin"], "t": top},
+        "height": height_px + _TITLE_PX if height_px else _ALONE_PX,
+    }  # fmt: skip
+    return ResultFigure({"data": given["data"], "layout": {**layout, **alone}}, _validate=False)
