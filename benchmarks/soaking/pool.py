@@ -48,7 +48,7 @@ def serve(pipe: Connection, work: Work, scratch: Path) -> None:
     """A process: number after number until None."""
     resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
     module: Any = importlib.import_module(work.module)
-    while (number := pipe.recv()) is not None:
+    while (number := _next(pipe)) is not None:
         shutil.rmtree(scratch, ignore_errors=True)
         scratch.mkdir(parents=True)
         forget_peak()
@@ -58,6 +58,15 @@ def serve(pipe: Connection, work: Work, scratch: Path) -> None:
         except BaseException:  # whatever it is, it is told, and the next case is tried
             result = Result(number, "?", trouble="traceback", said=traceback.format_exc()[-4000:])
         pipe.send(replace(result, seconds=round(time.perf_counter() - began, 3), mb=round(peak_mb(), 1)))
+
+
+def _next(pipe: Connection) -> int | None:
+    """The next case; None where there is none, or nobody to ask any more."""
+    try:
+        number: int | None = pipe.recv()
+    except (EOFError, OSError):
+        return None
+    return number
 
 
 class _Slot:
