@@ -45,7 +45,7 @@ def attempt(number: int, seed: int, material: Path, scratch: Path) -> Result:
     if not differs and drawn % DIAGNOSED == 0:
         what += ", diagnosed"
         first, second = diagnose(dataset), diagnose(other)
-        if (first.verdict, first.missing) != (second.verdict, second.missing):
+        if (first.verdict, {*first.missing}) != (second.verdict, {*second.missing}):
             differs = f"{first.verdict} {first.missing} and {second.verdict} {second.missing}"
     return Result(number, kind, what, "differs" if differs else "same", "wrong" if differs else "", differs)
 
