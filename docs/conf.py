@@ -28,6 +28,7 @@ extensions = [
     "commands",
     "gallery",
     "notebooks",  # docs/extensions: docs/notebooks/*.ipynb are run, and become pages
+    "offline",
 ]
 exclude_patterns = ["**/README.md"]
 
