@@ -184,10 +184,12 @@ def test_fleet_installs_what_it_needs_beside_which_is_all_that_others_need(sandb
 def test_docs_are_built_with_what_they_need_and_a_fault_in_them_is_a_failure(sandbox: Sandbox):
     done, calls = sandbox.run("docs")
     assert any(call.endswith("--editable .[scans,page,docs]") for call in calls)
-    assert calls[-1] == "-m sphinx -q -W --keep-going -b html -d build/doctrees docs build/docs"
+    assert calls[-1] == "-m sphinx -q -W --keep-going -j auto -b html -d build/doctrees docs build/docs"
     assert done.stdout == f"{sandbox.project}/build/docs/index.html\n"
     _, calls = sandbox.run("docs", "--links", "-E")
-    assert calls == ["-m sphinx -q -W --keep-going -b linkcheck -d build/doctrees -E docs build/links"]
+    assert calls == [
+        "-m sphinx -q -W --keep-going -j auto -b linkcheck -d build/doctrees -E docs build/links"
+    ]
     done, _ = sandbox.run("docs", SPHINX_EXIT="1")
     assert (done.returncode, done.stdout) == (1, "")
     assert "faults" in done.stderr
@@ -446,6 +448,6 @@ def test_ci_runs_the_same_tests_then_tries_what_is_built(sandbox: Sandbox, faili
     )
     assert done.returncode == (5 if failing else 3)
     called = calls.read_text().splitlines()
-    tests, after = called[-1 if failing else -2], [] if failing else [called[-1]]
+    tests, after = (called[-1], []) if failing else (called[-3], called[-2:])
     assert tests.endswith("--no-loadscope-reorder -m not thorough")
-    assert after == ([] if failing else ["artefacts"])
+    assert [call.partition(" -q")[0] for call in after] == ([] if failing else ["-m sphinx", "artefacts"])
