@@ -14,6 +14,7 @@ from the last joint to the tip.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +34,10 @@ _ANGLES = {"deg": math.pi / 180.0, "rad": 1.0}
 _LENGTHS = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "in": 25.4, "um": 1e-3}
 _SAME_AXIS_MM, _SAME_AXIS_RAD = 1e-6, 1e-9
 _MOST = 1e6
+_OF_PI = re.compile(  # as makers print angles: π/2, -π/2, pi, 3pi/4, 0.5*pi
+    r"(?P<sign>[+-]?)(?P<times>\d{0,9}\.?\d{0,9})\s?\*?\s?(?:π|pi)(?:\s?/\s?(?P<by>\d{1,9}))?",
+    re.I | re.ASCII,
+)
 
 
 def chain_of_table(path: Path, convention: str | None) -> SerialChain:
@@ -53,6 +58,15 @@ def chain_of_table(path: Path, convention: str | None) -> SerialChain:
         f"{path}: line 1: found {table.named}; expected theta, d, a, alpha, or wx, wy, wz with px, py, pz, or x, y, z, "
         "roll, pitch, yaw"
     )
+
+
+def _without_pi(cell: str) -> str:
+    """A cell such as -π/2 as a number; any other as it is."""
+    found = _OF_PI.fullmatch(cell.strip().replace("\N{MINUS SIGN}", "-"))
+    if found is None or found["times"] == "." or (found["by"] is not None and int(found["by"]) == 0):
+        return cell
+    value = float(found["times"] or 1) * math.pi / int(found["by"] or 1)
+    return repr(-value if found["sign"] == "-" else value)
 
 
 class _Table:
@@ -105,6 +119,9 @@ class _Table:
         name, unit = self._columns[column]
         faults: list[str] = []
         filled = [tuple(cell or "0" for cell in row) for row in self.table.rows]
+        if kind == "angle" and unit == "rad":
+            k = self.table.columns.index(name)
+            filled = [(*row[:k], _without_pi(row[k]), *row[k + 1 :]) for row in filled]
         out = replace(self.table, rows=tuple(filled)).numbers(name, faults.append)
         if faults:
             raise RobotFileError(faults[0])

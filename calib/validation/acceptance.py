@@ -141,7 +141,11 @@ def check(
                 on_step=on_step,
             )
             unsettled = diagnosis.verdict in UNSETTLED
-            words = verdict_text(diagnosis.explanation.verdict)
+            words = verdict_text(  # its reasons are no part of a check
+                diagnosis.explanation.verdict,
+                reasons="by inspector diagnose",
+                tied=" or ".join(diagnosis.ambiguous_set),
+            )
             items.append(CheckItem("diagnosis", None, words, warning=unsettled))
             items += _left_by_diagnosis(diagnosis)
         except FitError as error:  # no degree of freedom is left: a note, no failure

@@ -201,7 +201,10 @@ def _limits_note(robot: Robot) -> list[str]:
     if not open_ended:
         return []
     names = ", ".join(j.name for j in open_ended)
-    return [f"joints without limits in robot.toml: {names}; half a turn either way (0 to 500 mm) is assumed"]
+    kinds = {j.type for j in open_ended}
+    taken = {"revolute": "half a turn either way", "prismatic": "0 to 500 mm"}
+    assumed = ", or ".join(words for kind, words in taken.items() if kind in kinds)
+    return [f"joints without limits in robot.toml: {names}; {assumed} is assumed"]
 
 
 def _bodies_note(bodies: ArmBodies) -> str:

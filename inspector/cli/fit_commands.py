@@ -120,7 +120,9 @@ def run_report(options: ReportOptions) -> int:
     report = report_of(with_found(session, found))
     write_text_atomically(options.out, report_html(report, now=datetime.now()))
     document = documents.diagnosis_document(found) | {"report": str(options.out)}
-    verdict = verdict_text(found.explanation.verdict)
+    verdict = verdict_text(
+        found.explanation.verdict, reasons="in the report", tied=" or ".join(found.ambiguous_set)
+    )
     show(options, document, f"{options.out}: {verdict}")
     return 0
 

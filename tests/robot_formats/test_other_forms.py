@@ -224,6 +224,44 @@ def test_a_table_in_the_wrong_convention_is_noticed(tmp_path: Path) -> None:
     assert np.abs(tips(robot, q) - [standard(rows, values) for values in q]).max() < 1e-9
 
 
+UR5E = """Kinematics,theta [rad],a [m],d [m],alpha [rad]
+Joint 1,0,0,0.1625,π/2
+Joint 2,0,-0.425,0,0
+Joint 3,0,-0.3922,0,0
+Joint 4,0,0,0.1333,pi / 2
+Joint 5,0,0,0.0997,−π/2
+Joint 6,4π/2,0,0.0996,0.0*pi
+"""
+
+
+def test_angles_as_a_maker_prints_them_in_parts_of_pi(tmp_path: Path) -> None:
+    path = tmp_path / "ur5e.csv"
+    path.write_text(UR5E, encoding="utf-8")
+    half = np.pi / 2
+    lengths = [(0, 162.5), (-425, 0), (-392.2, 0), (0, 133.3), (0, 99.7), (0, 99.6)]
+    rows = np.array(
+        [(0.0, a, d, alpha) for (a, d), alpha in zip(lengths, [half, 0, 0, half, -half, 0], strict=True)]
+    )
+    q = joints_at_random(20, 6)
+    robot = read_robot(path, Reading(convention="standard")).robot
+    assert np.abs(tips(robot, q) - [standard(rows, values) for values in q]).max() < 1e-9
+
+
+@pytest.mark.parametrize("cell", ["π/0", "π/2/2", "2π2", "pie", ".π", "1e3π", "π²"])
+def test_what_is_no_part_of_pi_is_no_number(tmp_path: Path, cell: str) -> None:
+    path = tmp_path / "ur5e.csv"
+    path.write_text(UR5E.replace("pi / 2", cell), encoding="utf-8")
+    with pytest.raises(Exception, match="line 5, column alpha"):
+        read_robot(path, Reading(convention="standard"))
+
+
+def test_parts_of_pi_are_no_degrees(tmp_path: Path) -> None:
+    path = tmp_path / "ur5e.csv"
+    path.write_text(UR5E.replace("[rad]", "[deg]"), encoding="utf-8")
+    with pytest.raises(Exception, match="a number is needed"):
+        read_robot(path, Reading(convention="standard"))
+
+
 @pytest.mark.parametrize("by_points", [True, False])
 def test_screw_axes_at_home(tmp_path: Path, by_points: bool) -> None:
     rng = np.random.default_rng(1)

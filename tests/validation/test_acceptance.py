@@ -13,9 +13,11 @@ import pytest
 from calib.corners.batch import find_corners, search_file
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
+from calib.dataset.files.robot_toml import builtin_robot
 from calib.jig import Jig
 from calib.scans.readers.by_suffix import READERS
 from calib.scans.scan import PointCount, write_scan
+from calib.simulation.simulate import simulate_dataset
 from calib.validation.acceptance import CheckItem, check, thin_scans
 from inspector.cli.parser import main
 from tests.support.arms import dataset_of, jang_arm, perturbed
@@ -197,3 +199,16 @@ def test_a_verdict_without_a_name_is_a_warning_in_capitals(tmp_path: Path) -> No
     assert "WARN  diagnosis: unexplained: up to " in found.summary()
     assert any(warning.startswith("diagnosis: unexplained") for warning in found.warnings)
     assert "passed, with" in found.summary().splitlines()[-1]
+
+
+@pytest.mark.slow
+def test_an_open_set_is_named_where_its_reasons_are_not_shown() -> None:
+    soft = simulate_dataset(
+        builtin_robot("rb5"), rng=np.random.default_rng(10), effects=[("link_bending", 1.0)], poses=40
+    )
+    found = check(soft.dataset)
+    assert found.diagnosis is not None
+    assert {"link_bending", "joint_compliance"} <= set(found.diagnosis.ambiguous_set)
+    line = next(line for line in found.summary().splitlines() if "diagnosis: ambiguous" in line)
+    assert all(name in line for name in found.diagnosis.ambiguous_set)
+    assert "above" not in line

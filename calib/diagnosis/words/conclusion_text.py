@@ -25,7 +25,7 @@ def verdict_text(verdict: facts.VerdictSentence, *, reasons: str = "above", tied
     """The verdict alone, a sentence or two.
 
     Args:
-        reasons: where the reader finds what led to it, "above" or "below".
+        reasons: where the reader finds what led to it, such as "above", "below" or "by inspector diagnose".
         tied: how a list of effects that cannot be told apart is told ("a, b or c"), where the reader has not seen it.
     """
     match verdict:
