@@ -39,6 +39,9 @@ def selects_joint_of_row(joints: Mapping[str, int]) -> dict[str, object]:
     return {"ask": "joint", "rows": dict(joints)}
 
 
+LIGHT_PAGE, DARK_PAGE = "#ffffff", "#15191f"  # behind a figure that stands alone
+
+
 def ink(dark: bool) -> str:
     """The colour of text and thin lines."""
     return "#E8EAED" if dark else "#24292F"

@@ -11,6 +11,7 @@ import plotly.graph_objects as go
 from calib.display.progress import in_notebook
 from calib.errors import CalibError
 from inspector.figures.results.still import to_svg
+from inspector.figures.style import DARK_PAGE, LIGHT_PAGE
 
 _TITLE_PX, _ALONE_PX = 34, 420  # what a title takes; the height of a figure that gives none
 _SVG = "image/svg+xml"
@@ -45,7 +46,7 @@ class ResultFigure(go.Figure):  # type: ignore[misc]
 
 def titled(fig: go.Figure, title: str, *, dark: bool, height_px: int = 0) -> ResultFigure:
     """The figure to stand alone, light or dark; `height_px` without its title, 0 for the usual."""
-    page = "#15191F" if dark else "#FFFFFF"
+    page = DARK_PAGE if dark else LIGHT_PAGE
     given = fig.to_dict()
     layout = given["layout"]
     top = layout["margin"]["t"] + _TITLE_PX

@@ -16,5 +16,6 @@ def to_svg(figure: go.Figure, width_px: int = 850, height_px: int = 0) -> str:
 
     Raises CalibError on `work_space`: plotly alone draws points in the colours of a scale.
     """
-    title = plain(figure.layout.title.text or "figure")
-    return svg_file(figure, width_px, height_px or int(figure.layout.height or 360), title=title)
+    heading = plain(figure.layout.title.text or "")
+    height = height_px or int(figure.layout.height or 360)
+    return svg_file(figure, width_px, height, title=heading or "figure", heading=heading)

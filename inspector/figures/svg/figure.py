@@ -51,7 +51,7 @@ def svg_of(figure: go.Figure, width: int, height: int, *, name: str, title: str)
         out += [_colour_bar(trace, panel) for trace in own if "colorbar" in trace]
     out.append(_annotations(layout, panels))
     out += [_legend(row, _LEGEND_PX * (k + 0.5)) for k, row in enumerate(entries)]
-    body = "".join(out).replace(ink(False), "var(--ink)")
+    body = "".join(out).replace(ink(False), "var(--ink)").replace(ink(True), "var(--ink)")
     return (
         f'<svg class="plot" viewBox="0 0 {width} {height}" role="img" aria-label="{escaped(title)}" '
         f'style="max-width:{width}px">{body}</svg>'

@@ -2,25 +2,45 @@
 
 from __future__ import annotations
 
+import zlib
+
 import plotly.graph_objects as go
 
 from calib.errors import CalibError
+from inspector.figures.style import DARK_PAGE
 from inspector.figures.svg.figure import svg_of
+from inspector.figures.svg.text import label
+
+_LIGHT = "--ink:#1f2328;--soft:#59636e;--line:#d1d9e0;background:#fff"
+_DARK = "--ink:#e6e9ec;--soft:#9aa4af;--line:#39424d;background:#15191f"
+_HEADING_PX = 30
+_IDS = "ids-of-this-picture"
 
 
-def svg_file(figure: go.Figure, width: int, height: int, *, title: str) -> str:
-    """The figure as a file of its own, dark on white. Raises CalibError on one that cannot be drawn so."""
+def svg_file(figure: go.Figure, width: int, height: int, *, title: str, heading: str = "") -> str:
+    """The figure as a file of its own, on a light ground, or a dark one where the figure has one.
+
+    `title` is read aloud, `heading` stands over it. Raises CalibError on one that cannot be drawn so.
+    """
     if any(
         not isinstance((t.marker and t.marker.color) or "", str) for t in figure.data if t.type == "scatter"
     ):
         raise CalibError(
             f"{title}: plotly alone draws points in the colours of a scale; write_html keeps it as a page"
         )
-    drawn = svg_of(figure, width, height, name="figure", title=title)
+    above = _HEADING_PX if heading else 0
+    drawn = svg_of(figure, width, height - above, name=_IDS, title=title)
+    # A page may hold several: each has ids and colours of its own.
+    drawn = drawn.replace(_IDS, f"picture{zlib.crc32(drawn.encode()):08x}")
+    inner = drawn.replace("<svg ", f'<svg y="{above}" width="{width}" height="{height - above}" ', 1)
+    dark = str(figure.layout.paper_bgcolor or "").lower() == DARK_PAGE
     style = (
-        "<style>.plot{--ink:#1f2328;--soft:#59636e;--line:#d1d9e0;background:#fff;font-family:sans-serif}"
-        ".plot text{fill:var(--ink)}.plot .grid{stroke:var(--line);fill:none}"
-        ".plot .zero,.plot .ruler{stroke:var(--soft);fill:none}</style>"
+        "<style>.picture text{fill:var(--ink)}.picture .faint{fill:var(--soft)}"
+        ".picture .grid{stroke:var(--line);fill:none}"
+        ".picture .zero,.picture .ruler{stroke:var(--soft);fill:none}</style>"
     )
-    start = drawn.index(">") + 1
-    return drawn[:start].replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ') + style + drawn[start:]
+    told = label(heading, 10.0, 0.55 * above, size_px=15.0, anchor="start") if heading else ""
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" class="picture" viewBox="0 0 {width} {height}" '
+        f'style="{_DARK if dark else _LIGHT};font-family:sans-serif;max-width:{width}px">{style}{told}{inner}</svg>'
+    )

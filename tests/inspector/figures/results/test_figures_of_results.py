@@ -263,6 +263,11 @@ def test_a_still_picture_is_one_file_with_the_same_values(fit: Calibration) -> N
     picture = ElementTree.fromstring(text)
     assert picture.get("viewBox") == "0 0 700 420"
     space = "{http://www.w3.org/2000/svg}"
+    assert f"Error at each pose after the fit: {fit.dataset.name}" in [
+        t.text for t in picture.iter(f"{space}text")
+    ]
+    assert "background:#fff" in text
+    assert "background:#15191f" in figures.to_svg(figures.error_bars(fit, dark=True))
     clipped = [e for e in picture.iter(f"{space}rect") if e.find(f"{space}title") is not None]
     told = [float(re.search(r"([\d.]+) mm", e.findtext(f"{space}title") or "")[1]) for e in clipped]  # type: ignore[index]
     errors = fit.after.to_frame(fit.dataset)["error_mm"]
@@ -318,3 +323,14 @@ def test_a_cell_gets_a_still_picture_beside_what_plotly_makes(
     assert set(figures.work_space(fit)._repr_mimebundle_()) == {"application/vnd.plotly.v1+json"}
     for figure in (figures.error_bars(fit), figures.work_space(fit)):
         assert "cdn." not in figure._repr_html_()[:2000]
+
+
+def test_still_pictures_on_one_page_have_ids_of_their_own(fit: Calibration, found: Diagnosis) -> None:
+    ids = [
+        set(re.findall(r'id="([^"]+)"', figures.to_svg(figure)))
+        for figure in (figures.error_bars(fit), figures.convergence(fit), figures.error_history(found))
+    ]
+    assert all(ids)
+    assert len(set.union(*ids)) == sum(map(len, ids))
+    svg = figures.to_svg(figures.convergence(fit))
+    assert set(re.findall(r"url\(#([^)]+)\)", svg)) <= set(re.findall(r'id="([^"]+)"', svg))
