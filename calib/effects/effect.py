@@ -41,10 +41,10 @@ from calib.kinematics.robot import Robot
 class Parameter:
     """One unknown number. `scale` is its usual size, in `unit`: the prior's sigma and the solver's unit for it."""
 
-    name: str
-    unit: str
-    scale: float
-    doc: str = ""
+    name: str  # a Python identifier, the keyword by which `apply` gets the value
+    unit: str  # "mm", "rad", "rad/Nm" ...; tables and pages show radians as degrees
+    scale: float  # in `unit`, above 0
+    doc: str = ""  # a few words
     nominal: float = 0.0  # what is reported is nominal + the fitted value
     positive: bool = False  # whether only this sign is possible, as of a compliance
 

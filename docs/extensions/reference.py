@@ -75,6 +75,10 @@ def with_marked_comments(source: str) -> str:
             if isinstance(statement, ast.AnnAssign):
                 last = statement.end_lineno or statement.lineno
                 said = [comments[line] for line in range(statement.lineno, last + 1) if line in comments]
+                above = statement.lineno - 1
+                while not said and above in comments and lines[above - 1].lstrip().startswith("#"):
+                    above -= 1
+                said = said or [comments[line] for line in range(above + 1, statement.lineno)]
                 if said:
                     before[statement.lineno] = f"{' ' * statement.col_offset}#: {escaped(' '.join(said))}"
     out = []
@@ -86,10 +90,11 @@ def with_marked_comments(source: str) -> str:
 
 
 def escaped(text: str) -> str:
-    """Words as they stand: what reStructuredText would take for markup is escaped, outside of `code`."""
-    parts = re.split(r"(``[^`]*``|`[^`]*`)", text)
+    """Words as they stand: what would be markup is escaped, but for `code` and **bold**."""
+    parts = re.split(r"(``[^`]*``|`[^`]*`|\*\*[^*]+\*\*)", text)
     return "".join(
-        part if part.startswith("`") else ESCAPED.sub(lambda found: "\\" + found[0], part) for part in parts
+        part if part.startswith(("`", "**")) else ESCAPED.sub(lambda found: "\\" + found[0], part)
+        for part in parts
     )
 
 

@@ -55,6 +55,9 @@ class Points:
     covariance: list = (
         None  # (M, 3, 3)
     )
+    # (K, 3) told before it,
+    # in two lines
+    normals: list
     order: int = 0
     """(M,) told behind it."""
     bare: int = 1
@@ -63,6 +66,7 @@ class Points:
     docs = ModuleAnalyzer.for_string(marked, "made").find_attr_docs()
     assert docs["Points", "xyz_mm"][0] == r"(M, 3), \*scanner* frame"
     assert docs["Points", "covariance"][0] == "(M, 3, 3)"
+    assert docs["Points", "normals"][0] == "(K, 3) told before it, in two lines"
     assert docs["Points", "order"][0] == "(M,) told behind it."
     assert ("Points", "bare") not in docs
 
