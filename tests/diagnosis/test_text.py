@@ -212,6 +212,8 @@ def test_an_effect_is_told_with_its_lead_its_test_error_and_its_surest_parameter
         "Fitted: backlash.J1.b = 0.001 +- 1e-05 rad (0.057°); "
     )
     assert said.endswith(", and 2 more. Note: unknown masses.")
+    ratio = (facts.FittedValue("joint_coupling.J6.k_of_J5", 1e-3, 1e-4, "1", "0.001° for each degree"),)
+    assert "k_of_J5 = 0.001 +- 0.0001 (0.001° for" in reason_text(replace(found, values=ratio))
     alone = reason_text(
         replace(found, lead=2.2)
     )  # what explains something else is no rival, and no lead is asked for

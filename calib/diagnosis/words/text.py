@@ -163,7 +163,8 @@ def _fitted_values(values: Sequence[facts.FittedValue]) -> str:
         return "None of its parameters is known to better than half its size by itself; together they are."
     more = len(values) - _SHOWN_VALUES
     told = [
-        f"{v.name} = {v.value:.3g} +- {v.sigma:.1g} {v.unit}{f' ({v.meaning})' if v.meaning else ''}"
+        f"{v.name} = {v.value:.3g} +- {v.sigma:.1g}{'' if v.unit == '1' else f' {v.unit}'}"
+        f"{f' ({v.meaning})' if v.meaning else ''}"
         for v in values[:_SHOWN_VALUES]
     ]
     return f"Fitted: {'; '.join(told)}{f', and {more} more' if more > 0 else ''}."
