@@ -105,6 +105,7 @@ pygments_style = "friendly"
 pygments_dark_style = "github-dark"
 copybutton_prompt_text = r"\$ |>>> |\.\.\. "
 copybutton_prompt_is_regexp = True
+linkcheck_ignore = [r"http://127\.0\.0\.1"]
 linkcheck_timeout = 20
 linkcheck_anchors = False  # pages of code hosts make their anchors by script
 

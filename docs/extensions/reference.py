@@ -40,7 +40,13 @@ ELSEWHERE = {
     "typing": "https://docs.python.org/3/library/typing.html#{name}",
 }
 BUILTIN = "https://docs.python.org/3/library/{page}.html#{name}"
-PAGE_OF_BUILTIN = {"ValueError": "exceptions", "Exception": "exceptions", "object": "functions"}
+PAGE_OF_BUILTIN = {
+    "None": "constants",
+    "ValueError": "exceptions",
+    "Exception": "exceptions",
+    "object": "functions",
+    "type": "functions",
+}
 GENERATOR = "https://numpy.org/doc/stable/reference/random/generator.html"
 TYPING = "https://numpy.org/doc/stable/reference/typing.html"
 ALIASES = {  # names as Python knows them, or as annotations write them, which are documented under another
@@ -153,8 +159,10 @@ def full_names(annotation: Any, function: Any) -> str:
         for part in name[0].split("."):
             found = found.get(part) if isinstance(found, dict) else getattr(found, part, None)
         home, own = getattr(found, "__module__", ""), getattr(found, "__qualname__", "")
-        if not inspect.isclass(found) and home not in ("collections.abc", "typing"):
-            return name[0]
+        last = name[0].rpartition(".")[2]
+        if own != last or not (inspect.isclass(found) or home in ("collections.abc", "typing")):  # an alias
+            known = last in ALIASES or last.endswith("Array") or last not in function.__globals__
+            return name[0] if known else f"{function.__module__}.{last}"
         if home == "builtins" and own != "type":  # a bare `type` would be taken for a field of that name
             return own
         return f"{home}.{own}" if own else name[0]
@@ -296,7 +304,7 @@ def resolve(
         )
     if node.get("refdomain") != "py":
         return None
-    name = node["reftarget"].removeprefix("pathlib._local.").removeprefix("builtins.")
+    name = node["reftarget"].removeprefix("builtins.").replace("._local.", ".").replace("._base.", ".")
     short = name.rpartition(".")[2]
     if content.astext() == node["reftarget"]:
         content = nodes.Text(short) if isinstance(content, nodes.Text) else type(content)("", short)

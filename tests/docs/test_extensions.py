@@ -144,3 +144,19 @@ def test_a_script_that_fails_stops_the_build_and_says_where(tmp_path: Path, old:
         )
     assert says in str(caught.value)
     assert Path.cwd() == before
+
+
+def test_a_name_in_a_signature_leads_to_what_it_names():
+    """An alias such as ArrayLike keeps its name: it is no `Union`."""
+    from calib.dataset.dataset import Points
+    from calib.simulation.simulate import simulate_dataset
+
+    full_names = import_module("reference").full_names
+    select, simulate = Points.select, simulate_dataset
+    assert full_names("ArrayLike | None", select) == "ArrayLike | None"
+    assert full_names("Array", select) == "Array"
+    assert (
+        full_names("Mapping[str, Robot]", select)
+        == "collections.abc.Mapping[str, calib.kinematics.robot.Robot]"
+    )
+    assert full_names("Sequence[Wanted]", simulate).endswith("Sequence[calib.simulation.simulate.Wanted]")
