@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Figures
-from calib.calibration.noise_check import noise_floor_mm
+from calib.calibration.noise_check import check_sigma, noise_floor_mm
 from calib.calibration.plausibility import implausibility_reason, outlier_hint
 from calib.calibration.result import Calibration, declared_sigma_mm, is_declared
 from calib.corners.search import CornerSearch
@@ -33,6 +33,8 @@ from calib.validation.splits import training_groups
 
 MAX_SIGMA_RATIO = 100.0
 """Residual sigma over the declared one, beyond which the arm is not calibrated, whatever the improvement."""
+MIN_SIGMA_RATIO = 1.0 / 1.5
+"""The same, below which sigma was declared too large, where chance does not make it so."""
 MAX_LEFT_RATIO = 10.0
 """The same for the model that the diagnosis ends with: what is left then has a cause that no one knows."""
 UNSETTLED = ("unexplained", "ambiguous", "outliers")
@@ -294,5 +296,7 @@ def _residual(calibration: Calibration) -> list[CheckItem]:
         meaning = (
             ": more than noise is left; something is missing from the model, or sigma was declared too small"
         )
+    elif declared and noise < MIN_SIGMA_RATIO and check_sigma(calibration).verdict == "below":
+        meaning = ": clearly less than was declared; sigma was declared too large, and small effects are doubted for it"
     words = f"{calibration.sigma_mm:.4g} mm a coordinate{ratio_words}{meaning}"
     return [CheckItem("residual", False if doubt else None, words, warning=bool(meaning) and not doubt)]

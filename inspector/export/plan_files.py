@@ -41,7 +41,7 @@ def planned_file(path: Path, plan: Plan) -> str:
     robot = plan.start.dataset.robot
     heading = (
         f"{len(plan.poses)} poses of {robot.name} to measure, for {plan.purpose.name}, in this order.",
-        "Only the poses themselves were checked against cell and scanner: watch the ways between them.",
+        "Ways were looked at with the arm at rest; the plan names those that are blocked. Run them slowly first.",
     )
     if path.suffix.lower() in ROS:
         return trajectory_yaml(robot, _targets(plan), heading)

@@ -212,3 +212,12 @@ def test_an_open_set_is_named_where_its_reasons_are_not_shown() -> None:
     line = next(line for line in found.summary().splitlines() if "diagnosis: ambiguous" in line)
     assert all(name in line for name in found.diagnosis.ambiguous_set)
     assert "above" not in line
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("sigma_mm", "warned"), [(0.03, False), (0.04, False), (0.12, True)])
+def test_a_sigma_declared_far_too_large_is_a_warning(sigma_mm: float, warned: bool) -> None:
+    """0.03 mm were simulated; a little more is a cautious user's."""
+    found = finding(check(measured(sigma_mm=sigma_mm)).items, "residual")
+    assert (found.passed, found.warning) == (None, warned)
+    assert ("sigma was declared too large" in found.description) == warned
