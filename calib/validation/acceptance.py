@@ -33,8 +33,7 @@ from calib.validation.splits import training_groups
 
 MAX_SIGMA_RATIO = 100.0
 """Residual sigma over the declared one, beyond which the arm is not calibrated, whatever the improvement."""
-MIN_SIGMA_RATIO = 1.0 / 1.5
-"""The same, below which sigma was declared too large, where chance does not make it so."""
+MIN_SIGMA_RATIO = 1.0 / 1.5  # the same, below which sigma was declared too large, unless by chance
 MAX_LEFT_RATIO = 10.0
 """The same for the model that the diagnosis ends with: what is left then has a cause that no one knows."""
 UNSETTLED = ("unexplained", "ambiguous", "outliers")
@@ -142,13 +141,12 @@ def check(
                 user_effects=user_effects,
                 on_step=on_step,
             )
-            unsettled = diagnosis.verdict in UNSETTLED
             words = verdict_text(  # its reasons are no part of a check
                 diagnosis.explanation.verdict,
                 reasons="by inspector diagnose",
                 tied=" or ".join(diagnosis.ambiguous_set),
             )
-            items.append(CheckItem("diagnosis", None, words, warning=unsettled))
+            items.append(CheckItem("diagnosis", None, words, warning=diagnosis.verdict in UNSETTLED))
             items += _left_by_diagnosis(diagnosis)
         except FitError as error:  # no degree of freedom is left: a note, no failure
             items.append(CheckItem("diagnosis", None, f"not tried: {error}"))
