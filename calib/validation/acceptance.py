@@ -18,6 +18,7 @@ from calib.dataset.repeats import Repeats, find_repeats, pooled_sigma_mm, scatte
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import verdict_text
+from calib.diagnosis.words.phrases import listed
 from calib.display.shown import Documented
 from calib.effects.catalogue import effects_named
 from calib.effects.effect import Family
@@ -141,11 +142,8 @@ def check(
                 user_effects=user_effects,
                 on_step=on_step,
             )
-            words = verdict_text(  # its reasons are no part of a check
-                diagnosis.explanation.verdict,
-                reasons="by inspector diagnose",
-                tied=" or ".join(diagnosis.ambiguous_set),
-            )
+            tied = listed(diagnosis.ambiguous_set, "or")  # the reasons are no part of a check
+            words = verdict_text(diagnosis.explanation.verdict, reasons="by inspector diagnose", tied=tied)
             items.append(CheckItem("diagnosis", None, words, warning=diagnosis.verdict in UNSETTLED))
             items += _left_by_diagnosis(diagnosis)
         except FitError as error:  # no degree of freedom is left: a note, no failure

@@ -16,7 +16,7 @@ from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.conclusion_text import verdict_text
 from calib.diagnosis.words.conclusions import Adequate, Named
 from calib.diagnosis.words.headline import headline_note, headline_of, headline_text
-from calib.diagnosis.words.phrases import untestable_line
+from calib.diagnosis.words.phrases import listed, untestable_line
 from calib.effects.catalogue import effects_named
 from calib.errors import CalibError, DatasetError
 from calib.measurement.measured_points import require_corners, with_corners
@@ -121,7 +121,7 @@ def run_report(options: ReportOptions) -> int:
     write_text_atomically(options.out, report_html(report, now=datetime.now()))
     document = documents.diagnosis_document(found) | {"report": str(options.out)}
     verdict = verdict_text(
-        found.explanation.verdict, reasons="in the report", tied=" or ".join(found.ambiguous_set)
+        found.explanation.verdict, reasons="in the report", tied=listed(found.ambiguous_set, "or")
     )
     show(options, document, f"{options.out}: {verdict}")
     return 0
