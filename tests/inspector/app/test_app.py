@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 import shutil
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -24,10 +25,13 @@ from inspector.markup.parts.palette import ROLE_COLOURS
 from inspector.panels.model.redundancy import ALL, ANGLES, LENGTHS, group_sentence
 from inspector.panels.review import NEXT, PREVIOUS
 from inspector.scene.scene_view import OVERVIEW_POINTS, ROOT
+from inspector.session import measuring
 from inspector.session.session import Session
 from tests.support.app import IDLE_S, idle_app, plain, shows
 from tests.support.tiny_dataset import BROKEN, HOSTILE, POSES, write_tiny
 from tests.support.wire_client import WireClient
+
+SEARCH_S = 0.12  # a scan's, beyond what it takes: a page draws some thirty times a second
 
 pytestmark = pytest.mark.slow  # a whole app, running
 
@@ -113,6 +117,19 @@ def test_poses_without_a_point_are_named_on_the_page_and_may_be_selected(
         assert app.worker.wait_idle(IDLE_S)
 
 
+@pytest.fixture
+def slow_searches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Searches as long as those of large scans, so that a page sees each of them go by."""
+    search = measuring.with_search
+
+    def slow(*arguments: object) -> Session:
+        time.sleep(SEARCH_S)
+        return search(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(measuring, "with_search", slow)
+
+
+@pytest.mark.usefixtures("slow_searches")
 def test_what_is_ready_is_shown_while_the_rest_is_searched(folder: Path) -> None:
     with serving(folder, port=0) as app, WireClient(app.server.get_port()) as page:
         page.wait(lambda p: "Searching corners: 2" in plain(p), 30)
@@ -124,6 +141,7 @@ def test_what_is_ready_is_shown_while_the_rest_is_searched(folder: Path) -> None
         page.wait(lambda p: f"of {POSES} corners found" in plain(p), 30)
 
 
+@pytest.mark.usefixtures("slow_searches")
 def test_the_search_can_be_stopped_and_goes_on_where_it_was(folder: Path) -> None:
     with serving(folder, port=0) as app, WireClient(app.server.get_port()) as page:
         page.wait(lambda p: "Searching corners: 2" in plain(p), 30)
