@@ -38,6 +38,10 @@ class DistanceResiduals:
         return self.model.parameters
 
     @property
+    def noise_floor(self) -> float:
+        return self.observed.noise_floor
+
+    @property
     def degrees_spent(self) -> int:
         return 0
 

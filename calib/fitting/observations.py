@@ -23,6 +23,11 @@ from calib.kinematics.robot import Robot
 from calib.kinematics.room_placement import RoomPlacement, place_in_room, with_room_targets
 from calib.noise_shape import NoiseShape
 
+UNDECLARED_SIGMA_MM = 1.0
+"""What stands for a point's sigma where none is declared; only ratios of it count then."""
+BEST_SIGMA_MM = 0.01
+"""The least noise of an instrument that measures arms (a laser tracker near by), where none is declared."""
+
 
 @dataclass(frozen=True)
 class Observations:
@@ -36,6 +41,7 @@ class Observations:
     )
     turn_covariance_rad2: Array | None = None  # (M, 3, 3) of the orientations, where there are any
     carried_by: Robot | None = None  # the nominal arm that carries the scanner; None: it stands in the room
+    noise_floor: float = 1.0  # the least that the noise can be, over what the covariances say
 
     @classmethod
     def of(cls, dataset: Dataset, keep: ArrayLike | None = None) -> Observations:
@@ -57,8 +63,11 @@ class Observations:
                 f"dataset {dataset.name}: the point of pose {pose!r} is not finite; leave it out or measure it again"
             )
         covariance = points.covariance_mm2
+        floor = 1.0
         if covariance is None:
-            sigma_mm = dataset.scanner.point_sigma_mm or 1.0
+            sigma_mm = dataset.scanner.point_sigma_mm
+            if sigma_mm is None:
+                sigma_mm, floor = UNDECLARED_SIGMA_MM, BEST_SIGMA_MM / UNDECLARED_SIGMA_MM
             covariance = np.broadcast_to(sigma_mm**2 * np.eye(3), (len(points), 3, 3))
         turns = None if points.orientations is None else points.orientations.covariance_rad2
         if turns is None and dataset.scanner.orientation_sigma_rad is not None:
@@ -67,18 +76,20 @@ class Observations:
         if dataset.noise is not None and dataset.noise.reshapes_points:
             points, covariance = _reshaped(dataset.noise, points, covariance)
         arm = dataset.robot if dataset.robot.carries_scanner else None
-        observed = cls(dataset.poses, points, covariance, turn_covariance_rad2=turns, carried_by=arm)
+        observed = cls(
+            dataset.poses, points, covariance, turn_covariance_rad2=turns, carried_by=arm, noise_floor=floor
+        )
         return observed if points.counts_as is None else weighted(observed, points.counts_as)
 
     def select(self, keep: BoolArray) -> Observations:
         """The points where `keep` (M,); no scanner's frame is known then."""
         turns = self.turn_covariance_rad2
-        return Observations(
-            self.poses,
-            self.points.select(keep),
-            self.covariance_mm2[keep],
+        return replace(
+            self,
+            points=self.points.select(keep),
+            covariance_mm2=self.covariance_mm2[keep],
             turn_covariance_rad2=None if turns is None else turns[keep],
-            carried_by=self.carried_by,
+            scanner_T_base=None,
         )
 
     @property

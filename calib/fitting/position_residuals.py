@@ -36,6 +36,10 @@ class PositionResiduals:
     def parameters(self) -> tuple[Parameter, ...]:
         return self.model.parameters
 
+    @property
+    def noise_floor(self) -> float:
+        return self.observed.noise_floor
+
     @cached_property
     def _setups(self) -> list[IndexArray]:
         setup = self.observed.setup

@@ -31,6 +31,11 @@ class Residuals(Protocol):
         """Unknowns that the residual has solved for by itself (the scanner's frames)."""
         ...
 
+    @property
+    def noise_floor(self) -> float:
+        """The least that the noise can be, over the declared sigma: a residual below it is fitted to itself."""
+        ...
+
     def residual(self, x: Array) -> Array:
         """(R,) at x (P,)."""
         ...

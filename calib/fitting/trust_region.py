@@ -11,7 +11,8 @@ few are combined so that their steps cancel best (Anderson 1965), and the combin
 further.
 
 The prior is a normal distribution of each correction, its sigma the manufacturing tolerance. Its weight is the noise
-that the residual shows, not the declared one: with exact data the prior has no influence.
+that the residual shows, at least the declared one: no instrument is better for an arm that has lost its length. Exact
+data are met exactly in a last step, near the fit that the prior held.
 """
 
 from __future__ import annotations
@@ -31,6 +32,14 @@ _FLOOR = 1e-9  # share of the first residual, below which the residual is roundi
 _LOOSE = 0.05  # share of a parameter in null directions that makes it undetermined; less is curvature
 _NO_INFLUENCE = 1e-6  # sigmas by which a whole tolerance moves the residual, below which it has no influence
 _WEIGHINGS = 8  # of the prior against the noise, at the most
+_SLOW_WEIGHINGS = 25  # where each is settled before the next
+_SUSPECT = (
+    15.0  # tolerances that a parameter was moved by, from which a fit is looked for nearer to the nominal arm
+)
+_OVERDETERMINED = 0.3  # share of the equations that have to be left over without the floor
+_ELSEWHERE = (
+    5.0  # tolerances, the most that a parameter moves by where the noise is taken as less than the floor
+)
 _CONVERGED = 3e-4  # a full step would move no parameter by more than this share of its sigma
 _MEMORY = 5  # full steps that are remembered
 _SLOW = 0.3  # of the full step before
@@ -56,22 +65,60 @@ def solve(
     if not prior:
         descent.run(weight=0.0)
         return descent.fit(weight=0.0)
-    weight = descent.first_weight()
-    while descent.steps < max_iterations:
+    weight = _settle(descent, residuals.noise_floor)
+    if float(np.max(np.abs(descent.z))) > _SUSPECT:
+        # A step that promised much may have led where the prior no longer counts: slowly, from the start.
+        slow = _Descent(residuals, start, max_iterations)
+        slow_weight = _settle(slow, residuals.noise_floor, hurry=False)
+        if slow.surprise(slow_weight) < descent.surprise(weight):
+            descent, weight = slow, slow_weight
+    return _below_floor(descent, weight, residuals.noise_floor)
+
+
+def _settle(descent: _Descent, floor: float, *, hurry: bool = True) -> float:
+    """Go down until the prior's weight is the noise that the residual shows, but at least the floor; the weight.
+
+    Where the weight could follow the residual down to zero, an arm without length would meet any constraint (a ball in
+    a socket, a tip on a plane) at no cost.
+    """
+    weight = max(descent.first_weight(), floor)
+    while hurry and descent.steps < descent.limit:
         # One step for one weight: the prior's weight follows the residual down. A weight far below the residual's noise
         # would take long steps in near-redundant directions, which the next weight would have to take back.
         descent.run(weight, steps=1)
-        noise = descent.noise(weight)
-        if descent.reason or not noise > 1e-9 or abs(noise - weight) <= 0.05 * weight:
+        noise = max(descent.noise(weight), floor)
+        if descent.reason or not noise > floor or abs(noise - weight) <= 0.05 * weight:
             break
-        weight = min(noise, max(descent.promised_noise(), 0.01 * weight))
-    for _ in range(_WEIGHINGS):
+        weight = max(floor, min(noise, max(descent.promised_noise(), 0.01 * weight)))
+    for _ in range(_WEIGHINGS if hurry else _SLOW_WEIGHINGS):
         descent.run(weight)
         noise = descent.noise(weight)
-        if not noise > 1e-9 or abs(noise - weight) <= 0.05 * weight:
+        if not np.isfinite(noise) or abs(max(noise, floor) - weight) <= 0.05 * weight:
+            break
+        weight = max(noise, floor)
+    return weight
+
+
+def _below_floor(descent: _Descent, weight: float, floor: float) -> Fit:
+    """The fit at this weight; with less noise than the floor, as computed points have, the prior gives way further.
+
+    Only while many equations are left over to tell so, and as far as no parameter goes elsewhere for it.
+    """
+    fit, held = descent.fit(weight), descent.z
+    if not fit.noise < floor:
+        return fit
+    noise = fit.noise
+    for _ in range(_WEIGHINGS):
+        if not noise > 1e-9:
             break
         weight = noise
-    return descent.fit(weight)
+        descent.run(weight)
+        noise = descent.noise(weight)
+        if abs(noise - weight) <= 0.05 * weight:
+            break
+    below, further = descent.fit(weight), float(np.max(np.abs(descent.z - held)))
+    overdetermined = below.degrees_of_freedom > _OVERDETERMINED * (fit.rows - descent.residuals.degrees_spent)
+    return below if overdetermined and further <= _ELSEWHERE else fit
 
 
 @dataclass(frozen=True)
@@ -246,6 +293,12 @@ class _Descent:
         """Residual sigma in units of the declared one; nan where no degree of freedom is left."""
         left = self.degrees_of_freedom(weight)
         return float(np.sqrt(self.cost / left)) if left > 0.5 else float("nan")
+
+    def surprise(self, weight: float) -> float:
+        """-2 log of the posterior density of parameters and noise together, less constants."""
+        left = max(self.degrees_of_freedom(weight), 1.0)
+        variance = max(self.cost / left, self.residuals.noise_floor**2)
+        return float(left * np.log(variance) + self.cost / variance + self.z @ self.z)
 
     def fit(self, weight: float) -> Fit:
         noise = self.noise(weight)

@@ -95,8 +95,11 @@ class _Conditional:
         across = spread @ self.inside.T  # (C, W, S)
         self.gain = across @ self.inverse_inside
         left = np.eye(width) + spread @ np.swapaxes(spread, 1, 2) - self.gain @ np.swapaxes(across, 1, 2)
-        self.inverse = np.linalg.inv(left)
-        self.log_det = np.linalg.slogdet(left)[1] + np.linalg.slogdet(self.covariance)[1]
+        # At least the noise's own variance, 1: differences of large numbers may lose it.
+        variance, turn = np.linalg.eigh(0.5 * (left + np.swapaxes(left, 1, 2)))
+        variance = np.maximum(variance, 1.0)
+        self.inverse = (turn / variance[:, None, :]) @ np.swapaxes(turn, 1, 2)
+        self.log_det = np.sum(np.log(variance), axis=1) + np.linalg.slogdet(self.covariance)[1]
 
     def divergence_from(self, true: _Conditional) -> Array:
         """(C,) KL divergence of the true rival's joint prediction, chosen poses and one more, against this one's."""
