@@ -10,42 +10,113 @@ from dataclasses import replace
 import numpy as np
 
 from calib.calibration.calibrate import calibrate
-from calib.calibration.result import Calibration, outlier_words
+from calib.calibration.result import Calibration, is_declared, outlier_words
+from calib.distributions import chi2_ppf
+from calib.effects.effect import full_name
+from calib.effects.natural_bounds import exceeded_bound
 from calib.errors import FitError
+from calib.fitting.observations import BEST_SIGMA_MM, Observations
+from calib.kinematics.robot import LENGTH_KINDS, PARAMETER_KINDS
 
-MAX_TOLERANCES = 100.0
-"""Largest plausible correction, in tolerances: 100 mm and 50 deg by default."""
+_BY_CHANCE = 1e-6
+MAX_TOLERANCES = 30.0
+"""Largest plausible correction, in tolerances: 30 mm and 15 deg by default."""
 MAX_SHARE_OF_SPAN = 0.02
 """Largest plausible residual sigma, as a share of the RMS spread of the points, whatever effect is missing."""
+LEAST_SPAN_OF_REACH = 0.1
+"""The spread that points are taken to have, as a share of the arm's length, where a socket or plane holds them."""
+FAR_BELOW = 0.2
+"""Times the least noise that there can be, below which a residual is too good to be true."""
 
 
 def implausibility_reason(calibration: Calibration) -> str:
-    """Why the data cannot be of this arm, in a sentence; "" where they can.
+    """Why a fit cannot be of this arm and these data, in a sentence; "" where it can.
 
-    Either the residual is too large, or a correction is far beyond its tolerance: one point reported for all poses, for
-    example, is fitted exactly by links without length.
+    The residual is too large, a correction is far beyond its tolerance, or an effect is larger than nature has it: a
+    ball in sockets, for example, is fitted exactly by links without length.
     """
-    assert calibration.dataset.points is not None
-    fit, xyz_mm = calibration.fit, calibration.dataset.points.xyz_mm
+    fit, model = calibration.fit, calibration.model
     remedy = (
         "check units, joint signs, the order of the poses, robot.toml, and whether the instrument was "
         "moved (column setup) before any cause"
     )
-    tolerances = np.abs(fit.x) / calibration.model.scales
+    of_robot = np.isin([p.name for p in fit.parameters], model.geometry_names)
+    tolerances = np.where(of_robot, np.abs(fit.x) / model.scales, 0.0)
     if len(tolerances) and tolerances.max() > MAX_TOLERANCES:
         k = int(tolerances.argmax())
         p = fit.parameters[k]
         return (
-            f"the model does not describe these data: the fit moved {p.name} by {fit.x[k]:.3g} {p.unit}, "
-            f"{tolerances[k]:.0f} times its tolerance; {remedy}"
+            f"the model does not describe these data: the fit moved {p.name} by {told_size(fit.x[k], p.unit)}, "
+            f"{tolerances[k]:.0f} times its tolerance; {remedy}, or give it the tolerance that it has"
         )
-    span_mm = float(np.sqrt(np.mean(np.var(xyz_mm, axis=0))))  # a coordinate, as the residual's sigma
-    if calibration.sigma_mm > MAX_SHARE_OF_SPAN * span_mm:
+    beyond = beyond_nature(calibration)
+    if beyond:
+        return f"the model does not describe these data: {beyond}; {remedy}"
+    residual_mm, span_mm = _measured_sigma_mm(calibration), _span_mm(calibration)
+    if residual_mm > MAX_SHARE_OF_SPAN * span_mm:
         return (
-            f"the model does not describe these data: {calibration.sigma_mm:.3g} mm a coordinate are left of points "
+            f"the model does not describe these data: {residual_mm:.3g} mm a coordinate are left of points "
             f"that spread over {span_mm:.3g} mm; {remedy}"
         )
     return ""
+
+
+def beyond_nature(calibration: Calibration) -> str:
+    """The effect in a model that is far larger than such a cause has been known to be, as a clause; "" without one."""
+    fit = calibration.fit
+    fitted = {p.name: (float(x), float(s)) for p, x, s in zip(fit.parameters, fit.x, fit.sigma, strict=True)}
+    for effect in calibration.model.added_effects:
+        for parameter in effect.parameters:
+            size, sigma = fitted.get(full_name(effect, parameter), (0.0, np.inf))
+            bound = exceeded_bound(effect, parameter, size, sigma)
+            if bound is not None and abs(size) - 2.0 * sigma > bound.refused * bound.size:
+                return (
+                    f"{full_name(effect, parameter)} came out as {told_size(size, parameter.unit)}, "
+                    f"{abs(size) / bound.size:.2g} times the most that such a cause has been known to have "
+                    f"({bound.size:g} {bound.unit}; {bound.source})"
+                )
+    return ""
+
+
+def told_size(value: float, unit: str) -> str:
+    """A value with its unit, angles in degrees: "0.35 mm", "56.7 deg"."""
+    return f"{np.degrees(value):.3g} deg" if unit == "rad" else f"{value:.3g} {unit}"
+
+
+def too_good(calibration: Calibration) -> str:
+    """Why a residual is far below what any such measurement leaves, in a sentence; "" where it is not.
+
+    The points' declared sigma is the measure; where none is declared, the least that an instrument for arms can have.
+    """
+    fit, dataset = calibration.fit, calibration.dataset
+    declared = is_declared(dataset)
+    floor = Observations.of(dataset).noise_floor
+    freedom = fit.degrees_of_freedom
+    if not (np.isfinite(fit.noise) and fit.noise < FAR_BELOW * floor):
+        return ""
+    if freedom * (fit.noise / floor) ** 2 > chi2_ppf(_BY_CHANCE, freedom):
+        return ""
+    of = "the declared sigma" if declared else f"the {BEST_SIGMA_MM:g} mm of the best instruments for arms"
+    return (
+        f"{calibration.sigma_mm:.2g} mm a coordinate are left, {fit.noise / floor:.2g} times {of}: no measurement is "
+        "that good, so the model was fitted to itself, the points were computed, or sigma was declared far too large"
+    )
+
+
+def _measured_sigma_mm(calibration: Calibration) -> float:
+    """The residual's sigma in directions that the points tell: along a plane touched anywhere they tell nothing."""
+    covariance = Observations.of(calibration.fitted_dataset).covariance_mm2
+    information = float(np.mean(np.trace(np.linalg.inv(covariance), axis1=-2, axis2=-1))) / 3.0
+    return calibration.fit.noise / float(np.sqrt(information))
+
+
+def _span_mm(calibration: Calibration) -> float:
+    """The RMS spread of the points a coordinate, at least a share of the arm's length."""
+    dataset = calibration.dataset
+    assert dataset.points is not None
+    spread_mm = float(np.sqrt(np.mean(np.var(dataset.points.xyz_mm, axis=0))))
+    lengths = [k for k, kind in enumerate(PARAMETER_KINDS) if kind in LENGTH_KINDS]
+    return max(spread_mm, LEAST_SPAN_OF_REACH * float(np.abs(dataset.robot.table[:, lengths]).sum()))
 
 
 def outlier_hint(calibration: Calibration) -> str:

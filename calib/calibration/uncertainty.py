@@ -126,6 +126,8 @@ class JointKnowledge:
 
     covariance: Array
     centre_mm: Array  # (3,) about which the frame turns, scanner frame
+    follows: Array  # (6, P) by which the frame moves with the parameters
+    frame_root: Array  # (6, K) root of the frame's own covariance, the parameters known
 
     @classmethod
     def of(cls, calibration: Calibration, setup: str | None) -> JointKnowledge:
@@ -138,7 +140,7 @@ class JointKnowledge:
         covariance = np.zeros((n + 6, n + 6))
         covariance[:n, :n] = fit.covariance
         if setup is None:
-            return cls(covariance, np.zeros(3))
+            return cls(covariance, np.zeros(3), np.zeros((6, n)), np.zeros((6, 0)))
         observed = Observations.of(calibration.fitted_dataset)
         rows = observed.setup == setup
         if not rows.any():
@@ -157,8 +159,9 @@ class JointKnowledge:
         noise = fit.noise if np.isfinite(fit.noise) else 1.0
         covariance[n:, :n] = follows @ covariance[:n, :n]
         covariance[:n, n:] = covariance[n:, :n].T
-        covariance[n:, n:] = follows @ covariance[:n, :n] @ follows.T + noise**2 * pseudo @ pseudo.T
-        return cls(covariance, centre_mm)
+        frame_root = np.asarray(np.linalg.qr((noise * pseudo).T, mode="r")).T
+        covariance[n:, n:] = follows @ covariance[:n, :n] @ follows.T + frame_root @ frame_root.T
+        return cls(covariance, centre_mm, follows, frame_root)
 
 
 def prediction_covariance(calibration: Calibration, q: ArrayLike, setup: str | None = None) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from calib.calibration.held_out import held_out_test
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import (
     carries_its_names,
@@ -54,11 +55,13 @@ def concluded(
         tests = replace(tests, fault=None)
     added = tuple(effect.name for effect in last.selected)
     ambiguous = tuple(candidate.name for candidate in stop.ambiguous)
-    only_refused = bool(stop.refused) and not added
+    only_refused = stop.refused is not None and stop.refused.leaves_doubt and not added
     doubted = only_refused or stop.left_to_curves or stop.implausible
     way = way_to(space, steps)
     opened = open_sets(space, way)
-    verdict = verdict_of(added, ambiguous, doubted, tests, stays_open=bool(opened))
+    promise = held_out_test(last.calibration, tests.noise_mm, tests.noise_from)
+    broken = promise is not None and promise.is_broken
+    verdict = verdict_of(added, ambiguous, doubted, tests, stays_open=bool(opened), promise_broken=broken)
     claimed = carries_its_names(verdict, _tests_beside_open_set(space, last, stop))
     names = tuple(dict.fromkeys(name for found in opened for name in found.names))
     found = Diagnosis(
@@ -70,6 +73,7 @@ def concluded(
         steps=way,
         residual_tests=tests,
         refused=stop.refused,
+        held_out=promise,
         left_to_curves=stop.left_to_curves,
         noise=_noise_taken(last.calibration),
     )

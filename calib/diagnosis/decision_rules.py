@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from calib.calibration.plausibility import beyond_nature
 from calib.calibration.result import Calibration, is_declared
 from calib.dataset.stands import stands_of
-from calib.diagnosis.findings import Findings
+from calib.diagnosis.findings import Findings, Refusal
 from calib.fitting.pose_means import mean_by_pose
 from calib.screening.candidates import (
     MIN_LEAD,
@@ -21,6 +22,7 @@ from calib.screening.candidates import (
 from calib.screening.curves.joint_curves import MIN_LOG_EVIDENCE as MIN_CURVE_EVIDENCE
 from calib.screening.curves.joint_curves import LearnedCurves
 from calib.screening.fault_models import JointFault
+from calib.screening.left_out import left_out_gain
 from calib.screening.residual_tests import ResidualTests
 
 MAX_P_VALUE = 0.01  # that the Holm-corrected p of an effect has to be below
@@ -37,7 +39,8 @@ TWIN_LEFT = 1.15  # times as much as the better one leaves, from which the worse
 CURVES_SHARE = (
     1.1  # how many times the evidence of a cause of one place or pose curves need to take its place
 )
-MAX_WORSENING = 2.0  # standard errors by which a named effect may not raise the test poses' squared error
+MAX_WORSENING = 0.5  # standard errors by which a first effect may not raise the test poses' squared error
+MIN_GAIN = 1.0  # standard errors by which an effect has to lower the squared error of poses that no fit saw
 
 VERDICTS = ("adequate", "named", "ambiguous", "unexplained", "outliers")
 
@@ -119,23 +122,31 @@ def predicts_worse(before: Calibration, after: Calibration, *, scatter: float = 
     return bool(change.mean() > scatter * change.std(ddof=1) / np.sqrt(len(change)))
 
 
-def is_refused(
+def refusal(
     candidate: Candidate, screening: Screening, before: Calibration, after: Calibration, *, further: bool
-) -> bool:
-    """Whether a candidate of a screening is not to be added, since poses that its fit did not see speak against it.
+) -> Refusal | None:
+    """Why a candidate of a screening is not to be added; None where it may be.
 
-    A first effect may not raise the test poses' error beyond its scatter. A further one stands beside an effect whose
-    own law may be a little off, which leaves order enough for a second name: it has to lower the error of poses left
-    out one by one, and may not raise that of the test poses at all.
+    Its size has to be one that such a cause can have. Poses that its fit did not see have to confirm it: a first effect
+    may not raise the test poses' error beyond chance, and the error of all poses that were left out, the test poses and
+    the training poses one by one, has to fall beyond chance. A further effect stands beside one whose own law may be a
+    little off, which leaves order enough for a second name: it may not raise the test poses' error at all.
 
     Args:
         before: the fit that the screening is of.
         after: the fit with the candidate.
         further: whether an effect was found before.
     """
-    if not further:
-        return predicts_worse(before, after)
-    return candidate.cv_rmse_mm >= screening.cv_rmse_mm or predicts_worse(before, after, scatter=0.0)
+    beyond = beyond_nature(after)
+    if beyond:
+        return Refusal(candidate.name, "nature", beyond)
+    if predicts_worse(before, after, scatter=0.0 if further else MAX_WORSENING):
+        return Refusal(candidate.name, "test poses")
+    gain = left_out_gain(before, after)
+    helps_nowhere = gain is not None and gain.standard_errors < MIN_GAIN
+    if helps_nowhere or (further and candidate.cv_rmse_mm >= screening.cv_rmse_mm):
+        return Refusal(candidate.name, "no gain")
+    return None
 
 
 def verdict_of(
@@ -145,6 +156,7 @@ def verdict_of(
     residual_tests: ResidualTests,
     *,
     stays_open: bool = False,
+    promise_broken: bool = False,
 ) -> str:
     """One of `VERDICTS`.
 
@@ -155,10 +167,17 @@ def verdict_of(
             further effect was refused, what is left decides.
         residual_tests: of what the model leaves.
         stays_open: whether an effect in the model stands for a set.
+        promise_broken: whether the test poses are off by more than was promised (`held_out_test`).
     """
     if ambiguous:
         return "ambiguous"
-    if doubted or residual_tests.fault is not None or residual_tests.structured or residual_tests.too_large:
+    if (
+        promise_broken
+        or doubted
+        or residual_tests.fault is not None
+        or residual_tests.structured
+        or residual_tests.too_large
+    ):
         return "unexplained"
     if stays_open:
         return "ambiguous"

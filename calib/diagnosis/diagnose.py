@@ -198,10 +198,10 @@ def _curves_to_add(space: SearchSpace, found: Diagnosis, tell: Tell) -> AddCurve
     """
     last, fault = found.steps[-1], found.residual_tests.fault
     before = last.calibration
-    only_refused = found.refused and not found.named
+    only_refused = found.refused is not None and found.refused.leaves_doubt and not found.named
     if found.verdict not in ("unexplained", "ambiguous") or only_refused or implausibility_reason(before):
         return None
-    unnamed = not found.left_to_curves and not found.refused and not found.ambiguous_set
+    unnamed = not found.left_to_curves and found.refused is None and not found.ambiguous_set
     if unnamed and any(map(is_convincing, found.screenings[-1].candidates)):
         return None  # as many effects as were asked for, and one more has a name
     tell("learning what the joints' curves explain")

@@ -20,7 +20,7 @@ from calib.diagnosis.words.conclusions import (
     Unexplained,
     VerdictSentence,
 )
-from calib.diagnosis.words.fit_facts import error_change, fitted_values, model_fitted, test_excess, visible_mm
+from calib.diagnosis.words.fit_facts import error_change, fitted_values, model_fitted, visible_mm
 from calib.diagnosis.words.headline import held_out_beyond_noise
 from calib.diagnosis.words.noise_text import NoiseShaped
 from calib.diagnosis.words.sentences import (
@@ -65,8 +65,9 @@ def explain(findings: Findings) -> Explanation:
     single += [_set_open(findings, found) for found in findings.open_sets]
     if findings.tied:
         single.append(_effects_tied(findings))
-    if findings.refused:
-        single.append(EffectRefused(findings.refused))
+    if findings.refused is not None:
+        refused = findings.refused
+        single.append(EffectRefused(refused.effect, refused.why, refused.detail))
     paragraphs = [opening, *((reason,) for reason in single), residual_sentences(findings.residual_tests)]
     noise = noise_told(findings)
     if noise is not None:
@@ -184,12 +185,11 @@ def residual_sentences(tests: ResidualTests) -> tuple[ResidualSentence, ...]:
 def _verdict(findings: Findings) -> VerdictSentence:
     missing, last = findings.missing, findings.calibration
     noise_mm = findings.residual_tests.noise_mm
-    beyond, excess = held_out_beyond_noise(last, noise_mm), test_excess(last, noise_mm)
+    beyond = held_out_beyond_noise(last, noise_mm)
     if findings.verdict == "adequate":
         return Adequate(
             bool(findings.candidates),
             untestable_names(findings.untestable),
-            excess,
             beyond,
             worst_pose(last),
         )
@@ -198,7 +198,6 @@ def _verdict(findings: Findings) -> VerdictSentence:
         return Named(
             missing,
             _contradicting_points(findings),
-            excess,
             beyond,
             causes,
         )
@@ -218,6 +217,8 @@ def _verdict(findings: Findings) -> VerdictSentence:
         doubt,
         worst_pose(without_curves),
         _joint_of_rest(findings.residual_tests),
+        findings.held_out,
+        None if findings.refused is None else findings.refused.why,
     )
 
 
@@ -250,7 +251,9 @@ def _what_is_unexplained(findings: Findings, doubt: str) -> str:
         return "order"
     if findings.beaten and not tests.too_large:
         return "wander"
-    return "size" if tests.too_large else "refused"
+    if tests.too_large:
+        return "size"
+    return "promise" if findings.held_out is not None and findings.held_out.is_broken else "refused"
 
 
 def _contradicting_points(findings: Findings) -> int | None:

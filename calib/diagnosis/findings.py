@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 
+from calib.calibration.held_out import HeldOutTest
 from calib.calibration.result import Calibration
 from calib.diagnosis.effect_selection import FitStep
 from calib.screening.candidates import Candidate, Screening, Untestable
@@ -52,6 +53,20 @@ class OpenSet:
 
 
 @dataclass(frozen=True)
+class Refusal:
+    """Why an effect that the training poses speak for was not added."""
+
+    effect: str
+    why: str  # "nature", "test poses" or "no gain"
+    detail: str = ""  # for "nature": what is beyond which bound, as a clause
+
+    @property
+    def leaves_doubt(self) -> bool:
+        """Whether what the effect explains has some other cause; one that helps nowhere else was noise."""
+        return self.why != "no gain"
+
+
+@dataclass(frozen=True)
 class Findings:
     """The verdict on a dataset and all that led to it; `Diagnosis` puts it into words."""
 
@@ -62,7 +77,8 @@ class Findings:
         FitStep, ...
     ]  # the link errors, then one for each effect that was added; each with its screening
     residual_tests: ResidualTests  # what the last fit left over
-    refused: str = ""  # an effect that would have been named, but made the test poses worse
+    refused: Refusal | None = None  # an effect that would have been named, and why it was not
+    held_out: HeldOutTest | None = None  # the test poses against what the last fit promised
     left_to_curves: bool = (
         False  # learned curves say more than the next effect, which is of one place or pose
     )

@@ -1,10 +1,10 @@
 """The next move from a fit and its ranking: an effect to add, one to take out, or why there is none.
 
-The automatic search makes these moves one after the other; the page advises them, one a button. An effect is added only
-if its family beats noise (F test with Holm's correction, and the evidence floor), leads the second by more than
-`MIN_LEAD` in log evidence, and does not make the test poses worse. One of one place or one pose gives way to curves of
-the joints, a step to a slow course of the same displacement, that say more. What a later effect explains too is taken
-out once nothing is left to add.
+The automatic search makes these moves one after the other; the page advises them, one a button. An effect is added
+only if its family beats noise (F test with Holm's correction, and the evidence floor), leads the second by more than
+`MIN_LEAD` in log evidence, has a size that nature has, and helps at poses that no fit saw. One of one place or one
+pose gives way to curves of the joints, a step to a slow course of the same displacement, that say more. What a later
+effect explains too is taken out once nothing is left to add.
 """
 
 from __future__ import annotations
@@ -14,18 +14,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.calibration.plausibility import implausibility_reason
+from calib.calibration.plausibility import beyond_nature, implausibility_reason
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import (
+    MAX_WORSENING,
     MIN_LOG_EVIDENCE,
     beside_curves,
     can_stand_for,
     is_convincing,
-    is_refused,
     may_be_curves,
+    predicts_worse,
     rank_candidates,
+    refusal,
 )
 from calib.diagnosis.effect_selection import FitStep, SelectedEffect
+from calib.diagnosis.findings import Refusal
 from calib.diagnosis.search_space import SearchSpace, step_after, with_candidate
 from calib.screening.candidates import MIN_LEAD, Candidate, Screening, screen
 from calib.screening.curves.slow_courses import slow_course
@@ -68,7 +71,7 @@ class Stop:
 
     implausible: bool = False  # points and poses do not belong together: no effect is their cause
     ambiguous: tuple[Candidate, ...] = ()  # effects that these data cannot tell apart
-    refused: str = ""  # an effect that makes the test poses worse
+    refused: Refusal | None = None  # an effect that the training poses speak for, and something against
     left_to_curves: bool = (
         False  # learned curves say more than the best effect, which is of one place or pose
     )
@@ -136,12 +139,16 @@ def _addition(
         best, second, lead = ahead or (best, None, None)
     tell(f"adding {best.name}")
     trial = space.fit((*step.selected, SelectedEffect.of(best)), step.calibration)
-    if is_refused(best, screening, step.calibration, trial, further=bool(step.selected)):
+    refused = refusal(best, screening, step.calibration, trial, further=bool(step.selected))
+    if refused is not None:
         rest = {*dropped, best.name}
         other = _addition(space, step, rest, tell, may_refuse=may_refuse - 1) if may_refuse > 1 else Stop()
-        return other if isinstance(other, AddEffect) else Stop(refused=best.name)
+        return other if isinstance(other, AddEffect) else Stop(refused=refused)
     runner_up = second.name if second is not None else ""
-    return AddEffect(best, lead, runner_up, *with_candidate(space, step, best, trial))
+    selected, fitted = with_candidate(space, step, best, trial)
+    if predicts_worse(trial, fitted, scatter=MAX_WORSENING) or beyond_nature(fitted):
+        selected, fitted = (*step.selected, SelectedEffect.of(best)), trial
+    return AddEffect(best, lead, runner_up, selected, fitted)
 
 
 def _without(screening: Screening, names: Collection[str]) -> Screening:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from calib.calibration.held_out import HeldOutTest
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.explanation import noise_told
 from calib.diagnosis.findings import Learned
@@ -31,7 +32,11 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "suspected": diagnosis.suspected,
         "ambiguous_set": diagnosis.ambiguous_set,
         "open_sets": [asdict(found) for found in diagnosis.open_sets],
-        "refused": diagnosis.refused or None,
+        "refused": None if diagnosis.refused is None else diagnosis.refused.effect,
+        "refused_why": None if diagnosis.refused is None else diagnosis.refused.why,
+        "promise": None
+        if diagnosis.held_out is None
+        else asdict(diagnosis.held_out) | {"kept": not diagnosis.held_out.is_broken},
         "steps": [_step(step) for step in diagnosis.steps],
         "candidates": [_candidate(candidate) for candidate in diagnosis.candidates],
         "untestable": [
@@ -100,6 +105,10 @@ def _fault(fault: JointFault | None) -> dict[str, Any] | None:
 
 def _input_test(test: InputTest) -> dict[str, Any]:
     return {"input": test.input, "p_value": test.p_value, "where": test.channel.name}
+
+
+def _promise(test: HeldOutTest | None) -> dict[str, Any] | None:
+    return None if test is None else asdict(test) | {"kept": not test.is_broken}
 
 
 def _step(step: FitStep) -> dict[str, Any]:

@@ -21,11 +21,13 @@ class NaturalBound:
     size: float
     unit: str
     source: str
+    refused: float = 10.0  # times it, from which no fit is believed; wrong masses make less than that
 
 
 _GEAR = "the smallest strain wave gears turn by 1e-3 rad/Nm (makers' tables: 1 kNm/rad)"
 _PLAY = "robot gears are made with 3e-4 rad of play (one arc minute), worn ones have a few times that"
 _COUNTED = "gear ratios are whole numbers of teeth, and encoders count them to 1e-3 and better"
+_SEEN = 3.0  # times what is seen with bare eyes
 
 NATURAL_BOUNDS: Mapping[str, tuple[NaturalBound, ...]] = MappingProxyType(
     {
@@ -80,13 +82,13 @@ NATURAL_BOUNDS: Mapping[str, tuple[NaturalBound, ...]] = MappingProxyType(
             NaturalBound(2e-3, "rad", "bearings of joints run true to 1e-4 rad, bad ones to ten times that"),
         ),
         "joint_step": (
-            NaturalBound(5e-2, "rad", "a clutch or an encoder that slips by more is seen"),
-            NaturalBound(20.0, "mm", "a slide that slips by more is seen"),
+            NaturalBound(5e-2, "rad", "a clutch or an encoder that slips by more is seen", _SEEN),
+            NaturalBound(20.0, "mm", "a slide that slips by more is seen", _SEEN),
         ),
-        "target_step": (NaturalBound(20.0, "mm", "a target that moved by more has come off"),),
+        "target_step": (NaturalBound(20.0, "mm", "a target that moved by more has come off", _SEEN),),
         "scanner_step": (
-            NaturalBound(200.0, "mm", "a knock moves an instrument by less"),
-            NaturalBound(0.1, "rad", "a knock turns an instrument by less"),
+            NaturalBound(200.0, "mm", "a knock moves an instrument by less", _SEEN),
+            NaturalBound(0.1, "rad", "a knock turns an instrument by less", _SEEN),
         ),
         "thermal_growth": (NaturalBound(3e-5, "1/K", "of an arm's metals aluminium grows most, by 23e-6/K"),),
         "warm_up": (NaturalBound(2e-3, "1", "aluminium grows by 1.4e-3 for 60 K"),),

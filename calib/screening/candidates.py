@@ -17,6 +17,7 @@ from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
 from calib.effects.effect import Effect, Family, full_name
 from calib.screening.evidence import Evidence, holm, most_columns
+from calib.screening.left_out import cross_validated_rmse_mm
 from calib.screening.member_columns import VisibleColumns, visible_columns
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 
@@ -217,34 +218,3 @@ def _candidate(
         explained=-evidence.explained,
         overlaps=overlaps,
     )
-
-
-def cross_validated_rmse_mm(projected: ProjectedResidual, columns: Array, spread: Array) -> float:
-    """RMS of a coordinate, mm, when each pose is predicted from all others (leave one pose out, linearised).
-
-    e_i = (1 - H_ii)^-1 r_i for each pose's block of the hat matrix H of fitted directions and candidate; exact for a
-    linear model with fixed sizes of the candidate's coefficients.
-    """
-    residual, shrunk = projected.residual, columns * spread
-    nuisance = projected.nuisance
-    if nuisance is not None:  # back to where each row is of one pose, with the nuisance as further columns
-        uncertain = nuisance.directions * nuisance.sizes
-        residual = nuisance.coloured(residual)
-        shrunk = np.concatenate([uncertain, nuisance.coloured(shrunk)], axis=1)
-    inner = np.linalg.inv(np.eye(shrunk.shape[1]) + shrunk.T @ shrunk)
-    left = residual - shrunk @ (inner @ (shrunk.T @ residual))
-    observed = projected.residuals.observed
-    sigma_mm = np.sqrt(np.trace(observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
-    order = np.argsort(observed.points.pose, kind="stable")
-    counts = np.unique(observed.points.pose, return_counts=True)[1]
-    starts = np.cumsum(counts) - counts
-    total = 0.0
-    for count in np.unique(counts):  # all poses with this many points at once
-        points = order[starts[counts == count][:, None] + np.arange(count)]  # (poses, count)
-        rows = (3 * points[:, :, None] + np.arange(3)).reshape(len(points), -1)
-        fitted, extra = projected.basis[rows], shrunk[rows]
-        hat = fitted @ np.swapaxes(fitted, 1, 2) + extra @ inner @ np.swapaxes(extra, 1, 2)
-        # Without a pose that alone determines a direction, I - H is singular; the floor keeps its error finite.
-        error = np.linalg.solve((1.0 + 1e-9) * np.eye(rows.shape[1]) - hat, left[rows][..., None])[..., 0]
-        total += float(np.sum((error * np.repeat(sigma_mm[points], 3, axis=1)) ** 2))
-    return float(np.sqrt(total / len(residual)))

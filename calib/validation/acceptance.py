@@ -9,15 +9,16 @@ import numpy as np
 
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Figures
+from calib.calibration.held_out import held_out_test
 from calib.calibration.noise_check import check_sigma, noise_floor_mm
-from calib.calibration.plausibility import implausibility_reason, outlier_hint
+from calib.calibration.plausibility import implausibility_reason, outlier_hint, too_good
 from calib.calibration.result import Calibration, declared_sigma_mm, is_declared
 from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.repeats import Repeats, find_repeats, pooled_sigma_mm, scatter_against_covariances
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.words.conclusion_text import verdict_text
+from calib.diagnosis.words.conclusion_text import promise_text, verdict_text
 from calib.diagnosis.words.phrases import listed
 from calib.display.shown import Documented
 from calib.effects.catalogue import effects_named
@@ -146,6 +147,7 @@ def check(
             words = verdict_text(diagnosis.explanation.verdict, reasons="by inspector diagnose", tied=tied)
             items.append(CheckItem("diagnosis", None, words, warning=diagnosis.verdict in UNSETTLED))
             items += _left_by_diagnosis(diagnosis)
+            items += _promise(diagnosis)
         except FitError as error:  # no degree of freedom is left: a note, no failure
             items.append(CheckItem("diagnosis", None, f"not tried: {error}"))
     return Check(dataset, tuple(items), calibration, repeats, diagnosis)
@@ -263,9 +265,35 @@ def _test_poses(calibration: Calibration, max_test_rmse_mm: float | None) -> lis
     return items
 
 
+def _promise(diagnosis: Diagnosis) -> list[CheckItem]:
+    """Whether the test poses are off by no more than the model that the diagnosis ends with promises."""
+    last, tests = diagnosis.calibration, diagnosis.residual_tests
+    noise_mm, noise_from = tests.noise_mm, tests.noise_from
+    if (
+        last.sigma_mm > noise_mm
+    ):  # what is left beside the noise is told already, and the promise is by all of it
+        noise_mm, noise_from = last.sigma_mm, "fit"
+    test = held_out_test(last, noise_mm, noise_from)
+    if test is None:
+        return []
+    if test.is_broken:
+        return [CheckItem("promise", False, promise_text(test))]
+    words = f"the test poses are off by {test.rmse_mm:.4g} mm, {test.promised_mm:.4g} mm was to be expected"
+    return [CheckItem("promise", True, words)]
+
+
+def _doubted(name: str, calibration: Calibration, doubt: str) -> CheckItem:
+    """A failure of a fit that cannot be, or is too good for the declared noise; a warning where none is declared."""
+    fails = bool(doubt) or is_declared(calibration.dataset)
+    return CheckItem(name, False if fails else None, doubt or too_good(calibration), warning=not fails)
+
+
 def _left_by_diagnosis(diagnosis: Diagnosis) -> list[CheckItem]:
-    """A failure where even the model that the diagnosis ends with leaves many times the declared noise."""
+    """A failure where the model at the end leaves many times the declared noise, or far too little, or is no arm."""
     last = diagnosis.calibration
+    doubt = implausibility_reason(last) if last.model.added_effects else ""
+    if doubt or too_good(last):
+        return [_doubted("model", last, doubt)]
     if not is_declared(last.dataset) or not last.fit.noise > MAX_LEFT_RATIO:
         return []
     what = " with ".join(["the links", *(["all that was found"] if last.model.family_names else [])])
@@ -284,6 +312,8 @@ def _residual(calibration: Calibration) -> list[CheckItem]:
     declared = is_declared(calibration.dataset)
     ratio_words = f", {noise:.3g} times the declared sigma" if declared else "; no sigma is declared"
     doubt = implausibility_reason(calibration)
+    if not doubt and too_good(calibration):
+        return [_doubted("residual", calibration, doubt)]
     if not doubt and declared and noise > MAX_SIGMA_RATIO:
         doubt = "the model does not describe these data; check joint signs, units and the order of the poses"
     if doubt:

@@ -10,7 +10,7 @@ import pytest
 from calib.calibration.calibrate import calibrate
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.diagnosis.decision_rules import carries_its_names, is_refused, verdict_of
+from calib.diagnosis.decision_rules import carries_its_names, refusal, verdict_of
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.effect_selection import SelectedEffect, calibrate_with
 from calib.diagnosis.words.text import reason_texts
@@ -114,16 +114,23 @@ def test_a_further_effect_has_to_help_poses_that_its_fit_did_not_see() -> None:
     after = calibrate_with(dataset, (SelectedEffect.of(best),), start=before)
     useless = replace(best, cv_rmse_mm=screening.cv_rmse_mm)
     for further in (False, True):
-        assert not is_refused(best, screening, before, after, further=further)
-        assert is_refused(best, screening, after, before, further=further)  # the test poses get much worse
-        assert is_refused(useless, screening, before, after, further=further) is further
+        assert refusal(best, screening, before, after, further=further) is None
+        worse = refusal(best, screening, after, before, further=further)  # the test poses get much worse
+        assert worse is not None
+        assert worse.why == "test poses"
+        assert (refusal(useless, screening, before, after, further=further) is not None) is further
     is_test = before.after.is_test[before.after.pose]
     grows = np.argsort(np.linalg.norm(before.after.error_mm[is_test], axis=1)) % 2 == 0
     error_mm = before.after.error_mm.copy()
     error_mm[is_test] *= np.where(grows, 1.1, 0.95)[:, None]  # worse on average, within the scatter
     little = replace(before, after=replace(before.after, error_mm=error_mm))
-    assert not is_refused(best, screening, before, little, further=False)
-    assert is_refused(best, screening, before, little, further=True)
+    refused = refusal(best, screening, before, little, further=True)
+    assert refused is not None
+    assert refused.why == "test poses"
+    nowhere = refusal(best, screening, before, before, further=False)  # no pose that was left out gains by it
+    assert nowhere is not None
+    assert nowhere.why == "no gain"
+    assert not nowhere.leaves_doubt
 
 
 def test_where_a_further_effect_is_refused_what_is_left_decides() -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.calibration.held_out import HeldOutTest
 from calib.diagnosis.words import conclusions
 from calib.diagnosis.words import sentences as facts
 from calib.diagnosis.words.causes import NOUNS
@@ -54,10 +55,10 @@ def test_poses_are_told_in_degrees_and_millimetres() -> None:
             "What is missing is backlash. With it nothing else shows.",
         ),
         (
-            conclusions.Named(("backlash",), None, 5.2),
-            "What is missing is backlash. With it nothing else shows at the training poses; but the test poses are off "
-            "by 5.2 times what noise leaves there: they were measured in another way, on another day, or they show "
-            "what the training poses do not.",
+            conclusions.Unexplained((), "promise", "", held_out=HeldOutTest(13, 0.2, 0.1, 2.1, 1e-9)),
+            "unexplained. No effect of the catalogue fits: the test poses are off by 0.20 mm, where the noise and what "
+            "the fit does not know promise 0.10 mm: they were measured in another way or on another day, or they show "
+            "what the training poses do not. Measure training poses like them.",
         ),
         (
             conclusions.Named(("backlash", "tool_sag"), 7),
@@ -229,7 +230,7 @@ def test_the_verdict_comes_last_and_paragraphs_are_apart() -> None:
     size = facts.ResidualSize(0.06, 0.05, "repeats")
     order = facts.ResidualOrder(("q2", "time_s"), 1e-3, Channel(joint=1))
     paragraph = (size, order, facts.FaultSuspected(SWAY), facts.PosesStandOut(("p1", "p2")))
-    reasons = ((facts.EffectRefused("backlash"),), paragraph)
+    reasons = ((facts.EffectRefused("backlash", "test poses"),), paragraph)
     first, second, last = explanation_text(facts.Explanation(reasons, conclusions.Named(("a",), None))).split(
         "\n\n"
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from calib.calibration.held_out import HeldOutTest
 from calib.diagnosis.words import conclusions as facts
 from calib.diagnosis.words.causes import NOUNS
 from calib.diagnosis.words.noise_text import noise_text
@@ -52,7 +53,7 @@ def verdict_text(verdict: facts.VerdictSentence, *, reasons: str = "above", tied
                 if verdict.effects
                 else "No effect of the catalogue fits: "
             )
-            left = _unexplained(verdict.reason, reasons)
+            left = _unexplained(verdict, reasons)
             return f"unexplained{_left_over(verdict)}. {begin}{left}{suspicion_text(verdict.effects)}"
         case facts.Outliers():
             missing = f"{missing_text(verdict.effects, verdict.causes)}. " if verdict.effects else ""
@@ -137,12 +138,6 @@ def _adequate(verdict: facts.Adequate) -> str:
 
 def _nothing_else(verdict: facts.Adequate | facts.Named) -> str:
     """Whether the test poses, too, are off by noise alone."""
-    if verdict.test_excess is not None:
-        return (
-            f"nothing else shows at the training poses; but the test poses are off by {times_text(verdict.test_excess)} what "
-            "noise leaves there: they were measured in another way, on another day, or they show what the training poses "
-            "do not"
-        )
     held_out = verdict.held_out
     if held_out is not None:
         return (
@@ -162,7 +157,11 @@ def _contradiction(points: int | None) -> str:
     )
 
 
-def _unexplained(reason: str, reasons: str) -> str:
+def _unexplained(verdict: facts.Unexplained, reasons: str) -> str:
+    if verdict.reason == "promise" and verdict.held_out is not None:
+        return promise_text(verdict.held_out)
+    if verdict.reason == "refused" and verdict.refusal == "nature":
+        return "what would explain it is larger than such a cause can be."
     return {
         "fault": f"what is left tells of something else, said {reasons}. Look at that joint.",
         "order": (
@@ -174,7 +173,16 @@ def _unexplained(reason: str, reasons: str) -> str:
             "a slow wander of the instrument explains it as well. Measure one pose again and again through the session."
         ),
         "refused": "what was found makes the test poses worse.",
-    }[reason]
+    }[verdict.reason]
+
+
+def promise_text(test: HeldOutTest) -> str:
+    """That the test poses are off by more than noise and an uncertain fit leave there, and what may be behind it."""
+    return (
+        f"the test poses are off by {length_text(test.rmse_mm)}, where the noise and what the fit does not know promise "
+        f"{length_text(test.promised_mm)}: they were measured in another way or on another day, or they show what the "
+        "training poses do not. Measure training poses like them."
+    )
 
 
 def advice_text(sentences: Iterable[facts.AdviceSentence]) -> str:

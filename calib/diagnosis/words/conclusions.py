@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from calib.calibration.held_out import HeldOutTest
 from calib.diagnosis.words.noise_text import NoiseShaped
 from calib.screening.fault_models import JointFault
 
@@ -54,9 +55,6 @@ class Adequate:
 
     any_tested: bool
     untestable: tuple[str, ...]  # families, those apart that hardly any data can test
-    test_excess: float | None = (
-        None  # the test poses' error over what noise and the fit's uncertainty leave there
-    )
     held_out: HeldOutError | None = None
     left: AtPose | None = None  # the pose that is off the most
 
@@ -67,7 +65,6 @@ class Named:
 
     effects: tuple[str, ...]
     contradicting_points: int | None  # of test poses, that got worse within their scatter
-    test_excess: float | None = None  # as of `Adequate`
     held_out: HeldOutError | None = None
     causes: tuple[Cause, ...] = ()  # one for each of the effects
 
@@ -88,10 +85,12 @@ class Unexplained:
     """Something is left that no effect of the catalogue explains."""
 
     effects: tuple[str, ...]  # that help, and are only suspected
-    reason: str  # "implausible", "curves", "fault", "order", "size", "wander" or "refused"
+    reason: str  # "implausible", "curves", "fault", "order", "size", "wander", "promise" or "refused"
     doubt: str  # why points and poses do not belong together, for "implausible"
     left: AtPose | None = None  # the pose that is off the most, without learned curves
     joint: int | None = None  # counted from 1, whose motion shows what is left the most
+    held_out: HeldOutTest | None = None  # the test poses against what the model promised
+    refusal: str | None = None  # `Refusal.why` of an effect that was not added
 
 
 @dataclass(frozen=True)

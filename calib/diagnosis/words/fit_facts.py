@@ -5,18 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from calib.calibration.result import Calibration, is_declared
-from calib.calibration.uncertainty import prediction_covariance
 from calib.diagnosis.words.phrases import meaning
 from calib.diagnosis.words.sentences import ErrorChange, FittedValue, ModelFitted
-from calib.distributions import chi2_ppf
 from calib.effects.effect import parameters_by_name
 from calib.effects.natural_bounds import exceeded_bound
-from calib.errors import FitError
 from calib.screening.candidates import Candidate
-
-_PREDICTION_DOUBT = (
-    2.0  # where training poses are alike, directions that they hardly tell count on their prior
-)
 
 
 def model_fitted(calibration: Calibration) -> ModelFitted:
@@ -64,28 +57,3 @@ def fitted_values(candidate: Candidate, calibration: Calibration) -> tuple[Fitte
             bound = exceeded_bound(*parameters[value.name], size, sigma)
             out.append(FittedValue(value.name, size, sigma, value.unit, means, bound))
     return tuple(sorted(out, key=lambda v: (abs(v.value) / v.sigma, v.name), reverse=True))
-
-
-def test_excess(calibration: Calibration, noise_mm: float) -> float | None:
-    """The test poses' RMSE over what noise leaves there; None where it is no more than that may be by chance.
-
-    Noise leaves the point's own and what it does to the fit's prediction, which is much where test poses are of another
-    kind. A chi^2 with 3 degrees of freedom a point exceeds its 99.9 % quantile by chance once in a thousand; what the
-    fit says of its own uncertainty is believed to `_PREDICTION_DOUBT`.
-    """
-    after, poses = calibration.after, calibration.dataset.poses
-    if after.test is None or not noise_mm > 0.0:
-        return None
-    rows = np.flatnonzero(after.is_test[after.pose])
-    expected_mm2 = 3.0 * noise_mm**2 * len(rows)
-    for setup in after.scanner_T_base:
-        of_setup = after.pose[rows][poses.setup[after.pose[rows]] == setup]
-        if len(of_setup):
-            try:
-                covariance_mm2 = prediction_covariance(calibration, poses.q[of_setup], setup)
-            except FitError:  # it has no training pose: its frame is of the test poses themselves
-                return None
-            expected_mm2 += float(np.trace(covariance_mm2, axis1=1, axis2=2).sum())
-    by_chance = float(np.sqrt(chi2_ppf(0.999, 3 * len(rows)) / (3 * len(rows))))
-    ratio = float(np.sqrt(np.sum(after.error_mm[rows] ** 2) / expected_mm2))
-    return ratio if ratio > _PREDICTION_DOUBT * by_chance else None

@@ -129,9 +129,11 @@ class SplitPromise:
 
 @dataclass(frozen=True)
 class EffectRefused:
-    """An effect that explains the training poses and makes the test poses worse."""
+    """An effect that explains the training poses, and what speaks against it."""
 
     effect: str
+    why: str  # "nature", "test poses" or "no gain"
+    detail: str = ""  # for "nature": what is beyond which bound, as a clause
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,17 @@ from calib.screening.candidates import MIN_LEAD
 
 _SHOWN_VALUES = 4  # fitted parameters of an effect that are told; the others are counted
 _STANDING = {"claimed": "Missing", "suspected": "Suspected", "open": "Missing, it or what is like it"}
+_REFUSALS = {
+    "nature": "{}: it was not added. Something else makes what it would explain.",
+    "test poses": (
+        "with it the test poses, which the fit did not see, are predicted worse: it was not added. Either it stands in for "
+        "another cause, or the test poses differ from the others."
+    ),
+    "no gain": (
+        "poses that were left out, the test poses and the training poses one by one, are predicted no better with it "
+        "beyond chance: it was not added."
+    ),
+}
 _NOISE_SOURCES = {
     "repeats": "by repeated measurements",
     "dataset": "as dataset.toml declares it, believed to 25 %",
@@ -58,11 +69,8 @@ def reason_text(reason: facts.Reason) -> str:
             return _set_open(reason)
         case facts.EffectsTied():
             return _effects_tied(reason)
-        case facts.EffectRefused(effect):
-            return (
-                f"{effect} explains the training poses well, but with it poses that the fit did not see are predicted "
-                "worse: it was not added. Either it stands in for another cause, or the test poses differ from the others."
-            )
+        case facts.EffectRefused(effect, why, detail):
+            return f"{effect} explains the training poses well, but {_REFUSALS[why].format(detail)}"
         case facts.ResidualSize(residual_mm, noise_mm, noise_from):
             return (
                 f"What is left is {residual_mm:.4g} mm a coordinate; the noise is {noise_mm:.4g} mm, "

@@ -11,7 +11,6 @@ from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
 from calib.effects.gravity import has_masses
-from calib.screening.candidates import cross_validated_rmse_mm
 from calib.screening.curves.curve_evidence import CurveColumns, CurveEvidence, CurvePosterior, Spectrum
 from calib.screening.curves.curve_formulas import FoundFormula, find_formula
 from calib.screening.curves.smooth_joint_error import (
@@ -21,6 +20,7 @@ from calib.screening.curves.smooth_joint_error import (
     inputs_of,
     joints_of,
 )
+from calib.screening.left_out import cross_validated_rmse_mm
 from calib.screening.projected_residual import ProjectedResidual, joint_directions, project_residual
 
 MIN_LOG_EVIDENCE = 8.0  # over no curve at all: noise alone reached 2.5 in 12 clean arms

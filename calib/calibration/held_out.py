@@ -1,0 +1,153 @@
+"""Whether the test poses are off by no more than a fit promised: noise, and what it does not know of its parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib import frames
+from calib.array_types import Array, BoolArray, IndexArray
+from calib.calibration.result import Calibration, declared_sigma_mm
+from calib.calibration.uncertainty import JointKnowledge
+from calib.dataset.stands import SIGMA_DOUBT
+from calib.distributions import chi2_sf, f_sf
+from calib.effects.catalogue.order_steps import ChangePoint
+from calib.fitting.observations import Observations, linearise_points
+from calib.fitting.scanner_frame import frame_motion, orthonormal, whitener
+
+BY_CHANCE = 0.001
+"""p, below which the test poses are off by more than was promised."""
+_LEAST_POSES = 4
+
+
+@dataclass(frozen=True)
+class HeldOutTest:
+    """The test poses' errors against their promised covariance: noise, parameters and scanner's frames together."""
+
+    poses: int  # that were tested
+    rmse_mm: float  # 3D, of their points
+    promised_mm: float  # 3D RMSE that was to be expected
+    ratio: float  # root mean square of the errors in units of their covariance; 1 where the promise is kept
+    p_value: float  # of so large a ratio by chance, without the pose that is off the most
+
+    @property
+    def is_broken(self) -> bool:
+        """Whether the test poses are off by more than was promised, and not a single one alone."""
+        return self.p_value < BY_CHANCE
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Whitened errors of test points and a root of the covariance that uncertain parameters and frames add to 1."""
+
+    error: Array  # (R,)
+    root: Array  # (R, K)
+    pose: IndexArray  # (R,)
+    spent: int  # rows that frames of setups without training poses took
+
+    def square_and_freedom(self, chosen: BoolArray) -> tuple[float, float]:
+        """e^T (1 + L L^T)^-1 e of the chosen rows, and how many they count as."""
+        error, root = self.error[chosen], self.root[chosen]
+        along = root.T @ error
+        inner = np.linalg.solve(np.eye(root.shape[1]) + root.T @ root, along)
+        return float(error @ error - along @ inner), len(error) * (1.0 - self.spent / len(self.error))
+
+
+def held_out_test(calibration: Calibration, noise_mm: float, noise_from: str) -> HeldOutTest | None:
+    """Hold the test poses' errors against what the fit promised; None with fewer than four test poses.
+
+    With e the errors and L a root of the covariance that uncertain parameters and frames give them, all in units of the
+    noise, e^T (1 + L L^T)^-1 e follows chi^2 with as many degrees of freedom as there are rows. The error of one
+    parameter shows at every pose: a sum over single poses would count it again and again. Repeats of a pose count once,
+    by their mean. A setup without training
+    poses has its frame from its own points, which takes up to six rows. Test poses between the last training pose
+    before a step and the first one after it are left out: no fit can tell on which side of the step they are.
+
+    Args:
+        calibration: a fit, with its errors at the test poses.
+        noise_mm: sigma of a coordinate, as the residual was held against.
+        noise_from: "repeats", "dataset" or "fit", where that is from: the fit's own is known as well as its degrees of
+            freedom tell it, the others are believed to 25 %.
+    """
+    dataset, fit = calibration.fitted_dataset, calibration.fit
+    noise = dataset.noise if calibration.options.noise is None else calibration.options.noise
+    if dataset.points is None or not noise_mm > 0.0 or fit.undetermined.any():
+        return None
+    if noise is not None and noise.wander is not None:  # then errors of poses measured together are alike
+        return None
+    tested = dataset.poses.is_test & ~in_gap_of_step(calibration)
+    poses = np.unique(dataset.points.pose[tested[dataset.points.pose]])
+    if len(poses) < _LEAST_POSES:
+        return None
+    observed = replace(Observations.of(dataset, tested), scanner_T_base=calibration.after.scanner_T_base)
+    rows = _whitened(calibration, observed, noise_mm)
+    everything = np.ones(len(rows.error), dtype=bool)
+    square, freedom = rows.square_and_freedom(everything)
+    worst = max(poses, key=lambda pose: float(np.mean(rows.error[rows.pose == pose] ** 2)))
+    less, less_freedom = rows.square_and_freedom(rows.pose != worst)
+    if noise_from == "fit":
+        p_value = f_sf(less / less_freedom, less_freedom, max(fit.degrees_of_freedom, 1.0))
+    else:
+        p_value = chi2_sf(less / SIGMA_DOUBT**2, less_freedom)
+    points = len(observed.points)
+    variance = noise_mm**2 * (1.0 + np.sum(rows.root**2, axis=1))
+    return HeldOutTest(
+        poses=len(poses),
+        rmse_mm=noise_mm * float(np.sqrt(np.sum(rows.error**2) / points)),
+        promised_mm=float(np.sqrt(np.sum(variance) / points)),
+        ratio=float(np.sqrt(square / freedom)),
+        p_value=p_value,
+    )
+
+
+def in_gap_of_step(calibration: Calibration) -> BoolArray:
+    """(N,) test poses between the last training pose before a step of the model and the first one after it."""
+    poses = calibration.fitted_dataset.poses
+    order = dict(zip(poses.ids, poses.order.tolist(), strict=True))
+    gap = np.zeros(len(poses), dtype=bool)
+    for effect in calibration.model.added_effects:
+        start = getattr(effect, "start", None)
+        if isinstance(start, ChangePoint) and start.pose in order:
+            gap |= (poses.order >= start.first) & (poses.order < order[start.pose])
+    return gap & poses.is_test
+
+
+def _whitened(calibration: Calibration, observed: Observations, noise_mm: float) -> _Rows:
+    """The errors of the observed points in units of the noise, with what uncertain parameters and frames add."""
+    model, fit, after = calibration.model, calibration.fit, calibration.after
+    variance, turn = np.linalg.eigh(fit.covariance)
+    parameters_root = turn * np.sqrt(np.maximum(variance, 0.0))
+    whiten = whitener(observed.covariance_mm2) * (declared_sigma_mm(calibration.fitted_dataset) / noise_mm)
+    at_mm, by_x = linearise_points(model, fit.x, observed)
+    trained = set(map(str, Observations.of(calibration.fitted_dataset).setup))
+    count = len(observed.points)
+    error = np.empty((count, 3))
+    root = np.empty((count, 3, len(fit.x)))
+    own: list[Array] = []
+    spent = 0
+    for setup in map(str, np.unique(observed.setup)):
+        rows = np.flatnonzero(observed.setup == setup)
+        scanner_T_base = after.scanner_T_base[setup]
+        seen_mm = frames.apply(scanner_T_base, at_mm[rows])
+        missed = np.einsum("mij,mj->mi", whiten[rows], seen_mm - observed.points.xyz_mm[rows])
+        columns = whiten[rows] @ scanner_T_base[:3, :3] @ by_x[rows]
+        if setup in trained:
+            known = JointKnowledge.of(calibration, setup)
+            motion = whiten[rows] @ frame_motion(seen_mm, known.centre_mm)
+            columns = columns + motion @ known.follows
+            block = np.zeros((count, 3, known.frame_root.shape[1]))
+            block[rows] = motion @ known.frame_root
+            own.append(block.reshape(3 * count, -1))
+        else:
+            motion = whiten[rows] @ frame_motion(seen_mm, seen_mm.mean(axis=0))
+            basis = orthonormal(motion.reshape(3 * len(rows), 6))
+            spent += basis.shape[1]
+            flat = columns.reshape(3 * len(rows), -1)
+            columns = (flat - basis @ (basis.T @ flat)).reshape(columns.shape)
+            missed = (missed.ravel() - basis @ (basis.T @ missed.ravel())).reshape(-1, 3)
+        error[rows], root[rows] = missed, columns
+    stacked = root.reshape(3 * count, -1) @ parameters_root
+    return _Rows(
+        error.ravel(), np.concatenate([stacked, *own], axis=1), np.repeat(observed.points.pose, 3), spent
+    )

@@ -1,0 +1,96 @@
+"""Errors of poses that a fit did not see: test poses, and training poses left out one by one (linearised)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.array_types import Array, IndexArray
+from calib.calibration.result import Calibration
+from calib.errors import FitError
+from calib.screening.projected_residual import ProjectedResidual, project_residual
+
+
+def left_out_errors_mm(projected: ProjectedResidual, columns: Array, spread: Array) -> Array:
+    """(R,) error in mm of each coordinate when its pose is predicted from all others (leave one pose out, linearised).
+
+    e_i = (1 - H_ii)^-1 r_i for each pose's block of the hat matrix H of fitted directions and candidate; exact for a
+    linear model with fixed sizes of the candidate's coefficients.
+
+    Args:
+        projected: what a fit leaves over.
+        columns: (R, K) of a candidate, projected and whitened; none for the fit as it is.
+        spread: (K,) prior sigmas of its coefficients.
+    """
+    residual, shrunk = projected.residual, columns * spread
+    nuisance = projected.nuisance
+    if nuisance is not None:  # back to where each row is of one pose, with the nuisance as further columns
+        uncertain = nuisance.directions * nuisance.sizes
+        residual = nuisance.coloured(residual)
+        shrunk = np.concatenate([uncertain, nuisance.coloured(shrunk)], axis=1)
+    inner = np.linalg.inv(np.eye(shrunk.shape[1]) + shrunk.T @ shrunk)
+    left = residual - shrunk @ (inner @ (shrunk.T @ residual))
+    observed = projected.residuals.observed
+    sigma_mm = np.sqrt(np.trace(observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
+    order = np.argsort(observed.points.pose, kind="stable")
+    counts = np.unique(observed.points.pose, return_counts=True)[1]
+    starts = np.cumsum(counts) - counts
+    out = np.empty(len(residual))
+    for count in np.unique(counts):  # all poses with this many points at once
+        points = order[starts[counts == count][:, None] + np.arange(count)]  # (poses, count)
+        rows = (3 * points[:, :, None] + np.arange(3)).reshape(len(points), -1)
+        fitted, extra = projected.basis[rows], shrunk[rows]
+        hat = fitted @ np.swapaxes(fitted, 1, 2) + extra @ inner @ np.swapaxes(extra, 1, 2)
+        # Without a pose that alone determines a direction, I - H is singular; the floor keeps its error finite.
+        error = np.linalg.solve((1.0 + 1e-9) * np.eye(rows.shape[1]) - hat, left[rows][..., None])[..., 0]
+        out[rows] = error * np.repeat(sigma_mm[points], 3, axis=1)
+    return out
+
+
+def cross_validated_rmse_mm(projected: ProjectedResidual, columns: Array, spread: Array) -> float:
+    """RMS of a coordinate, mm, when each pose is predicted from all others (`left_out_errors_mm`)."""
+    return float(np.sqrt(np.mean(left_out_errors_mm(projected, columns, spread) ** 2)))
+
+
+@dataclass(frozen=True)
+class LeftOutGain:
+    """What an effect brings at poses that neither fit saw: the test poses, and training poses left out one by one."""
+
+    share: float  # by which the RMS error of all of them falls
+    standard_errors: float  # of the mean fall of the squared error; above 0 where it falls
+
+
+def left_out_gain(before: Calibration, after: Calibration) -> LeftOutGain | None:
+    """How much better a fit with an effect predicts poses that were left out; None where too few equations are left."""
+    try:
+        squared = [_squared_errors(fit) for fit in (before, after)]
+    except FitError:
+        return None
+    if len(squared[0]) != len(squared[1]):  # of other poses: a robust fit left out some
+        return None
+    fall = squared[0] - squared[1]
+    error = float(fall.std(ddof=1) / np.sqrt(len(fall)))
+    share = 1.0 - float(np.sqrt(squared[1].sum() / max(squared[0].sum(), 1e-300)))
+    return LeftOutGain(share, float(fall.mean()) / max(error, 1e-300))
+
+
+def _squared_errors(calibration: Calibration) -> Array:
+    """(K,) mm^2 the squared 3D error at each training pose left out, then at each test pose; means over its points."""
+    projected = project_residual(calibration)
+    error = left_out_errors_mm(projected, np.zeros((len(projected.residual), 0)), np.zeros(0)).reshape(-1, 3)
+    after = calibration.after
+    test = after.is_test[after.pose]
+    return np.concatenate(
+        [
+            _by_pose(np.sum(error**2, axis=1), projected.residuals.observed.points.pose),
+            _by_pose(np.sum(after.error_mm[test] ** 2, axis=1), after.pose[test]),
+        ]
+    )
+
+
+def _by_pose(values: Array, pose: IndexArray) -> Array:
+    if not len(values):
+        return values
+    row = np.unique(pose, return_inverse=True)[1]
+    return np.asarray(np.bincount(row, values) / np.bincount(row))
