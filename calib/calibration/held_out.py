@@ -29,7 +29,7 @@ class HeldOutTest:
     rmse_mm: float  # 3D, of their points
     promised_mm: float  # 3D RMSE that was to be expected
     ratio: float  # root mean square of the errors in units of their covariance; 1 where the promise is kept
-    p_value: float  # of so large a ratio by chance, without the pose that is off the most
+    p_value: float  # of a ratio so far above 1.25 by chance, without the pose that is off the most
 
     @property
     def is_broken(self) -> bool:
@@ -67,8 +67,8 @@ def held_out_test(calibration: Calibration, noise_mm: float, noise_from: str) ->
     Args:
         calibration: a fit, with its errors at the test poses.
         noise_mm: sigma of a coordinate, as the residual was held against.
-        noise_from: "repeats", "dataset" or "fit", where that is from: the fit's own is known as well as its degrees of
-            freedom tell it, the others are believed to 25 %.
+        noise_from: "repeats", "dataset" or "fit", where that is from. Each is taken as accurate to 25 %; the fit's own
+            is known only as well as its degrees of freedom tell it.
     """
     dataset, fit = calibration.fitted_dataset, calibration.fit
     noise = dataset.noise if calibration.options.noise is None else calibration.options.noise
@@ -86,10 +86,11 @@ def held_out_test(calibration: Calibration, noise_mm: float, noise_from: str) ->
     square, freedom = rows.square_and_freedom(everything)
     worst = max(poses, key=lambda pose: float(np.mean(rows.error[rows.pose == pose] ** 2)))
     less, less_freedom = rows.square_and_freedom(rows.pose != worst)
+    doubted = less / SIGMA_DOUBT**2
     if noise_from == "fit":
-        p_value = f_sf(less / less_freedom, less_freedom, max(fit.degrees_of_freedom, 1.0))
+        p_value = f_sf(doubted / less_freedom, less_freedom, max(fit.degrees_of_freedom, 1.0))
     else:
-        p_value = chi2_sf(less / SIGMA_DOUBT**2, less_freedom)
+        p_value = chi2_sf(doubted, less_freedom)
     points = len(observed.points)
     variance = noise_mm**2 * (1.0 + np.sum(rows.root**2, axis=1))
     return HeldOutTest(
