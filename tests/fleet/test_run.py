@@ -75,6 +75,18 @@ def test_every_dataset_has_a_row_and_one_that_cannot_be_read_costs_only_itself(f
     assert "FAILED broken" in fleet.summary()
 
 
+@pytest.mark.parametrize("file", ["dataset.toml", "robot.toml"])
+def test_a_dataset_that_would_fill_the_memory_costs_only_itself(folder: Path, file: str) -> None:
+    bomb = write_cell(folder / "bomb", 9) / file
+    bomb.write_text(
+        bomb.read_text() + "a" + ".a" * 20_000 + " = 1\n"
+    )  # 40 kB, of which a parser makes 1.5 GB
+    fleet = run(folder)
+    assert [row.path for row in fleet.rows] == ["a", "b", "deep/er/c"]
+    assert [failure.path for failure in fleet.failures] == ["bomb", "broken"]
+    assert "a key of more than 20 parts" in fleet.failures[0].reason
+
+
 def test_a_later_run_takes_over_what_has_not_changed(folder: Path) -> None:
     first = run(folder)
     (folder / "a" / "points.csv").write_text((folder / "a" / "points.csv").read_text() + "\n")
