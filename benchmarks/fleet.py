@@ -86,8 +86,7 @@ def run(folder: Path, workers: int, *, kill: bool) -> None:
         def on_progress(done: int, total: int, path: str) -> None:
             memory.append(memory_mb("VmRSS"))
             if kill and len(memory) == max(1, total // 4):
-                client = pool.executor._client  # type: ignore[union-attr]
-                os.kill(min(client.run(os.getpid).values()), 9)
+                os.kill(min(pool.executor.pids), 9)  # type: ignore[union-attr]
 
         fleet = run_fleet(discover(folder / "fleet"), Path(results), pool, on_progress=on_progress)
     count = len(fleet.rows) + len(fleet.failures)

@@ -7,7 +7,6 @@ written at once, below a folder of its own for each page.
 
 from __future__ import annotations
 
-import logging
 import os
 import shutil
 import tempfile
@@ -22,8 +21,9 @@ import viser
 from viser import _messages
 
 from calib.errors import CalibError
+from inspector.server.connection_log import bounded_logger
 
-log = logging.getLogger(__name__)
+log = bounded_logger(__name__)
 
 PART_BYTES = 512 * 1024  # as the page cuts files
 _LONGEST_NAME = 120
