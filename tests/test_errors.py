@@ -6,8 +6,7 @@ import json
 
 import pytest
 
-from calib.display.html_text import escape
-from calib.display.view_page import _visible
+from calib.display.html_text import escape, visible_value
 from calib.errors import is_one_line, shown, visible
 from calib.strict_json import to_json
 from calib.text_files.csv_text import rows_csv
@@ -47,7 +46,7 @@ def test_what_is_hidden_becomes_an_escape_everywhere(name: str) -> None:
     hidden, escaped = HIDDEN[name]
     text = f"a{hidden}b"
     assert not is_one_line(text)
-    for told in (visible(text), shown(text), escape(text), _visible(text)):
+    for told in (visible(text), shown(text), escape(text), visible_value(text)):
         assert told == f"a{escaped}b"
     document = to_json({text: [text]})
     assert hidden not in document

@@ -14,7 +14,7 @@ from functools import cache
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from calib.display.blocks import Block, Section
-from calib.errors import visible
+from calib.display.html_text import visible_value
 
 FIGURES = "figures-of-this-view"  # begins the ids of drawings; each view has its own in its stead
 
@@ -26,16 +26,11 @@ def view_html(title: str, head: Sequence[Block], sections: Sequence[Section] = (
 
 
 @cache
-def _visible(value: object) -> object:
-    """A text with what is hidden in it; markup is what our own code made."""
-    return visible(value, kept="\n\r\t") if type(value) is str else value
-
-
 def _templates() -> Environment:
     return Environment(
         loader=PackageLoader("calib.display"),
         autoescape=True,
-        finalize=_visible,
+        finalize=visible_value,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

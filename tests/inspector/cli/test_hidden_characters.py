@@ -34,7 +34,8 @@ def cell(tmp_path: Path) -> Path:
     "command",
     [
         ["calibrate"], ["calibrate", "--json"], ["redundancy"], ["diagnose"], ["diagnose", "--json"],
-        ["check"], ["validate"], ["plan", "--poses", "8"], ["check", "/nowhere/" + HIDDEN], ["import", "--from"], ["convert"],
+        ["check"], ["validate"], ["plan", "--poses", "8"], ["check", "/nowhere/" + HIDDEN],
+        ["import", "--from"], ["convert"],
     ],
     ids=" ".join,
 )  # fmt: skip
