@@ -13,5 +13,5 @@ def escape(text: object, quote: bool = True) -> str:
 
 
 def visible_value(value: object) -> object:
-    """What jinja2 puts into a page (its `finalize`): a text with all that it hides; markup is our own."""
-    return visible(value, kept="\n\r\t") if type(value) is str else value
+    """What jinja2 puts into a page (its `finalize`): a value as a text with all that it hides; markup is our own."""
+    return value if hasattr(value, "__html__") else visible(str(value), kept="\n\r\t")
