@@ -4,7 +4,7 @@
 
 Eight arms are simulated with scans of 12,000 points; each dataset has the scans of one of them with range noise of its
 own, a serial number and a date: two datasets an arm. One of the eight has a bad gear and is what the arms of one range
-of serial numbers have. Each run is a process of its own that judges all datasets afresh on local Dask workers, in the
+of serial numbers have. Each run is a process of its own that judges all datasets afresh on local processes, in the
 order of `--workers`, so that runs with one and with two take turns. `wall` is from the start of the workers to the last
 comparison; `client s` is the processor time of the process that gives out the work, `client MB` its memory after a
 quarter of the datasets and at the end; `--kill` ends a worker with SIGKILL after a quarter. The load of the machine
@@ -86,8 +86,7 @@ def run(folder: Path, workers: int, *, kill: bool) -> None:
         def on_progress(done: int, total: int, path: str) -> None:
             memory.append(memory_mb("VmRSS"))
             if kill and len(memory) == max(1, total // 4):
-                client = pool.executor._client  # type: ignore[union-attr]
-                os.kill(min(client.run(os.getpid).values()), 9)
+                os.kill(min(pool.executor.pids), 9)  # type: ignore[union-attr]
 
         fleet = run_fleet(discover(folder / "fleet"), Path(results), pool, on_progress=on_progress)
     count = len(fleet.rows) + len(fleet.failures)

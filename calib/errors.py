@@ -9,7 +9,10 @@ from unicodedata import category
 
 MOST_CHARACTERS = 1000  # of a line that someone reads
 _OF_THE_START = 0.7  # where file and place stand; the rest is for the end, which says what would do
-_JOINERS = "\u200c\u200d"  # belong to names in Persian and Hindi, and turn nothing round
+_JOINERS = "\u200c\u200d"  # belong between letters of Persian, Hindi and others, and hide anywhere else
+_BLANK = (  # letters and marks that show nothing: fillers, joiners of marks, selectors, the empty Braille cell
+    "\u034f\u115f\u1160\u17b4\u17b5\u180b\u180c\u180d\u180f\u2800\u3164\uffa0"
+)
 
 
 def is_one_line(name: str) -> bool:
@@ -18,20 +21,39 @@ def is_one_line(name: str) -> bool:
     Without line ends, control characters, and what is not seen but turns the text round it or hides in it (Unicode's
     Cc, Cf, Zl, Zp, and halves of surrogate pairs).
     """
-    return name.isprintable() or not any(map(_is_hidden, name))
+    return _is_plain(name) or not any(_is_hidden(name, k) for k in range(len(name)))
 
 
 def shown(text: str) -> str:
     """A text as a message shows it: hidden characters escaped, each line of `MOST_CHARACTERS` at most."""
-    if not text.isprintable():
-        text = "".join(_escaped(c) if _is_hidden(c) and c != "\n" else c for c in text)
+    text = visible(text)
     if len(text) <= MOST_CHARACTERS:
         return text
     return "\n".join(map(_cut, text.split("\n")))
 
 
-def _is_hidden(character: str) -> bool:
-    return category(character) in ("Cc", "Cf", "Cs", "Zl", "Zp") and character not in _JOINERS
+def visible(text: str, kept: str = "\n") -> str:
+    """A text with its hidden characters as escapes, `\\u202e`, but for those `kept`."""
+    if _is_plain(text):
+        return text
+    return "".join(_escaped(c) if c not in kept and _is_hidden(text, k) else c for k, c in enumerate(text))
+
+
+def _is_plain(text: str) -> bool:
+    """Whether a glance tells that nothing is hidden in it."""
+    return text.isascii() and text.isprintable()
+
+
+def _is_hidden(text: str, k: int) -> bool:
+    character = text[k]
+    if character in _JOINERS:
+        return not (_joins(text[k - 1 : k]) and _joins(text[k + 1 : k + 2]))
+    return character in _BLANK or category(character) in ("Cc", "Cf", "Cs", "Zl", "Zp")
+
+
+def _joins(neighbour: str) -> bool:
+    """Whether a character is a letter or mark of a script that has joiners, none of which is in Latin's part."""
+    return neighbour > "\u0590" and category(neighbour)[0] in "LM"
 
 
 def _escaped(character: str) -> str:

@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from calib.errors import CalibError
+from calib.errors import CalibError, visible
 
 TEXT_LIMIT = 2_000
 LIST_LIMIT = 1_000
@@ -152,8 +152,15 @@ def _with(value: Any, place: Place, new: Any) -> Any:
 
 
 def to_json(document: Mapping[str, Any]) -> str:
-    """Strict JSON: numbers that are not finite become null."""
-    return json.dumps(plain(document), allow_nan=False, ensure_ascii=False)
+    """Strict JSON: numbers that are not finite become null, and what is hidden in texts is an escape of JSON's own."""
+    return with_escapes(json.dumps(plain(document), allow_nan=False, ensure_ascii=False))
+
+
+def with_escapes(text: str) -> str:
+    """The same JSON without hidden characters: where it does not escape them by itself they stand in its texts."""
+    if visible(text) == text:
+        return text
+    return "".join(c if visible(c) == c else json.dumps(c)[1:-1] for c in text)
 
 
 def plain(value: Any) -> Any:

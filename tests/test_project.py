@@ -86,7 +86,11 @@ print(json.dumps(loaded))
     assert {name: heavy for name, heavy in loaded.items() if heavy} == {}
 
 
-IMPORTED_AS = {"open3d-cpu": "open3d", "pillow": "PIL"}  # where a package's name is not its module's
+IMPORTED_AS = {
+    "open3d-cpu": "open3d",
+    "pillow": "PIL",
+    "pyyaml": "yaml",
+}  # where a package's name is not its module's
 
 
 def modules_of(requirements: list[str]) -> set[str]:

@@ -114,7 +114,7 @@ def plan_import(given: Given) -> ImportPlan:
 
 def _loaded(work: Work, path: Path | None) -> UserTable | None:
     try:
-        return None if path is None else load_table(path, work.fault)
+        return None if path is None else load_table(path, work.fault, any_encoding=True)
     except DatasetError as error:
         work.fault(str(error))
         return None

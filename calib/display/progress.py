@@ -10,9 +10,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from html import escape
 from importlib import import_module
 from typing import Protocol
+
+from calib.display.html_text import escape
 
 OnProgress = Callable[[int, int, str], None]  # done, in all, what was just done
 OnStep = Callable[[str], None]  # what is about to be done

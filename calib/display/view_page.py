@@ -14,6 +14,7 @@ from functools import cache
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from calib.display.blocks import Block, Section
+from calib.display.html_text import visible_value
 
 FIGURES = "figures-of-this-view"  # begins the ids of drawings; each view has its own in its stead
 
@@ -29,6 +30,7 @@ def _templates() -> Environment:
     return Environment(
         loader=PackageLoader("calib.display"),
         autoescape=True,
+        finalize=visible_value,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -1,9 +1,11 @@
-"""Dask workers for a fleet: processes of this machine, or a cluster that runs already. Dask is imported when asked."""
+"""What a fleet's work runs on: processes of this machine, or a Dask cluster that runs already.
+
+Dask is imported where a cluster is named. Whoever reaches a cluster's scheduler can have its workers run code: with TLS
+(`tls://head:8786`) it asks for the certificates that Dask's own settings name, without it has no password.
+"""
 
 from __future__ import annotations
 
-import logging
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,47 +13,18 @@ from types import ModuleType
 
 from calib.errors import CalibError
 from calib.fleet.judge import versions
+from calib.fleet.processes import Processes
 from calib.fleet.run import Workers
 
-LOOPBACK = "127.0.0.1"
 CONNECT_S = 10.0  # that a scheduler may take to answer
-_SETTINGS = {
-    # A worker that dies takes its task along once; `run` tries it again after all others.
-    "distributed.scheduler.allowed-failures": 0,
-    # A task that waits at a busy worker would die with it.
-    "distributed.scheduler.worker-saturation": 1.0,
-    # No task is looked at afterwards, so its history need not grow.
-    "distributed.admin.low-level-log-length": 100,
-    # Nobody looks at a page of Dask's: its server would listen, on a port that a second run wants too.
-    "distributed.scheduler.http.routes": [],
-    "distributed.worker.http.routes": [],
-}
-
 _PURE = False  # of a submission: Dask would answer a second try with the failure of the first
 
 
 @contextmanager
 def local_workers(count: int) -> Iterator[Workers]:
-    """As many processes of this machine, one thread each, which listen to this machine alone.
-
-    Raises CalibError where Dask is not installed.
-    """
-    distributed = _distributed()
-    import dask
-
-    with tempfile.TemporaryDirectory(prefix="fleet-") as space, dask.config.set(_SETTINGS):
-        cluster = distributed.LocalCluster(
-            n_workers=count,
-            threads_per_worker=1,
-            processes=True,
-            host=LOOPBACK,
-            dashboard_address=f"{LOOPBACK}:0",
-            local_directory=space,
-            silence_logs=logging.CRITICAL,
-            preload=["calib.fleet.worker_start"],
-        )
-        with cluster, distributed.Client(cluster) as client:
-            yield Workers(client.get_executor(pure=_PURE), count, own_processes=True)
+    """As many processes of this machine, which nobody else can reach."""
+    with Processes(count) as executor:
+        yield Workers(executor, count, own_processes=True)
 
 
 @contextmanager
@@ -98,6 +71,6 @@ def _distributed() -> ModuleType:
         import distributed
     except ImportError:
         raise CalibError(
-            "fleet needs Dask: pip install 'robot-calibration-inspector[fleet]' (./run fleet does it)"
+            "--scheduler needs Dask: pip install 'robot-calibration-inspector[fleet]' (./run fleet does it)"
         ) from None
     return distributed

@@ -13,6 +13,7 @@ from calib.fleet.discovery import Discovered
 from calib.fleet.drift import Drift, DriftTask, compare, consecutive, not_compared
 from calib.fleet.judge import FleetOptions, Judged, Task, Unchanged, judge, one_line, pair_key
 from calib.fleet.kept_results import KeptResults
+from calib.fleet.processes import WorkerDied
 from calib.fleet.result import Fleet
 from calib.fleet.row import Failure, Row
 from calib.fleet.shared_causes import shared_causes
@@ -160,7 +161,7 @@ def _lost(future: Future[Answer], options: FleetOptions) -> str:
     error = CancelledError() if future.cancelled() else future.exception()
     if isinstance(error, CancelledError):
         return "the cluster cancelled it"
-    if type(error).__name__ == "KilledWorker":
+    if isinstance(error, WorkerDied) or type(error).__name__ == "KilledWorker":  # ours, or Dask's
         return f"the process that was at it died: killed, out of memory, or stuck for more than {options.limit_s:g} s"
     return one_line(f"the worker failed ({type(error).__name__}: {error})")
 

@@ -1,28 +1,45 @@
 """MuJoCo's own models, read by MuJoCo itself (the extra `mujoco`): bodies, joints and masses as its compiler has them.
 
-Files that the model names (meshes, included models) are read from its own folder and below it only.
+MuJoCo never sees the user's file. What a serial arm is made of is copied from it and from what it includes to one text:
+bodies, joints, masses, shapes with their meshes, the defaults of these, and joints that follow others. Every file that
+is named lies in the model's folder or below it. The text and the meshes go to MuJoCo in a process of its own with
+bounded memory and time (`mjcf_process`), which reads no other file.
 """
 
 from __future__ import annotations
 
-import re
-from itertools import pairwise
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from calib.array_types import Array
-from calib.frames import apply, invert, make_transform
-from calib.kinematics.robot import Vector
+from calib.bounded_process import Limits, ProcessFailed, ask
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain
 from calib.robot_formats.urdf.safe_xml import Element, XmlFile, parse_xml, read_bytes
 
-_MOST_FILES = 2000
-_FURTHEST_M = 1e6  # from the world, as of a URDF's numbers
-_LARGE = re.compile(r"\d{8}|[GTPEgtpe]\s*$")
-_REFUSED = frozenset(
-    {"plugin", "extension", "replicate", "composite", "flexcomp", "size"}
-)  # code, or any number of parts
+_LIMITS = Limits(seconds=60.0, memory_bytes=2 * 1024**3)
+_MOST_FILES = 500
+_MOST_BYTES = 512 * 1024**2  # of all meshes
+_MOST_ELEMENTS = 100_000
+_MOST_DEPTH = 200
+_REFUSED = {  # code, other models, or any number of parts and any size of memory
+    "plugin", "extension", "replicate", "composite", "flexcomp", "size", "attach", "model",
+}  # fmt: skip
+_IN_BODIES = {"body", "frame", "inertial", "joint", "freejoint", "geom", "site"}
+_KEPT = {  # children by element; all else says nothing of where joints and masses are
+    "mujoco": {"compiler", "option", "default", "asset", "worldbody", "equality"},
+    "default": {"default", "mesh", "joint", "geom", "site"},
+    "asset": {"mesh"},
+    "equality": {"joint"},
+    "worldbody": _IN_BODIES,
+    "body": _IN_BODIES,
+    "frame": _IN_BODIES,
+}
+_DIRECTORIES = {"meshdir", "assetdir", "texturedir", "strippath"}
+_LEFT_OUT = {"material", "hfield"}  # attributes that name what is not kept
 
 
 def chain_of_mjcf(file: XmlFile, tip: str | None, base: str | None) -> SerialChain:
@@ -30,232 +47,164 @@ def chain_of_mjcf(file: XmlFile, tip: str | None, base: str | None) -> SerialCha
 
     Raises RobotFileError in one line: MuJoCo is not there or refuses the model, several tips, no serial arm.
     """
-    _refuse_outside(file)
+    model = _Model(file)
+    request = {
+        "text": model.text(),
+        "meshes": {name: str(path) for name, path in model.meshes.items()},
+        "file": str(file.path),
+        "lines": model.lines,
+        "tip": tip,
+        "base": base,
+    }
     try:
-        import mujoco
-    except ImportError:
-        raise RobotFileError(f"{file.path}: a MuJoCo model needs MuJoCo itself, the extra `mujoco`") from None
-    try:
-        model = mujoco.MjModel.from_xml_path(str(file.path))
-    except (ValueError, mujoco.FatalError) as error:
+        answer = ask("calib.robot_formats.mjcf_process:answer", request, _LIMITS)
+    except ProcessFailed as error:
         raise RobotFileError(
-            f"{file.path}: MuJoCo refuses it: {' '.join(str(error).split())[:300]}"
+            f"{file.path}: MuJoCo cannot read it: it {error}; give the arm alone, or its URDF"
         ) from None
-    return _Arm(mujoco, model, file).chain(tip, base)
+    if "error" in answer:
+        raise RobotFileError(answer["error"])
+    return chain_from_document(answer)
 
 
-class _Arm:
-    """Bodies and joints of a compiled model at its reference configuration."""
-
-    def __init__(self, mujoco: Any, model: Any, file: XmlFile) -> None:
-        self._mujoco, self._m, self._path, self._file = mujoco, model, file.path, file
-        self._data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, self._data)
-        kinds = mujoco.mjtJoint
-        self._hinge, self._slide = int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)
-        self._refuse_far()
-
-    def chain(self, tip: str | None, base: str | None) -> SerialChain:
-        """From base to tip."""
-        end_body, world_T_tip, tip_name = self._tip(tip)
-        way = [end_body]
-        root = 0 if base is None else self._body(base)
-        while way[0] != root:
-            if way[0] == 0:
-                raise RobotFileError(
-                    f"{self._path}: line {self._line(str(base))}: body {base!r} is not on the way to {tip_name!r}; "
-                    "name another base"
-                )
-            way.insert(0, int(self._m.body_parentid[way[0]]))
-        numbers = [j for body in way[1:] for j in self._joints_of(body)]
-        if not numbers:
-            raise RobotFileError(
-                f"{self._path}: line {self._line(tip_name)}: no joint moves between the base and {tip_name!r}; name "
-                "another tip"
-            )
-        self._refuse_unserial(numbers)
-        self._data.qpos[self._m.jnt_qposadr[numbers]] = 0.0  # a model's reference may be elsewhere
-        self._mujoco.mj_kinematics(self._m, self._data)
-        world_T_base, world_T_tip = self._body_frame(root), self._tip(tip)[1]
-        places = [invert(world_T_base) @ self._joint_frame(j) for j in numbers]
-        befores = [places[0], *(invert(a) @ b for a, b in pairwise(places))]
-        joints = tuple(
-            self._joint(j, before, world_T_base @ place, self._carried(way, numbers, k))
-            for k, (j, before, place) in enumerate(zip(numbers, befores, places, strict=True))
+def chain_from_document(document: Mapping[str, Any]) -> SerialChain:
+    """The chain of what `mjcf_process` answers."""
+    joints = tuple(
+        ChainJoint(
+            **joint
+            | {
+                "before_T_joint": np.array(joint["before_T_joint"]),
+                "axis": tuple(joint["axis"]),
+                "com_mm": tuple(joint["com_mm"]),
+            }
         )
-        x, y, z = map(float, world_T_base[:3, :3].T @ self._m.opt.gravity)
-        return SerialChain(
-            name=self._path.stem,
-            joints=joints,
-            last_T_tip=invert(places[-1]) @ invert(world_T_base) @ world_T_tip,
-            gravity_m_s2=(x, y, z),
-            base=self._m.body(root).name,
-            tip=tip_name,
-        )
-
-    def _refuse_far(self) -> None:
-        """Raise RobotFileError for what is so far off that its place in mm is no number any more."""
-        for kind, one, places_m in (
-            ("body", self._m.body, self._data.xpos),
-            ("the masses of body", self._m.body, self._data.xipos),
-            ("site", self._m.site, self._data.site_xpos),
-            ("joint", self._m.joint, self._data.xanchor),
-        ):
-            far = np.flatnonzero(~(np.abs(places_m) <= _FURTHEST_M).all(axis=1))
-            if len(far):
-                name = one(int(far[0])).name
-                raise RobotFileError(
-                    f"{self._path}: line {self._line(name)}: {kind} {name!r} is more than {_FURTHEST_M:g} m away; "
-                    "lengths are metres, correct pos"
-                )
-
-    def _tip(self, tip: str | None) -> tuple[int, Array, str]:
-        """Body, place in the world and name of the tip."""
-        m = self._m
-        for site in range(m.nsite):
-            if tip is not None and m.site(site).name == tip:
-                turn = self._data.site_xmat[site].reshape(3, 3)
-                place = make_transform(turn, 1e3 * self._data.site_xpos[site])
-                return int(m.site_bodyid[site]), place, tip
-        if tip is None:
-            parents = set(m.body_parentid[1:].tolist())
-            ends = [b for b in range(1, m.nbody) if b not in parents and self._moves(b)]
-            if len(ends) != 1:
-                names = [m.body(b).name for b in ends] + [m.site(s).name for s in range(m.nsite)]
-                listed = ", ".join(name for name in names[:30] if name)
-                found = "several tips; choose one with --tip" if ends else "no joint moves; there are"
-                raise RobotFileError(f"{self._path}: line {self._file.root.line}: {found}: {listed}")
-            tip = m.body(ends[0]).name
-            return ends[0], self._body_frame(ends[0]), tip
-        body = self._body(tip)
-        return body, self._body_frame(body), tip
-
-    def _body(self, name: str) -> int:
-        for body in range(self._m.nbody):
-            if self._m.body(body).name == name:
-                return body
-        names = ", ".join(self._m.body(b).name for b in range(1, min(self._m.nbody, 30)))
-        raise RobotFileError(
-            f"{self._path}: line {self._file.root.line}: there is no body or site {name!r}; the bodies are {names}"
-        )
-
-    def _line(self, name: str) -> int:
-        """Of the element of a name; that of the whole where it stands in another file."""
-        elements = [self._file.root]
-        for element in elements:
-            if element.attributes.get("name") == name:
-                return element.line
-            elements += element.children
-        return self._file.root.line
-
-    def _body_frame(self, body: int) -> Array:
-        return make_transform(self._data.xmat[body].reshape(3, 3), 1e3 * self._data.xpos[body])
-
-    def _joints_of(self, body: int) -> list[int]:
-        first, count = int(self._m.body_jntadr[body]), int(self._m.body_jntnum[body])
-        return list(range(first, first + count))
-
-    def _moves(self, body: int) -> bool:
-        while body:
-            if self._m.body_jntnum[body]:
-                return True
-            body = int(self._m.body_parentid[body])
-        return False
-
-    def _refuse_unserial(self, numbers: list[int]) -> None:
-        for j in numbers:
-            if int(self._m.jnt_type[j]) not in (self._hinge, self._slide):
-                name = self._m.joint(j).name
-                raise RobotFileError(
-                    f"{self._path}: line {self._line(name)}: joint {name!r} is a ball or free joint; name a base "
-                    "behind it"
-                )
-        for k in range(self._m.neq):
-            if int(self._m.eq_type[k]) == int(self._mujoco.mjtEq.mjEQ_JOINT) and {
-                int(self._m.eq_obj1id[k])
-            } & set(numbers):
-                name = self._m.joint(int(self._m.eq_obj1id[k])).name
-                raise RobotFileError(
-                    f"{self._path}: line {self._line(name)}: joint {name!r} follows another by <equality>; name a tip "
-                    "before it"
-                )
-
-    def _joint_frame(self, j: int) -> Array:
-        """(4, 4) in the world: turned as the world, at the joint's anchor."""
-        return make_transform(np.eye(3), 1e3 * self._data.xanchor[j])
-
-    def _joint(self, j: int, before: Array, place: Array, carried: tuple[float, Array]) -> ChainJoint:
-        m, turns = self._m, int(self._m.jnt_type[j]) == self._hinge
-        mass_kg, com_mm = carried
-        ax, ay, az = map(float, place[:3, :3].T @ self._data.xaxis[j])
-        scale = 1.0 if turns else 1e3
-        low, high = (float(v) * scale for v in m.jnt_range[j])
-        limited = bool(m.jnt_limited[j])
-        cx, cy, cz = map(float, apply(invert(place), com_mm))
-        return ChainJoint(
-            name=m.joint(j).name or f"joint{j + 1}",
-            before_T_joint=before,
-            axis=(ax, ay, az),
-            type="revolute" if turns else "prismatic",
-            min=low if limited else None,
-            max=high if limited else None,
-            mass_kg=mass_kg,
-            com_mm=_nothing_without_mass((cx, cy, cz), mass_kg),
-        )
-
-    def _carried(self, way: list[int], numbers: list[int], k: int) -> tuple[float, Array]:
-        """Mass, and its centre in the world, of what joint k carries up to the next joint of the arm."""
-        m = self._m
-        body = int(m.jnt_bodyid[numbers[k]])
-        following = int(m.jnt_bodyid[numbers[k + 1]]) if k + 1 < len(numbers) else -1
-        if following == body:  # two joints of one body: the first carries nothing of its own
-            return 0.0, np.zeros(3)
-        inside = {body}
-        for other in range(body + 1, m.nbody):  # parents come first
-            if int(m.body_parentid[other]) in inside and other != following:
-                inside.add(other)
-        rows = sorted(inside)
-        mass = m.body_mass[rows]
-        total = float(mass.sum())
-        centre = (mass[:, None] * self._data.xipos[rows]).sum(axis=0) / total if total else np.zeros(3)
-        return total, 1e3 * centre
+        for joint in document["joints"]
+    )
+    arrays = {
+        "joints": joints,
+        "last_T_tip": np.array(document["last_T_tip"]),
+        "gravity_m_s2": tuple(document["gravity_m_s2"]),
+    }
+    return SerialChain(**{**document, **arrays})
 
 
-def _nothing_without_mass(com_mm: Vector, mass_kg: float) -> Vector:
-    return com_mm if mass_kg else (0.0, 0.0, 0.0)
+@dataclass
+class _Model:
+    """A model and what it includes, as the one text that MuJoCo is given."""
 
+    file: XmlFile
+    meshes: dict[str, Path] = field(default_factory=dict)  # by their names in the text
+    lines: dict[str, int] = field(default_factory=dict)  # of names in the user's file; "" is the whole
 
-def _refuse_outside(file: XmlFile) -> None:
-    """Raise RobotFileError where the model, or one that it includes, names a file that is not below its folder."""
-    folder, waiting, seen = file.path.parent.resolve(), [file], {file.path.resolve()}
-    while waiting:
-        at = waiting.pop()
-        directories = [""]
-        elements = [at.root]
-        for element in elements:
-            elements += element.children
+    def __post_init__(self) -> None:
+        self._folder = self.file.path.parent
+        self._included = {self.file.path.resolve()}
+        self._count = self._bytes = 0
+        self._places: dict[str, str] = {}
+        self.lines[""] = self.file.root.line
+
+    def text(self) -> str:
+        """The text. Raises RobotFileError for what is no part of a serial arm, and for files elsewhere."""
+        root = self._whole(self.file, self.file.root, 0)
+        for element in _below(root):
             if element.tag == "compiler":
-                directories += [
-                    element.attributes.get(key, "") for key in ("meshdir", "texturedir", "assetdir")
-                ]
-            if element.tag == "size" and any(_LARGE.search(value) for value in element.attributes.values()):
-                at.fail(element, "<size> asks for more memory than a robot needs", "leave it out")
-            if element.tag in _REFUSED:
-                at.fail(element, f"found <{element.tag}>", "a serial arm needs none; leave it out")
-        for element in elements:
-            for name in _files(element):
-                for directory in directories if element.tag != "include" else [""]:
-                    path = (at.path.parent / directory / name).resolve()
-                    if not path.is_relative_to(folder):
-                        at.fail(
-                            element, f"names {name[:60]!r}, which is not below its folder", "put it there"
-                        )
-                if element.tag == "include" and path not in seen and path.is_file():
-                    seen.add(path)
-                    if len(seen) > _MOST_FILES:
-                        at.fail(element, "too many included files", "a robot has a few")
-                    waiting.append(parse_xml(path, read_bytes(path)))
+                kept = {key: value for key, value in element.attributes.items() if key in _DIRECTORIES}
+                self._places |= kept  # of several the last one counts, wherever the mesh stands
+        return "".join(self._written(root))
+
+    def _whole(self, file: XmlFile, element: Element, depth: int) -> Element:
+        """An element with what its includes stand for, each with the file that it stands in."""
+        self._count += 1
+        if self._count > _MOST_ELEMENTS or depth > _MOST_DEPTH:
+            file.fail(element, "too many elements or levels", "a serial arm has a few hundred")
+        if element.tag in _REFUSED:
+            file.fail(element, f"found <{element.tag}>", "a serial arm needs none; leave it out")
+        name = element.attributes.get("name")
+        if file is self.file and name is not None:
+            self.lines.setdefault(name, element.line)
+        children = self._children(file, element, depth + 1)
+        return Element(element.tag, element.attributes, element.line, element.start, children, file.path)
+
+    def _children(self, file: XmlFile, element: Element, depth: int) -> list[Element]:
+        """The children of an element, those of an included file in the place of its <include>."""
+        children: list[Element] = []
+        for child in element.children:
+            if child.tag == "include":
+                inside = self._include(file, child)
+                children += self._children(inside, inside.root, depth + 1)
+            else:
+                children.append(self._whole(file, child, depth))
+        return children
+
+    def _include(self, file: XmlFile, element: Element) -> XmlFile:
+        """The file that an <include> names: beside the model, as MuJoCo has it, or beside the file that names it."""
+        name = element.attributes.get("file", "")
+        path = self._inside(file, element, self._folder / name)
+        if not path.is_file():
+            path = self._inside(file, element, file.path.parent / name)
+        if path.resolve() in self._included:
+            file.fail(element, f"includes {name[:60]!r} twice", "MuJoCo takes each file once")
+        self._included.add(path.resolve())
+        if len(self._included) > _MOST_FILES:
+            file.fail(element, "too many included files", "a robot has a few")
+        return parse_xml(path, read_bytes(path))
+
+    def _inside(self, file: XmlFile, element: Element, path: Path) -> Path:
+        """The path, which has to be below the model's folder, links followed."""
+        if not path.resolve().is_relative_to(self._folder.resolve()):
+            name = element.attributes.get("file", "")
+            file.fail(element, f"names {name[:60]!r}, which is not below its folder", "put it there")
+        return path
+
+    def _written(self, element: Element) -> Iterator[str]:
+        """The element as text, as far as it is kept."""
+        attributes = {key: value for key, value in element.attributes.items() if key not in _LEFT_OUT}
+        if element.tag == "compiler":
+            attributes = {key: value for key, value in attributes.items() if key not in _DIRECTORIES}
+        if element.tag == "mesh" and "file" in attributes:
+            attributes = self._mesh(element, attributes)
+        yield f"<{element.tag}"
+        for key, value in attributes.items():
+            yield f" {key}={quoteattr(value)}"
+        yield ">"
+        kept = _KEPT.get(element.tag, set())
+        for child in element.children:
+            if child.tag in kept and not _is_height_field(child):
+                yield from self._written(child)
+        yield f"</{element.tag}>"
+
+    def _mesh(self, element: Element, attributes: dict[str, str]) -> dict[str, str]:
+        """The attributes of a mesh, its file under a name that leads nowhere but to the bytes that are handed over."""
+        name = attributes["file"]
+        assert element.file is not None
+        named_in = XmlFile(element.file, b"", element)
+        short = Path(name).name if self._places.get("strippath") == "true" else name
+        directory = self._places.get("meshdir", self._places.get("assetdir", ""))
+        path = self._inside(named_in, element, self._folder / directory / short)
+        try:
+            self._bytes += path.stat().st_size
+            if not path.is_file():
+                named_in.fail(element, f"{name[:60]!r} is no file", "name a mesh")
+        except OSError as error:
+            named_in.fail(
+                element, f"names {name[:60]!r}: {error.strerror}", f"put it to {directory or 'its folder'}"
+            )
+        if self._bytes > _MOST_BYTES or len(self.meshes) >= _MOST_FILES:
+            named_in.fail(element, "too many or too large meshes", "a robot's have a few MB")
+        key = f"mesh{len(self.meshes)}{path.suffix.lower()}"
+        self.meshes[key] = path.resolve()
+        return attributes | {"name": attributes.get("name", Path(name).stem), "file": key}
 
 
-def _files(element: Element) -> list[str]:
-    return [value for key, value in element.attributes.items() if key.startswith("file")]
+def _below(root: Element) -> Iterator[Element]:
+    waiting = [root]
+    while waiting:
+        element = waiting.pop()
+        yield element
+        waiting += reversed(element.children)
+
+
+def _is_height_field(element: Element) -> bool:
+    return element.tag == "geom" and (
+        element.attributes.get("type") == "hfield" or "hfield" in element.attributes
+    )

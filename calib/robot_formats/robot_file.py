@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.dataset.files.robot_toml import builtin_robot, load_robot
 from calib.dataset.robot_checks import refuse_beyond
+from calib.errors import is_one_line
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Robot
 from calib.options import BUILTIN_ROBOTS
@@ -137,6 +138,11 @@ def conversion_error_mm(robot: Robot, chain: SerialChain) -> float:
 
 
 def _with_source(robot: Robot, chain: SerialChain, path: Path) -> RobotFile:
+    for name in (robot.name, chain.base, chain.tip, *(joint.name for joint in robot.joints)):
+        if name and not is_one_line(name):
+            raise RobotFileError(
+                f"{path}: holds the name {name[:60]!r}; a name has no hidden characters, rename it"
+            )
     source = {"file": path.name} | {
         key: name for key, name in (("base", chain.base), ("tip", chain.tip)) if name
     }

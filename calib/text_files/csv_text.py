@@ -16,10 +16,12 @@ from pathlib import Path
 
 import pandas as pd
 
-from calib.errors import DatasetError, shown
+from calib.errors import DatasetError, shown, visible
 
 MOST_BYTES = 200_000_000
 MOST_CELLS = 10_000_000  # a hundred thousand poses with a hundred columns
+MOST_COLUMNS = 2_000  # that hold anything
+WIDEST = 20_000  # cells of a row, the empty ones of a spreadsheet's 16,384 columns counted
 _LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+\Z")
 _FORMULA = re.compile(r"[=+\-@\t\r\uff1d\uff0b\uff0d\uff20]")  # the last four: their full-width forms
 _GUARDED = re.compile(rf"'+{_FORMULA.pattern}")
@@ -46,10 +48,27 @@ def csv_rows(path: Path, text: str, delimiter: str = ",") -> list[tuple[int, lis
             f"{MOST_CELLS / 1e6:g} million, so remove empty rows and columns, or split it"
         )
     reader = csv.reader(lines_of(text), delimiter=delimiter, skipinitialspace=True)
+    rows: list[tuple[int, list[str]]] = []
     try:
-        return [(reader.line_num, list(map(_plain, row))) for row in reader if any(row)]
+        for row in reader:
+            if any(row):
+                _refuse_wide(path, reader.line_num, row)
+                rows.append((reader.line_num, list(map(_plain, row))))
+        return rows
     except csv.Error as error:
         raise DatasetError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
+
+
+def _refuse_wide(path: Path, line: int, row: list[str]) -> None:
+    """Raise DatasetError for a row of more columns than a table of measurements has."""
+    if len(row) <= MOST_COLUMNS:
+        return
+    used = max(k + 1 for k, cell in enumerate(row) if cell)
+    if used > MOST_COLUMNS or len(row) > WIDEST:
+        raise DatasetError(
+            f"{path}: line {line}: found {len(row)} columns; a table has at most {MOST_COLUMNS}, so remove the others "
+            "or turn rows and columns round"
+        )
 
 
 def lines_of(text: str) -> Iterator[str]:
@@ -62,9 +81,13 @@ def _plain(cell: str) -> str:
 
 
 def _guarded(cell: object) -> object:
-    """A cell as it is written: a text that begins as a formula, or as one that is guarded, behind an apostrophe."""
+    """A cell as it is written: a text that begins as a formula, or as one that is guarded, behind an apostrophe.
+
+    What would be hidden in it is an escape, but for the ends of lines and tabs, which a quoted cell may hold.
+    """
     if not isinstance(cell, str) or as_number(cell) is not None:
         return cell
+    cell = visible(cell, kept="\n\r\t")
     return f"'{cell}" if _FORMULA.match(cell) or _GUARDED.match(cell) else cell
 
 

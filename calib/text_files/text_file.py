@@ -2,13 +2,38 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from pathlib import Path
 
 from calib.errors import DatasetError
 
 
-def read_text(path: Path, *, missing: str, kind: str, most_bytes: int, pipe: bool = False) -> str:
+def decoded(content: bytes) -> str:
+    """A table's text in UTF-8, UTF-16 or UTF-32, as spreadsheets write them, else in Windows' Western encoding.
+
+    UTF-16 without a mark at its beginning is told by the zeros that ASCII has in it.
+    """
+    if content.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE)):
+        return content.decode("utf-32", errors="replace")
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return content.decode("utf-16", errors="replace")
+    head = content[:1000]
+    for encoding, zeros, others in (
+        ("utf-16-le", head[1::2], head[::2]),
+        ("utf-16-be", head[::2], head[1::2]),
+    ):
+        if len(head) >= 4 and zeros.count(0) > 0.6 * len(zeros) and not others.count(0):
+            return content.decode(encoding, errors="replace")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("cp1252", errors="replace")
+
+
+def read_text(
+    path: Path, *, missing: str, kind: str, most_bytes: int, pipe: bool = False, any_encoding: bool = False
+) -> str:
     """A file's text; a byte order mark, as editors on Windows and spreadsheets write it, is left out.
 
     Args:
@@ -17,6 +42,7 @@ def read_text(path: Path, *, missing: str, kind: str, most_bytes: int, pipe: boo
         kind: as what it is read, "TOML" or "CSV".
         most_bytes: that a file of this kind has.
         pipe: whether a pipe will do, where the user named it for this reading alone.
+        any_encoding: whether other encodings than UTF-8 will do.
 
     Raises:
         DatasetError: it is missing, no file (reading a pipe would wait for ever), too large, or not UTF-8.
@@ -34,7 +60,8 @@ def read_text(path: Path, *, missing: str, kind: str, most_bytes: int, pipe: boo
                 f"{path}: the file has {size / 1e6:.4g} MB; a {kind} file of a dataset has at most "
                 f"{most_bytes / 1e6:g} MB"
             )
-        return re.sub("\r\n?", "\n", content.decode("utf-8-sig"))
+        text = decoded(content) if any_encoding else content.decode("utf-8-sig")
+        return re.sub("\r\n?", "\n", text)
     except FileNotFoundError:
         raise DatasetError(f"{path}: no such file; {missing}") from None
     except NotADirectoryError:

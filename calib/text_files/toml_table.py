@@ -16,6 +16,14 @@ from calib.text_files.text_file import read_text
 MOST_BYTES = 10_000_000
 LARGEST_INTEGER = 2**63  # beyond it TOML promises nothing
 REMEDY = "write numbers of usual size"
+MOST_PARTS = 20  # of a dotted key: a parser's memory grows with their square
+MOST_DEPTH = 30  # of lists and tables in each other
+_TOKEN = re.compile(  # strings, comments, and what ends or nests keys; all else between is passed over
+    r"""(?P<text>"{3}(?:[^"\\]++|\\.|"{1,2}(?!"))*+"{3,5}|'{3}(?:[^']++|'{1,2}(?!'))*+'{3,5}"""
+    r"""|"(?:[^"\\\n]++|\\.)*+"|'[^'\n]*+'|\#[^\n]*+)"""
+    r"""|(?P<unended>["'])|(?P<opens>[\[{])|(?P<closes>[\]}])|(?P<dot>\.)|(?P<ends>[=,\n])""",
+    re.DOTALL,
+)
 
 
 class TomlTable:
@@ -32,12 +40,11 @@ class TomlTable:
         """The file's outermost table. Raises DatasetError."""
         missing = f"a dataset folder needs {path.name}"
         text = read_text(path, missing=missing, kind="TOML", most_bytes=MOST_BYTES)
+        _refuse_nested(path, text)
         try:
             data = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
             raise DatasetError(f"{path}: not valid TOML: {error}") from None
-        except RecursionError:
-            raise DatasetError(f"{path}: nested hundreds deep; a dataset's tables are two deep") from None
         except ValueError:  # an integer of more digits than Python reads
             raise DatasetError(f"{path}: holds an integer of thousands of digits; {REMEDY}") from None
         for key, value in data.items():
@@ -152,6 +159,31 @@ class TomlTable:
     def unread(self) -> dict[str, Any]:
         """Keys that were not read: kept, so that writing the file again loses nothing."""
         return {key: value for key, value in self.data.items() if key not in self._read}
+
+
+def _refuse_nested(file: Path, text: str) -> None:
+    """Raise DatasetError, with the line, for keys of many parts and for tables and lists nested deep, before parsing.
+
+    It reads strings and comments as TOML has them, so that nothing stands hidden in one; where a string has no end the
+    parser goes no further either.
+    """
+    depth = parts = 0
+    for found in _TOKEN.finditer(text):
+        match found.lastgroup:
+            case "unended":
+                return
+            case "opens":
+                depth, parts = depth + 1, 0
+            case "closes":
+                depth, parts = max(depth - 1, 0), 0
+            case "ends":
+                parts = 0
+            case "dot":
+                parts += 1
+        if parts >= MOST_PARTS or depth > MOST_DEPTH:
+            what = f"a key of more than {MOST_PARTS} parts" if parts >= MOST_PARTS else "nested too deep"
+            line = text.count("\n", 0, found.start()) + 1
+            raise DatasetError(f"{file}: line {line}: {what}; a dataset's tables are two deep")
 
 
 def _require_usual_integers(file: Path, place: str, value: object) -> None:

@@ -50,14 +50,25 @@ class UserTable:
         return out
 
 
-def load_table(path: Path, fault: Callable[[str], None] | None = None) -> UserTable:
+def load_table(
+    path: Path, fault: Callable[[str], None] | None = None, *, any_encoding: bool = False
+) -> UserTable:
     """Read a table. Raises DatasetError where it cannot be read as one.
 
-    With `fault`, what is wrong with names and rows is told there, each, and the table is read all the same.
+    `any_encoding` takes what spreadsheets write beside UTF-8. With `fault`, what is wrong with names and rows is told
+    there, each, and the table is read all the same.
     """
 
     return parse_table(
-        path, read_text(path, missing="name a table of numbers", kind="CSV", most_bytes=MOST_BYTES), fault
+        path,
+        read_text(
+            path,
+            missing="name a table of numbers",
+            kind="CSV",
+            most_bytes=MOST_BYTES,
+            any_encoding=any_encoding,
+        ),
+        fault,
     )
 
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from calib.dataset.files.folder import find_datasets
-from calib.errors import CalibError
+from calib.errors import CalibError, visible
 from inspector.app.app import App
 from inspector.app.page.dataset_list import has_scans
 from inspector.server.viser_server import LOOPBACK, start_server, url_of
@@ -71,7 +71,7 @@ def serve(
     """
     with serving(path, host=host, port=port, effects_file=effects_file, saved=saved, data=data) as app:
         if data is not None:
-            sys.stdout.write(f"Your own data, dropped on the page, goes to {data.resolve()}.\n")
+            sys.stdout.write(f"Your own data, dropped on the page, goes to {visible(str(data.resolve()))}.\n")
         sys.stdout.write(f"Open {url_of(app.server)} in a browser. Ctrl-C ends.\n")
         sys.stdout.flush()
         try:

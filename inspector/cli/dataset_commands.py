@@ -16,7 +16,7 @@ from calib.dataset.dataset import Dataset
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import load_dataset
 from calib.effects.catalogue import descriptions
-from calib.errors import shown
+from calib.errors import shown, visible
 from calib.identifiability.structural import free_frame_rank, redundancy
 from calib.measurement.measured_points import (
     counted_reasons,
@@ -51,7 +51,7 @@ def run_serve(options: ServeOptions) -> int:
     if options.session is not None:
         saved, notes = opening(load_session(options.session), options.path, options.effects_file)
         for note in notes:
-            print(f"inspector: warning: {options.session}: {note}", file=sys.stderr)
+            print(visible(f"inspector: warning: {options.session}: {note}"), file=sys.stderr)
     serve(
         options.path,
         host=options.host,
@@ -149,9 +149,11 @@ def searched(dataset: Dataset) -> dict[str, CornerSearch]:
     searches = found_corners(dataset)
     require_corners(dataset, searches)
     for pose_id, reason in failed_searches(searches).items():
-        print(f"inspector: warning: {pose_id} has no corner and is left out: {reason}", file=sys.stderr)
+        print(
+            visible(f"inspector: warning: {pose_id} has no corner and is left out: {reason}"), file=sys.stderr
+        )
     for line in told_apart(dataset, searches).lines():
-        print(f"inspector: warning: {line}", file=sys.stderr)
+        print(visible(f"inspector: warning: {line}"), file=sys.stderr)
     return searches
 
 
@@ -164,4 +166,4 @@ def found_corners(dataset: Dataset, wanted: int | None = None) -> dict[str, Corn
 
 def show(options: Output, document: dict[str, Any], text: str) -> None:
     """Print text, or with --json the one object."""
-    print(to_json(document) if options.json else text, file=options.stdout)
+    print(to_json(document) if options.json else visible(text), file=options.stdout)

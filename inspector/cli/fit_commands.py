@@ -18,7 +18,7 @@ from calib.diagnosis.words.conclusions import Adequate, Named
 from calib.diagnosis.words.headline import headline_note, headline_of, headline_text
 from calib.diagnosis.words.phrases import listed, untestable_line
 from calib.effects.catalogue import effects_named
-from calib.errors import CalibError, DatasetError
+from calib.errors import CalibError, DatasetError, visible
 from calib.measurement.measured_points import require_corners, with_corners
 from calib.models.model_file import save_model
 from calib.robot_formats.programs.point_lists import is_point_list, require_point_list
@@ -79,7 +79,7 @@ def run_correct(options: CorrectOptions) -> int:
     result = fitted(options, dataset)[-1].calibration
     require_plausible(result, options.force)
     if result.tool_shift is not None:
-        print(f"inspector: warning: {result.tool_shift.words}", file=sys.stderr)
+        print(visible(f"inspector: warning: {result.tool_shift.words}"), file=sys.stderr)
     needed = needed_columns(result.model, result.fit.x, dataset.poses)
     require_conditions(targets, needed, result.model.family_names)
     correction = corrected_joints(
@@ -156,7 +156,7 @@ def run_diagnose(options: DiagnoseOptions) -> int:
         )
     elif options.learned_out is not None:
         note = "no curves were learned, so there is nothing to write"
-        print(f"inspector: warning: {options.learned_out}: {note}", file=sys.stderr)
+        print(visible(f"inspector: warning: {options.learned_out}: {note}"), file=sys.stderr)
     show(options, documents.diagnosis_document(result), text)
     return 0
 
@@ -207,7 +207,7 @@ def run_check(options: CheckOptions) -> int:
                 )
             )
         if not options.json:
-            print(results[-1].summary(), flush=True)
+            print(visible(results[-1].summary()), flush=True)
     passed = all(result.passed for result in results)
     if options.json:
         each = [documents.check_document(result) for result in results]

@@ -8,7 +8,7 @@ from datetime import datetime
 
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.documents.fleet_document import fleet_document
-from calib.errors import CalibError
+from calib.errors import CalibError, visible
 from calib.fleet.cluster import cluster_workers, local_workers
 from calib.fleet.discovery import discover
 from calib.fleet.judge import FleetOptions as JudgeOptions
@@ -44,7 +44,10 @@ def run_fleet_command(options: FleetOptions) -> int:
         ):
             fleet = run_fleet(found, results, workers, asked, fresh=options.fresh, on_progress=on_progress)
     except KeyboardInterrupt:
-        print(f"inspector: stopped; the same command goes on from what is in {results}", file=sys.stderr)
+        print(
+            visible(f"inspector: stopped; the same command goes on from what is in {results}"),
+            file=sys.stderr,
+        )
         return 130
     write_table(fleet.rows, out)
     write_text_atomically(page, fleet_html(fleet, page, now=datetime.now()))

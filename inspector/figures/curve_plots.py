@@ -6,13 +6,13 @@ Fitted curves in, a plotly figure out; style and labels are in `inspector.figure
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 
 from calib.array_types import Array, BoolArray
+from calib.display.html_text import escape
 from calib.kinematics.robot import Robot
 from calib.screening.curves.fitted_curves import FittedCurve
 from inspector.figures.style import figure, ink, selects_joint, strong_ink

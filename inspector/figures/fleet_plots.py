@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 
 import plotly.graph_objects as go
 
+from calib.display.html_text import escape
 from inspector.figures.style import figure, log_axis
 from inspector.markup.parts.palette import MODEL_COLOURS
 

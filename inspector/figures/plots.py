@@ -6,7 +6,6 @@ Plain arrays in, plotly figures out; nothing is computed here. Style and labels 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ import plotly.graph_objects as go
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array
+from calib.display.html_text import escape
 from inspector.figures.robust_axis import beyond, robust_range
 from inspector.figures.style import (
     SELECTS_POSE,

@@ -7,7 +7,6 @@ own, so that going from pose to pose changes that one (`select`) and draws nothi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ import plotly.graph_objects as go
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array, IndexArray
+from calib.display.html_text import escape
 from inspector.figures.robust_axis import beyond, robust_range
 from inspector.figures.style import SELECTS_POSE, SIGNED_SCALE, figure, ink, shortened, strong_ink
 from inspector.markup.parts.palette import ROLE_COLOURS, ROLE_WORDS

@@ -10,10 +10,11 @@ import math
 import pickle
 import zlib
 from collections.abc import Mapping, Sequence
-from html import escape
 from typing import Any
 
 import plotly.graph_objects as go
+
+from calib.display.html_text import escape
 
 # Blue - white - red (ColorBrewer RdBu): safe for red-green blindness, symmetric in lightness about zero.
 SIGNED_SCALE = (

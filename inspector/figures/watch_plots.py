@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 
 import plotly.graph_objects as go
 
+from calib.display.html_text import escape
 from calib.monitoring.control_chart import in_time, moment
 from calib.monitoring.watch import Watched
 from inspector.figures.style import distinct_labels, figure, log_axis

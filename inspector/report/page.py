@@ -13,6 +13,7 @@ from itertools import count
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from calib.display.blocks import Block, Section
+from calib.display.html_text import visible_value
 from inspector.report.figure_block import still
 
 MARK = '<meta name="generator" content="robot-calibration-inspector">'
@@ -33,6 +34,7 @@ def _templates() -> Environment:
     return Environment(
         loader=ChoiceLoader([PackageLoader("inspector.report"), PackageLoader("calib.display")]),
         autoescape=True,
+        finalize=visible_value,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -13,7 +13,6 @@ from calib.errors import CalibError
 from calib.options import BUILTIN_ROBOTS
 from calib.robot_formats.robot_file import tips_of
 
-_UNPACKED = Limits(total_bytes=1_000_000_000)
 _BUILT_IN = {f"{name} (built in)": name for name in BUILTIN_ROBOTS}
 
 
@@ -42,15 +41,15 @@ def dataset_faults(files: UserFiles) -> tuple[str, ...]:
     return ()
 
 
-def add_file(path: Path, name: str, folder: Path) -> None:
-    """Put what came below the folder; a file of the same name gives way."""
+def add_file(path: Path, name: str, folder: Path, room_bytes: int) -> None:
+    """Put what came below the folder, a zip's files as far as there is room; a file of the same name gives way."""
     folder.mkdir(exist_ok=True)
     if not name.lower().endswith(".zip"):
         os.replace(path, folder / name)
         return
     fresh = path.with_name(f"{path.name}.unpacked")
     try:
-        for file in unpack(path, fresh, _UNPACKED):
+        for file in unpack(path, fresh, Limits(total_bytes=room_bytes)):
             place = folder / file.relative_to(fresh)
             place.parent.mkdir(parents=True, exist_ok=True)
             os.replace(file, place)

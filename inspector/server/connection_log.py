@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import logging
+import threading
 import time
 from typing import Any
 
@@ -17,6 +18,7 @@ from calib.errors import shown
 
 _NO_ROOM = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 _TELL_EVERY_S = 60.0
+_MOST_LINES = 60  # in that time
 _STRANGERS = (InvalidHandshake, SecurityError, ConnectionClosed, EOFError, ConnectionError, TimeoutError)
 
 
@@ -32,12 +34,49 @@ class _InOneLine(logging.Filter):
         return True
 
 
+class _Bounded(logging.Filter):
+    """So many lines a minute of all that pages and strangers can cause, then one that says how many were left out."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._since_s = -_TELL_EVERY_S
+        self._told = self._left_out = 0
+        self._lock = threading.Lock()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        with self._lock:
+            now_s = time.monotonic()
+            if now_s - self._since_s >= _TELL_EVERY_S:
+                self._since_s, self._told = now_s, 0
+            self._told += 1
+            if self._told > _MOST_LINES:
+                self._left_out += 1
+                return False
+            words, self._left_out = self._left_out, 0
+        record.msg, record.args = shown(record.getMessage()), None
+        if words:
+            record.msg += f" (before it {words} lines like this were left out)"
+        return True
+
+
+_BOUND = _Bounded()
+
+
+def bounded_logger(name: str) -> logging.Logger:
+    """A logger for what comes from outside: at most `_MOST_LINES` a minute with all others of this kind."""
+    logger = logging.getLogger(name)
+    if _BOUND not in logger.filters:
+        logger.addFilter(_BOUND)
+    return logger
+
+
 def connection_logger() -> logging.Logger:
     """The logger to give to websockets' `serve`."""
-    logger = logging.getLogger("inspector.server.connections")
+    name = "inspector.server.connections"
+    logger = logging.getLogger(name)
     if not logger.filters:
-        logger.addFilter(_InOneLine())
-    return logger
+        logger.addFilter(_InOneLine())  # first: what it lets go does not count
+    return bounded_logger(name)
 
 
 class CrowdTold:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 import gzip
 import http
-import logging
 from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
@@ -18,13 +17,22 @@ from urllib.parse import parse_qs, urlsplit
 from websockets.datastructures import Headers
 from websockets.http11 import Response
 
-log = logging.getLogger(__name__)
+from inspector.server.connection_log import bounded_logger
+
+log = bounded_logger(__name__)
 
 HEADER = "X-Inspector"
 ASK, SCRIPT = "/inspector/ask", "/inspector/page.js"
 SCRIPTS = Path(__file__).parent / "client"
 VALUE_LIMIT = 1000  # characters of a request's value
 TITLE = "Calibration inspector"
+
+_GUARDS = {
+    "Content-Security-Policy": "frame-ancestors 'none'",
+    "X-Frame-Options": "DENY",  # for browsers that do not know the former
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+}
 
 Ask = Callable[[str], None]
 
@@ -104,6 +112,14 @@ def _answer(
     compressed = asked is not None and "gzip" in asked.get("Accept-Encoding", "")
     body = gzip.compress(body) if compressed else body
     return Response(status, status.phrase, _headers(f"{kind}; charset=utf-8", body, compressed), body)
+
+
+def guarded(answer: Response) -> Response:
+    """An answer that no other page may show in a frame, guess the kind of, or be told the address of."""
+    for name, value in _GUARDS.items():
+        if name not in answer.headers:
+            answer.headers[name] = value
+    return answer
 
 
 def _headers(kind: str, body: bytes, compressed: bool) -> Headers:

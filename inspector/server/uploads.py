@@ -7,12 +7,12 @@ written at once, below a folder of its own for each page.
 
 from __future__ import annotations
 
-import logging
 import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
@@ -20,10 +20,15 @@ from typing import Any, BinaryIO
 import viser
 from viser import _messages
 
-log = logging.getLogger(__name__)
+from calib.errors import CalibError
+from inspector.server.connection_log import bounded_logger
+
+log = bounded_logger(__name__)
 
 PART_BYTES = 512 * 1024  # as the page cuts files
 _LONGEST_NAME = 120
+_STAGING = ".arriving-"
+_LEAST_BYTES = 4096  # that a file takes on the disk
 _STALLED_S = 60.0  # without a part; another transfer may then take its place
 
 
@@ -31,8 +36,11 @@ _STALLED_S = 60.0  # without a part; another transfer may then take its place
 class UploadLimits:
     """What pages may send."""
 
-    page_bytes: int = 500_000_000  # of one page until it imports or gives up
-    total_bytes: int = 1_000_000_000  # of all pages
+    page_bytes: int = (
+        1_000_000_000  # of one page until it imports or gives up, as its files lie here: unpacked
+    )
+    total_bytes: int = 2_000_000_000  # of all pages
+    folder_bytes: int = 20_000_000_000  # of the folder, with the datasets that were imported
     free_bytes: int = 500_000_000  # that stay free on the disk
     pages: int = 8  # that may have files here at a time
 
@@ -85,6 +93,8 @@ class Uploads:
         self._made = False  # whether the folder itself is ours
         self._now: dict[int, _Transfer] = {}
         self._held: dict[int, int] = {}  # bytes by page
+        self._lock: int | None = None  # of the hidden folder, for as long as this program runs
+        clear_leftovers(folder)
 
     # ---- what pages send ----
 
@@ -194,13 +204,50 @@ class Uploads:
             transfer.path.unlink(missing_ok=True)
             self._held[client] -= transfer.size
 
+    def room_bytes(self, client: int) -> int:
+        """How much more may be written for a page, 0 at least. It looks through the folder: not for the event loop."""
+        limits, held = self.limits, sum(self._held.values())
+        return max(
+            0,
+            min(
+                limits.page_bytes - self._held.get(client, 0),
+                limits.total_bytes - held,
+                limits.folder_bytes - size_bytes(self.folder),
+                shutil.disk_usage(self._place()).free - limits.free_bytes,
+            ),
+        )
+
+    @contextmanager
+    def writing(self, client: int) -> Iterator[int]:
+        """While a page's files are unpacked: how many bytes they may have. What is there then is what counts."""
+        try:
+            yield self.room_bytes(client)
+        finally:
+            if client in self._held:
+                transfer = self._now.get(client)
+                coming = 0 if transfer is None else transfer.size - transfer.arrived * PART_BYTES
+                self._held[client] = size_bytes(self.of(client)) + max(coming, 0)
+            else:  # the page has left meanwhile
+                self.release(client)
+
+    def refuse_copy(self, client: int) -> None:
+        """Raise CalibError where a dataset of a page's files, beside them and its draft, has no room."""
+        needed = 2 * self._held.get(client, 0)
+        free = shutil.disk_usage(self._place()).free - self.limits.free_bytes
+        if needed > min(free, self.limits.folder_bytes - size_bytes(self.folder)):
+            raise CalibError(
+                f"there is no room for it: the disk of the server is nearly full, or {self.folder.name} has its "
+                f"{self.limits.folder_bytes / 1e9:g} GB; remove datasets there"
+            )
+
     # ---- folders ----
 
     def _place(self) -> Path:
         if self._staging is None:
             self._made = not self.folder.exists()
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._staging = Path(tempfile.mkdtemp(dir=self.folder, prefix=".arriving-"))
+            self._staging = Path(tempfile.mkdtemp(dir=self.folder, prefix=_STAGING))
+            self._lock = _locked(self._staging)
         return self._staging
 
     def of(self, client: int) -> Path:
@@ -220,10 +267,53 @@ class Uploads:
         for client in list(self._now):
             self._drop(client)
         if self._staging is not None:
+            if self._lock is not None:
+                os.close(self._lock)
+                self._lock = None
             shutil.rmtree(self._staging, ignore_errors=True)
             self._staging = None
             if self._made and not any(self.folder.iterdir()):
                 self.folder.rmdir()
+
+
+def clear_leftovers(folder: Path) -> None:
+    """Remove what programs that were killed left half arrived in a folder, but not what one that runs holds."""
+    for staging in folder.glob(f"{_STAGING}*") if folder.is_dir() else ():
+        if staging.is_symlink() or not staging.is_dir():
+            continue
+        lock = _locked(staging)
+        if lock is not None:
+            shutil.rmtree(staging, ignore_errors=True)
+            os.close(lock)
+
+
+def _locked(folder: Path) -> int | None:
+    """A handle that holds a folder until it is closed; None where another program holds it, or nothing can."""
+    try:
+        import fcntl
+    except ImportError:
+        return None
+    handle = None
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        if handle is not None:
+            os.close(handle)
+        return None
+    return handle
+
+
+def size_bytes(folder: Path) -> int:
+    """What the files below a folder take on the disk; links are not followed."""
+    total = 0
+    for place, _, names in os.walk(folder):
+        for name in names:
+            try:
+                total += max(os.lstat(os.path.join(place, name)).st_size, _LEAST_BYTES)  # noqa: PTH118
+            except OSError:  # gone meanwhile
+                continue
+    return total
 
 
 def take_uploads(server: viser.ViserServer, button: viser.GuiUploadButtonHandle, uploads: Uploads) -> None:

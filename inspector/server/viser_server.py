@@ -14,7 +14,6 @@ import contextlib
 import http
 import io
 import ipaddress
-import logging
 import math
 import os
 import socket
@@ -33,11 +32,11 @@ from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
 from calib.errors import CalibError
-from inspector.server.connection_log import CrowdTold, connection_logger
-from inspector.server.page_requests import PageRequests, with_script
+from inspector.server.connection_log import CrowdTold, bounded_logger, connection_logger
+from inspector.server.page_requests import PageRequests, guarded, with_script
 from inspector.server.viser_caches import cache_lookups
 
-log = logging.getLogger(__name__)
+log = bounded_logger(__name__)
 
 LOOPBACK = "127.0.0.1"
 TEXT_LIMIT = 1000  # characters that a text field may hold
@@ -190,6 +189,10 @@ def _serving_on(listener: socket.socket, bound_host: str, requests: PageRequests
 
     def guard(inner: ProcessRequest) -> ProcessRequest:
         def process_request(connection: ServerConnection, request: Request) -> Response | None:
+            answer = respond(connection, request)
+            return None if answer is None else guarded(answer)
+
+        def respond(connection: ServerConnection, request: Request) -> Response | None:
             headers = request.headers
             origins, hosts = headers.get_all("Origin"), headers.get_all("Host")
             origin = origins[0] if len(origins) == 1 else (None if not origins else "several")

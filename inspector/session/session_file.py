@@ -35,6 +35,7 @@ from calib.strict_json import (
     Text,
     Texts,
     to_json,
+    with_escapes,
 )
 from inspector.session.session import Session, StepErrors, asked_out
 
@@ -172,7 +173,7 @@ def session_text(
             "past": undo.past,
             "future": undo.future,
         }
-    return json.dumps(json.loads(to_json(document)), indent=1, ensure_ascii=False) + "\n"
+    return with_escapes(json.dumps(json.loads(to_json(document)), indent=1, ensure_ascii=False)) + "\n"
 
 
 def save_session(path: Path, session: Session, shown: Shown = NOTHING_SHOWN) -> None:

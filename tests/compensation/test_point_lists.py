@@ -87,6 +87,28 @@ def test_valid_names_stay() -> None:
 
 
 @pytest.mark.parametrize(
+    "word",
+    ["end", "def", "movej", "p", "True", "sec", "ENDDAT", "E6POS", "Decl", "PTP", "ENDMODULE", "jointtarget", "v100",
+     "z10", "fine", "tool0", "for", "Var", "atan2"],
+)  # fmt: skip
+@pytest.mark.parametrize("longest", sorted(LONGEST.values()))
+def test_no_target_is_called_what_a_language_keeps_for_itself(word: str, longest: int) -> None:
+    (name,) = identifiers([word], longest)
+    assert name == f"p_{word}"[:longest]
+    assert identifiers([word, f"p_{word}"], longest) == [name, f"{name[: longest - 2]}_2"]
+
+
+@pytest.mark.parametrize("suffix", LONGEST)
+def test_a_target_and_its_module_have_two_names(correction: Correction, suffix: str) -> None:
+    text = corrected_points(Path(f"p01{suffix}"), correction, IDS)
+    names = re.findall(
+        r"(?m)^(?:DEFDAT|MODULE) (\w+)|^ *(?:DECL GLOBAL AXIS |CONST jointtarget )?(\w+) ?:?=", text
+    )
+    flat = [name.lower() for pair in names for name in pair if name]
+    assert len(flat) == len(set(flat)) >= 4
+
+
+@pytest.mark.parametrize(
     ("robot", "reason"), [("panda", "this arm has 7"), ("gantry", "this arm has 3 and 3 sliding")]
 )
 def test_other_arms_are_refused(robot: str, reason: str) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from calib.fleet import judge as judging
 from calib.fleet.cluster import cluster_workers, local_workers
 from calib.fleet.discovery import discover
 from calib.fleet.judge import FleetOptions
+from calib.fleet.processes import Processes
 from calib.fleet.result import Fleet
 from calib.fleet.row import Row
 from calib.fleet.run import Workers, run_fleet
@@ -73,6 +75,18 @@ def test_every_dataset_has_a_row_and_one_that_cannot_be_read_costs_only_itself(f
     assert "\n" not in failure.reason
     assert [step[:2] for step in steps] == [(1, 4), (2, 4), (3, 4), (4, 4)]
     assert "FAILED broken" in fleet.summary()
+
+
+@pytest.mark.parametrize("file", ["dataset.toml", "robot.toml"])
+def test_a_dataset_that_would_fill_the_memory_costs_only_itself(folder: Path, file: str) -> None:
+    bomb = write_cell(folder / "bomb", 9) / file
+    bomb.write_text(
+        bomb.read_text() + "a" + ".a" * 20_000 + " = 1\n"
+    )  # 40 kB, of which a parser makes 1.5 GB
+    fleet = run(folder)
+    assert [row.path for row in fleet.rows] == ["a", "b", "deep/er/c"]
+    assert [failure.path for failure in fleet.failures] == ["bomb", "broken"]
+    assert "a key of more than 20 parts" in fleet.failures[0].reason
 
 
 def test_a_later_run_takes_over_what_has_not_changed(folder: Path) -> None:
@@ -147,7 +161,7 @@ def test_the_same_table_whatever_the_order(folder: Path) -> None:
     assert one.failures == other.failures
 
 
-# ---- on Dask --------------------------------------------------------------------------------------------------------
+# ---- on processes, and on Dask ---------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -160,50 +174,66 @@ def real_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def dask() -> Iterator[Workers]:
-    pytest.importorskip("distributed")
+def processes() -> Iterator[Workers]:
     with local_workers(2) as workers:
         yield workers
 
 
 @pytest.mark.slow
 def test_a_worker_that_is_killed_loses_nothing_and_the_table_is_the_same_to_the_bit(
-    real_folder: Path, dask: Workers
+    real_folder: Path, processes: Workers
 ) -> None:
     alone = run(real_folder)
-    client = dask.executor._client  # type: ignore[union-attr]
-    killed = threading.Event()
+    assert isinstance(processes.executor, Processes)
+    executor, killed = processes.executor, threading.Event()
 
     def kill(done: int, total: int, path: str) -> None:
         if not killed.is_set():
             killed.set()
-            os.kill(min(client.run(os.getpid).values()), 9)
+            os.kill(min(executor.pids), 9)
 
-    results = real_folder.parent / "dask.results"
-    fleet = run_fleet(discover(real_folder), results, dask, on_progress=kill)
+    results = real_folder.parent / "processes.results"
+    fleet = run_fleet(discover(real_folder), results, processes, on_progress=kill)
     assert killed.is_set()
     assert fleet.failures == ()
     assert table_bytes(fleet.rows, ".csv") == table_bytes(alone.rows, ".csv")
     assert fleet.drifts == alone.drifts
     assert len(fleet.drifts) == 1
-    assert run_fleet(discover(real_folder), results, dask).taken_over == 3
+    assert run_fleet(discover(real_folder), results, processes).taken_over == 3
 
 
 @pytest.mark.slow
-def test_workers_listen_to_this_machine_alone_and_multiply_on_one_thread(dask: Workers) -> None:
-    client = dask.executor._client  # type: ignore[union-attr]
-    seen = client.run(lambda: os.environ.get("OPENBLAS_NUM_THREADS"))
-    assert list(seen.values()) == ["1", "1"]
-    addresses = [client.scheduler.address, *seen]
-    assert all(address.startswith("tcp://127.0.0.1:") for address in addresses)
-    assert set(client.nthreads().values()) == {1}
+def test_what_works_on_this_machine_has_no_port_and_one_thread_a_process() -> None:
+    psutil = pytest.importorskip("psutil")
+
+    def ports(pid: int) -> set[object]:
+        return {c.laddr for c in psutil.Process(pid).net_connections("inet")}
+
+    before = ports(os.getpid())
+    with local_workers(2) as workers:
+        assert isinstance(workers.executor, Processes)
+        threads = [workers.executor.submit(os.getenv, "OPENBLAS_NUM_THREADS") for _ in range(4)]
+        assert [answer.result() for answer in threads] == ["1"] * 4
+        assert workers.executor.pids
+        assert [ports(pid) for pid in workers.executor.pids] == [set()] * len(workers.executor.pids)
+        assert ports(os.getpid()) <= before
+
+
+@pytest.fixture
+def dask() -> Iterator[Any]:
+    """A cluster that runs already."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+    ) as made:
+        yield made
 
 
 @pytest.mark.slow
 def test_a_cluster_that_runs_already_is_taken_by_its_address(
-    real_folder: Path, folder: Path, dask: Workers, monkeypatch: pytest.MonkeyPatch
+    folder: Path, dask: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    address = dask.executor._client.scheduler.address  # type: ignore[union-attr]
+    address = dask.scheduler_address
     with cluster_workers(address, folder) as workers:
         assert (workers.count, workers.own_processes) == (2, False)
         assert [row.path for row in run(folder, workers).rows] == ["a", "b", "deep/er/c"]

@@ -152,3 +152,16 @@ def test_a_table_of_hundreds_of_columns_is_not_told_whole(tmp_path: Path) -> Non
     assert "missing column a; found c0, c1" in said
     assert "and 870 more" in said
     assert len(said) < 600
+
+
+def test_a_million_columns_are_refused_and_a_spreadsheet_s_empty_ones_are_not(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    for text in (
+        ",".join(f"c{k}" for k in range(1_000_000)),
+        "a\n" + ",".join("1" * 3000),
+        "a" + "," * 30_000,
+    ):
+        with pytest.raises(DatasetError, match=r"line \d: found \d+ columns; a table has at most 2000"):
+            csv_rows(path, text)
+    wide = "pose,a" + "," * 16_382 + "\n" + "p1,2" + "," * 16_382 + "\n"
+    assert [row[1][:2] for row in csv_rows(path, wide)] == [["pose", "a"], ["p1", "2"]]

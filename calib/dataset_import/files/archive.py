@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import stat
 import struct
 import zipfile
@@ -28,6 +29,7 @@ class Limits:
     total_bytes: int = 2_000_000_000  # unpacked
     ratio: float = 200.0  # of a file's size to its packed one; text of numbers has 3 to 20
     free_bytes: int = 10_000_000  # up to which a file's ratio does not matter
+    spare_bytes: int = 500_000_000  # that stay free on the disk
 
 
 def is_archive(path: Path) -> bool:
@@ -50,6 +52,7 @@ def unpack(path: Path, folder: Path, limits: Limits = Limits()) -> tuple[Path, .
         _refuse_long_table(path, limits)
         with zipfile.ZipFile(path) as archive:
             wanted = _judged(path, archive, limits)
+            _refuse_full_disk(path, folder, sum(info.file_size for info in wanted.values()), limits)
             return tuple(_write(path, archive, info, folder / name) for name, info in wanted.items())
     except (
         zipfile.BadZipFile,
@@ -65,6 +68,15 @@ def unpack(path: Path, folder: Path, limits: Limits = Limits()) -> tuple[Path, .
         ) from None
     except OSError as error:
         raise DatasetError(f"{path}: cannot be unpacked ({error.strerror or error})") from None
+
+
+def _refuse_full_disk(path: Path, folder: Path, needed_bytes: int, limits: Limits) -> None:
+    """Raise DatasetError where the files would leave too little room on the disk."""
+    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if shutil.disk_usage(there).free - needed_bytes < limits.spare_bytes:
+        raise DatasetError(
+            f"{path}: unpacked it has {needed_bytes / 1e6:.4g} MB, for which {there} has no room; make some"
+        )
 
 
 def _refuse_long_table(path: Path, limits: Limits) -> None:

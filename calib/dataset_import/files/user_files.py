@@ -11,6 +11,7 @@ from pathlib import Path
 from calib.dataset_import.columns import recognise
 from calib.errors import CalibError
 from calib.robot_formats.origin_yaml import read_origin_yaml
+from calib.text_files.text_file import decoded
 from calib.user_tables.unit_names import plain, split_unit
 from calib.user_tables.user_table import UserTable, parse_table
 
@@ -191,9 +192,9 @@ def _head(path: Path) -> str:
     """The beginning of a file, whole lines where it is longer."""
     with path.open("rb") as file:
         content = file.read(_HEAD_BYTES)
-    if len(content) == _HEAD_BYTES and b"\n" in content:
-        content = content[: content.rindex(b"\n")]
-    return content.decode("utf-8-sig", errors="replace")
+    text = decoded(content)
+    whole = len(content) < _HEAD_BYTES or "\n" not in text
+    return text if whole else text[: text.rindex("\n")]
 
 
 def _scans(files: list[UserFile]) -> dict[str, Path]:

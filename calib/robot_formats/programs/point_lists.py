@@ -17,6 +17,7 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.errors import CalibError
+from calib.robot_formats.programs.reserved_words import RESERVED
 
 JOINTS = 6  # that a joint position of these languages holds
 LONGEST = {
@@ -62,7 +63,7 @@ def point_list(path: Path, targets: Sequence[JointTarget], heading: Sequence[str
     """
     suffix = path.suffix.lower()
     comment = _COMMENT[suffix]
-    names = identifiers([target.name for target in targets], LONGEST[suffix])
+    whole, *names = identifiers([path.stem, *(target.name for target in targets)], LONGEST[suffix])
     unit = "rad" if suffix == ".script" else "degrees"
     lines = [f"{comment} {_plain(words)}" for words in (*heading, f"Joint values in {unit}.")]
     for name, target in zip(names, targets, strict=True):
@@ -71,7 +72,7 @@ def point_list(path: Path, targets: Sequence[JointTarget], heading: Sequence[str
             lines.append(f"{comment} {name} is left out: {_plain(target.left_out)}")
         else:
             lines.append(_line(suffix, name, target.q) + said)
-    return "\n".join(_wrapped(suffix, path.stem, lines)) + "\n"
+    return "\n".join(_wrapped(suffix, whole, lines)) + "\n"
 
 
 def _line(suffix: str, name: str, q: Array) -> str:
@@ -83,8 +84,7 @@ def _line(suffix: str, name: str, q: Array) -> str:
     return f"  CONST jointtarget {name}:=[[{','.join(angles)}],[{','.join(['9E9'] * JOINTS)}]];"
 
 
-def _wrapped(suffix: str, stem: str, lines: list[str]) -> list[str]:
-    name = identifiers([stem], LONGEST[suffix])[0]
+def _wrapped(suffix: str, name: str, lines: list[str]) -> list[str]:
     if suffix == ".dat":
         return [f"DEFDAT {name} PUBLIC", *lines, "ENDDAT"]
     if suffix == ".mod":
@@ -93,12 +93,16 @@ def _wrapped(suffix: str, stem: str, lines: list[str]) -> list[str]:
 
 
 def identifiers(ids: Sequence[str], longest: int) -> list[str]:
-    """Names that all three languages take, each its own without regard to case: letters, digits and underscores."""
+    """Names that all three languages take, each its own without regard to case: letters, digits and underscores.
+
+    A word that one of the languages keeps for itself stands behind `p_`.
+    """
     out: list[str] = []
     taken: set[str] = set()
     for pose_id in ids:
         base = re.sub(r"[^A-Za-z0-9_]", "_", pose_id)
         base = (base if base[:1].isalpha() else f"p{base}")[:longest]
+        base = f"p_{base}"[:longest] if base.lower() in RESERVED else base
         name, number = base, 1
         while name.lower() in taken:
             number += 1

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.array_types import Array
+from calib.errors import visible
 from calib.kinematics.robot import Robot
 from calib.robot_formats.programs.point_lists import JointTarget
 
@@ -27,7 +28,7 @@ def trajectory_yaml(robot: Robot, targets: Sequence[JointTarget], heading: Seque
     """
     names = [joint.name or f"joint{k + 1}" for k, joint in enumerate(robot.joints)]
     lines = [
-        *(f"# {' '.join(words.split())}" for words in heading),
+        *(f"# {visible(' '.join(words.split()))}" for words in heading),
         f"# trajectory_msgs/msg/JointTrajectory; {STANDS_S:g} s at each target, joints at most "
         f"{SLOW_RAD_S:g} rad/s or {SLOW_MM_S:g} mm/s",
         "header:",

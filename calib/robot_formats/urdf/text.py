@@ -9,6 +9,7 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 
 from calib.array_types import Array
+from calib.errors import visible
 from calib.frames import invert, rpy_from_rotation
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, axis_frame
 from calib.robot_formats.urdf.chain import ArmPath
@@ -135,7 +136,7 @@ def plain_urdf(chain: SerialChain, comment: str = "") -> str:
         raise RobotFileError(f"robot {chain.name}: its joints have the same names; a URDF needs one for each")
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(chain.name)}>"]
     if comment:
-        lines.append(f"  <!-- {escape(comment.replace('--', '- -'))} -->")
+        lines.append(f"  <!-- {escape(visible(comment).replace('--', '- -'))} -->")
     standing = _standing(chain)
     if standing is not None:  # a URDF's root is upright
         if "world" in (base, tip, *links) or "world_fixed" in names:

@@ -1,20 +1,19 @@
-"""xacro: macros of a URDF, expanded by xacrodoc (the extra `xacro`) in a process of its own that can do nothing else.
+"""xacro: macros of a URDF, expanded by xacrodoc (the extra `xacro`) in a process of its own.
 
-A xacro is a program: it names other files and computes. So it is expanded only where the caller says so (`Xacro`), for
-a file that the user named; it reads below its own folder and those of the packages that are named, no environment.
+A xacro is a program: it names other files and computes. Its expressions are arithmetic on plain data, never Python. It
+is expanded only where the caller says so (`Xacro`), for a file that the user named; it reads below its own folder and
+those of the packages that are named, no environment.
 """
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from calib.bounded_process import Limits, ProcessFailed, ask
 from calib.robot_formats.chain.serial_chain import RobotFileError
 from calib.robot_formats.urdf.safe_xml import Element, XmlFile, parse_xml, read_bytes
 
@@ -45,16 +44,16 @@ def expanded_xacro(path: Path, given: Xacro) -> XmlFile:
         if not folder.is_dir():
             raise RobotFileError(f"--xacro-package {name}={folder}: is no folder; name that of the package")
     whole, packages = path.resolve(), {name: str(folder.resolve()) for name, folder in given.packages.items()}
-    answer = _ask(
-        path,
-        {
-            "path": [str(Path(entry or ".").resolve()) for entry in sys.path],
-            "file": str(whole),
-            "args": dict(given.args),
-            "packages": packages,
-            "folders": [str(whole.parent), *packages.values()],
-        },
-    )
+    request = {
+        "file": str(whole),
+        "args": dict(given.args),
+        "packages": packages,
+        "folders": [str(whole.parent), *packages.values()],
+    }
+    try:
+        answer = ask("calib.robot_formats.urdf.xacro_process:answer", request, Limits(seconds=_MOST_SECONDS))
+    except ProcessFailed as error:
+        raise RobotFileError(f"{path}: the xacro {error}; look for macros that repeat without end") from None
     if "error" in answer:
         shown = _shown(answer.get("file"), path)
         of = "" if shown == path else f" of {shown}"
@@ -62,33 +61,6 @@ def expanded_xacro(path: Path, given: Xacro) -> XmlFile:
     file = parse_xml(path, answer["text"].encode())
     places = iter(answer["places"])
     return replace(file, root=_with_places(file.root, places, path))
-
-
-def _ask(path: Path, request: dict[str, Any]) -> dict[str, Any]:
-    """The process's answer."""
-    program = Path(__file__).with_name("xacro_process.py")
-    try:
-        done = subprocess.run(
-            [sys.executable, "-I", "-B", str(program)],
-            input=json.dumps(request).encode(),
-            capture_output=True,
-            timeout=_MOST_SECONDS,
-            cwd=path.resolve().parent,
-            env={},
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        raise RobotFileError(
-            f"{path}: xacro is not done after {_MOST_SECONDS} s; look for macros that repeat without end"
-        ) from None
-    try:
-        answer = json.loads(done.stdout)
-    except ValueError:
-        answer = None
-    if not isinstance(answer, dict):
-        words = " ".join(done.stderr.decode(errors="replace").split())[-200:]
-        raise RobotFileError(f"{path}: xacro came to no end: {words or f'exit code {done.returncode}'}")
-    return answer
 
 
 def _with_places(root: Element, places: Any, path: Path) -> Element:

@@ -1,56 +1,86 @@
-"""A xacro's expansion, in a process of its own: run as a file, it imports nothing of this library.
+"""A xacro's expansion, for a process of its own (`calib.bounded_process`): xacrodoc and xacro, but not their `eval`.
 
-stdin: JSON of path (sys.path), file, args, packages (name: folder), folders that may be read. stdout: JSON of text and
-places ([file, line] of each element in order), or of error, file, line. xacro's expressions are Python with few names;
-so this process has no environment, reads below those folders only, writes, connects and starts nothing, and its memory
-and time are bounded.
+xacro takes `${...}` and `$(eval ...)` for Python. Here they are arithmetic on plain data (`expressions`), and whatever
+else the library would evaluate is refused. Behind that, as a second wall, the process reads below the folders that were
+named while it expands, and writes, starts, imports and connects to nothing.
 """
 
 from __future__ import annotations
 
-import importlib
-import json
+import math
 import os
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, NoReturn
 from xml.dom import expatbuilder, minidom
+
+from calib.robot_formats.urdf.expressions import (
+    BASICS,
+    MATHS,
+    MOST_TEXT,
+    Budget,
+    ExpressionError,
+    Function,
+    Namespace,
+    evaluate,
+    plain,
+)
 
 _PLACE = "place"
 _MOST_BYTES = 64 * 1024 * 1024
-_MOST_MEMORY = 4 * 1024**3
-_HARMLESS = {
-    "builtins.id", "code.__new__", "compile", "cpython.PyInterpreterState_Clear", "exec", "glob.glob", "glob.glob/2",
-    "import", "marshal.loads", "object.__getattr__", "object.__setattr__", "sys._getframe", "sys.unraisablehook",
+_MOST_YAML_BYTES = 1024 * 1024
+_MOST_ELEMENTS = 100_000  # that macros and includes make, those of all runs together
+_MOST_FRAMES = 3000  # of nested macros, properties and expressions
+_HARMLESS = {  # what xacro itself does while it expands, as Python's audit events name it
+    "builtins.id", "compile", "cpython.PyInterpreterState_Clear", "glob.glob", "glob.glob/2", "object.__getattr__",
+    "object.__setattr__", "sys._getframe", "sys.unraisablehook",
 }  # fmt: skip
 _OF_PATHS = {"open", "os.listdir", "os.scandir"}
+_UNITS = {
+    "!radians": 1.0, "!degrees": math.pi / 180.0, "!meters": 1.0, "!millimeters": 0.001, "!foot": 0.3048,
+    "!inches": 0.0254,
+}  # fmt: skip
+_TOKEN = re.compile(
+    r"(?P<escaped>\$\$+[{(])|\$\{(?P<expression>[^}]*)\}|\$\((?P<extension>[^)]*)\)|(?P<text>[^$]+|\$[^{($]+|\$\Z)"
+)  # as xacro's own lexer has them
 
 
 class Refused(Exception):
     """What a xacro may not do."""
 
 
-def main() -> None:
-    """Read the request, expand, answer."""
-    asked = json.loads(sys.stdin.buffer.read())
-    answer_to = os.fdopen(os.dup(1), "wb")
-    sys.stdout = sys.stderr
-    sys.path[:] = asked["path"]
-    bound_memory()
-    answer_to.write(json.dumps(answer(asked)).encode())
-    answer_to.flush()
-    os._exit(0)  # what is left to close would be refused
+def prepare() -> None:
+    """Import all that is needed, before the process is fenced in."""
+    import encodings.utf_8_sig
+    import glob
+    import unicodedata
+
+    import xacro.substitution_args
+    import xacrodoc
+    import yaml
+
+    del encodings, glob, unicodedata, xacro, xacrodoc, yaml
 
 
 def answer(asked: dict[str, Any]) -> dict[str, Any]:
-    """The expanded text with the place of each element, or what is wrong and where."""
+    """Expand a file.
+
+    Args:
+        asked: file, args, packages (name: folder), folders that may be read.
+
+    Returns:
+        text and places ([file, line] of each element in order), or error, file and line.
+    """
     import xacro
     import xacrodoc
 
-    importlib.import_module("yaml")  # which xacro imports when it needs it: before reading is fenced in
     path = asked["file"]
+    os.chdir(Path(path).parent)  # what $(cwd) is
+    sys.setrecursionlimit(_MOST_FRAMES)
+    _Expansion(xacro, finder(asked["packages"])).take_over()
     xacrodoc.packages.get_path = finder(asked["packages"])
     xacro.parse = parser_with_places(path)
     xacro.init_stacks(path)
@@ -66,7 +96,7 @@ def answer(asked: dict[str, Any]) -> dict[str, Any]:
         return {"error": "macros or properties go round in a circle"} | where(error, xacro.filestack)
     except MemoryError as error:
         return {"error": "needs more memory than a robot's description may"} | where(error, xacro.filestack)
-    except Exception as error:  # whatever an expression of the file may raise
+    except Exception as error:  # whatever the library makes of a damaged file
         words = " ".join(str(refusal(error)).split()) or type(error).__name__
         return {"error": words[:300]} | where(error, xacro.filestack)
 
@@ -79,6 +109,178 @@ def refusal(error: BaseException) -> BaseException:
             return behind
         behind = behind.__cause__ or behind.__context__
     return error
+
+
+class _Expansion:
+    """What stands in xacro's place wherever it would evaluate: one budget for all of a file."""
+
+    def __init__(self, xacro: Any, find: Callable[[str], str]) -> None:
+        self._xacro, self._find, self._budget, self._elements = xacro, find, Budget(), 0
+        self._eval_all = xacro.eval_all
+
+    def take_over(self) -> None:
+        """Put this in the library's place."""
+        xacro, arguments = self._xacro, self._xacro.substitution_args
+        xacro.eval = arguments.eval = (
+            self._refuse_eval
+        )  # before Python's own, for what a later version evaluates
+        xacro.safe_eval = lambda text, names, local=None: self._value(text, names)
+        xacro.eval_text, xacro.eval_all = self.eval_text, self.eval_all
+        xacro.load_yaml = self.load_yaml
+        xacro.warning = xacro.error = xacro.message = xacro.print_location = lambda *given, **named: ""
+        arguments._eval = self.eval_argument
+        xacro._global_symbols.clear()
+        xacro._global_symbols.update(self._globals())
+
+    def _refuse_eval(self, *given: object) -> NoReturn:
+        raise Refused("would be run as Python, which a robot's description may not")
+
+    def _globals(self) -> dict[str, Any]:
+        silent = Function("message", lambda *given, **named: "")
+        own: dict[str, Any] = {
+            "load_yaml": Function("load_yaml", self.load_yaml),
+            "abs_filename": Function("abs_filename", lambda name: str(self._xacro.abs_filename_spec(name))),
+            "dotify": Function("dotify", lambda table: table),
+        }
+        further: dict[str, Any] = {
+            "arg": Function("arg", lambda name: self._arguments()[name]),
+            "fatal": Function("fatal", _fatal),
+            "tokenize": Function("tokenize", _tokens),
+            **dict.fromkeys(("message", "warning", "error", "print_location"), silent),
+        }
+        spaces = {"math": MATHS, "python": BASICS, "xacro": own | further}
+        return {**MATHS, **BASICS, **own, **{name: Namespace(names) for name, names in spaces.items()}}
+
+    def _arguments(self) -> dict[str, str]:
+        return self._xacro.substitution_args_context["arg"]
+
+    def _value(self, text: Any, names: Any) -> Any:
+        return evaluate(str(text), _Names(names, self._xacro.NameSpace), self._budget)
+
+    def eval_text(self, text: str, symbols: Any) -> Any:
+        """xacro's function of this name: the value of a text that is one `${...}`, else the text with all put in."""
+        results: list[Any] = []
+        at = length = 0
+        while at < len(text):
+            found = _TOKEN.match(text, at)
+            if found is None:
+                raise self._xacro.XacroException("invalid expression: " + text[at : at + 100])
+            at = found.end()
+            self._budget.spend(1)
+            if found["expression"] is not None:
+                results.append(self._expression(found["expression"], symbols))
+            elif found["extension"] is not None:
+                inside = self.eval_text(found["extension"], symbols)
+                results.append(self._xacro.eval_extension(f"$({inside})"))
+            else:
+                results.append(found["text"] or found["escaped"][1:])
+            if len(results) > 1 or at < len(text):
+                results[-1] = str(results[-1])
+                length += len(results[-1])
+                if length > MOST_TEXT:
+                    raise Refused(f"makes a text of more than {MOST_TEXT} characters")
+        return results[0] if len(results) == 1 else "".join(results)
+
+    def _expression(self, text: str, symbols: Any) -> Any:
+        try:
+            return self._value(self.eval_text(text, symbols), symbols)
+        except ExpressionError as error:
+            raise self._xacro.XacroException(
+                exc=error, suffix=f"in the expression {text.strip()[:100]!r}"
+            ) from error
+
+    def eval_all(self, node: Any, macros: Any, symbols: Any) -> None:
+        """xacro's function of this name, for so many elements in all."""
+        self._elements += 1
+        if self._elements > _MOST_ELEMENTS:
+            raise Refused(f"makes more than {_MOST_ELEMENTS} elements")
+        self._eval_all(node, macros, symbols)
+
+    def eval_argument(self, text: str, context: dict[str, Any]) -> str:
+        """What $(eval ...) is."""
+        given = context.get("arg") or {}
+        names = {
+            **MATHS, **BASICS, **{name: _literal(value) for name, value in given.items()}, "true": True, "false": False,
+            "arg": Function("arg", lambda name: _literal(given[name])), "find": Function("find", self._find),
+            "env": Function("env", _no_environment), "optenv": Function("optenv", lambda name, default="": default),
+        }  # fmt: skip
+        try:
+            return str(evaluate(text, names, self._budget))
+        except ExpressionError as error:
+            raise Refused(f"{error} in the expression {text.strip()[:100]!r}") from None
+
+    def load_yaml(self, name: Any) -> Any:
+        """A YAML file as plain data. Anchors may stand in it, as long as what they make stays small."""
+        import yaml
+
+        if not isinstance(name, str):
+            raise ExpressionError("load_yaml() takes the name of a file")
+        path = str(self._xacro.abs_filename_spec(name))
+        try:
+            with Path(path).open("rb") as file:
+                content = file.read(_MOST_YAML_BYTES + 1)
+        except OSError as error:
+            raise Refused(f"{path}: {error.strerror or error}") from None
+        if len(content) > _MOST_YAML_BYTES:
+            raise Refused(f"{path}: is larger than a YAML file of a robot may be")
+        try:
+            return plain(yaml.load(content.decode("utf-8-sig"), self._yaml_loader(yaml)), self._budget)
+        except (yaml.YAMLError, ExpressionError, UnicodeDecodeError, ValueError, TypeError) as error:
+            raise Refused(f"{path}: {' '.join(str(error).split())[:200]}") from None
+
+    def _yaml_loader(self, yaml: Any) -> Any:
+        """PyYAML's safe loader with xacro's units. A date stays the text that it is."""
+
+        def of_unit(scale: float) -> Callable[[Any, Any], float]:
+            return lambda loader, node: (
+                scale * float(self._value(loader.construct_scalar(node), self._xacro._global_symbols))
+            )
+
+        class Loader(yaml.SafeLoader):  # type: ignore[misc]
+            yaml_implicit_resolvers = {  # noqa: RUF012
+                first: [(tag, pattern) for tag, pattern in rules if not tag.endswith(":timestamp")]
+                for first, rules in yaml.SafeLoader.yaml_implicit_resolvers.items()
+            }
+
+        for tag, scale in _UNITS.items():
+            Loader.add_constructor(tag, of_unit(scale))
+        return Loader
+
+
+class _Names:
+    """xacro's table of properties, as expressions look into it."""
+
+    def __init__(self, table: Any, space: type) -> None:
+        self._table, self._space = table, space
+
+    def __getitem__(self, name: str) -> Any:
+        value = self._table[name]
+        return Namespace(_Names(value, self._space)) if isinstance(value, self._space) else value
+
+
+def _fatal(*words: Any) -> NoReturn:
+    raise Refused(" ".join(map(str, words)))
+
+
+def _tokens(text: str, sep: str = ",; ", skip_empty: bool = True) -> list[str]:
+    words = re.split(f"[{re.escape(sep)}]", text) if sep else [text]
+    return [word for word in words if word or not skip_empty]
+
+
+def _no_environment(name: Any) -> NoReturn:
+    raise Refused(f"environment variable {name!r} is not set")
+
+
+def _literal(text: Any) -> Any:
+    """An argument's text as $(eval ...) takes it: a number, true or false, else the text."""
+    words = str(text)
+    if len(words) <= 400:
+        for kind in (float,) if "." in words else (int,):
+            try:
+                return kind(words)
+            except ValueError:
+                pass
+    return {"true": True, "false": False}.get(words.lower(), words)
 
 
 def finder(packages: dict[str, str]) -> Callable[[str], str]:
@@ -169,15 +371,6 @@ def where(error: BaseException, files: list[Any] | None) -> dict[str, Any]:
     return {"file": (files or [None])[-1], "line": None}
 
 
-def bound_memory() -> None:
-    """Where the system can."""
-    try:
-        import resource
-    except ImportError:
-        return
-    resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
-
-
 def fence_in(folders: list[Path]) -> None:
     """From here on nothing is read but below the folders, and nothing written, started or connected to."""
 
@@ -200,7 +393,3 @@ def fence_in(folders: list[Path]) -> None:
         raise Refused(f"does what a robot's description may not ({event})")
 
     sys.addaudithook(hook)
-
-
-if __name__ == "__main__":
-    main()

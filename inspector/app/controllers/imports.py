@@ -136,7 +136,7 @@ class Imports:
         at.suggested = at.suggested or Path(upload.name).stem
         folder = at.folder
         try:
-            yield from self._background.run(lambda: add_file(upload.path, upload.name, folder))
+            yield from self._background.run(lambda: self._add(upload, folder))
             yield from self._plan(at)
         except CalibError as error:
             words = str(error).replace(f"{upload.path.parent}/", "").replace(f"{folder}/", "")
@@ -145,6 +145,10 @@ class Imports:
                 self._tell(upload.client, "That did not work", words)
             else:
                 at.window.say(words)
+
+    def _add(self, upload: Upload, folder: Path) -> None:
+        with self._uploads.writing(upload.client) as room_bytes:
+            add_file(upload.path, upload.name, folder, room_bytes)
 
     def _plan(self, at: _Import) -> LongWork:
         """Recognise and plan anew, and show it."""
@@ -235,6 +239,7 @@ class Imports:
         try:
             if out.exists():
                 raise CalibError(f"{name}: there is a dataset of this name already; give another one")
+            yield from self._background.run(lambda: self._uploads.refuse_copy(client))
             if plan is None:
                 yield from self._background.run(lambda: copy_dataset(files.datasets[0], out))
             else:

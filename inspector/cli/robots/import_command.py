@@ -13,7 +13,7 @@ from calib.dataset_import.files.choice import Choice, plan_of_files, unpacked, w
 from calib.dataset_import.files.user_files import UserFiles
 from calib.dataset_import.import_dataset import copy_dataset, require_free, scan_files, write_plan
 from calib.dataset_import.plan import ImportPlan
-from calib.errors import CalibError
+from calib.errors import CalibError, visible
 from inspector.cli.dataset_commands import measured, show
 from inspector.cli.options import ImportOptions
 from inspector.cli.progress import stages
@@ -33,7 +33,7 @@ def run_import(options: ImportOptions) -> int:
             return _ready(options, files)
         plan = without_folder(plan_of_files(files, _choice(options)), files.folder)
         for doubt in plan.doubts:
-            print(f"inspector: warning: {doubt}", file=sys.stderr)
+            print(visible(f"inspector: warning: {doubt}"), file=sys.stderr)
         if options.dry_run:
             return _told(options, files, plan)
         dataset = write_plan(plan, options.path).dataset
@@ -82,7 +82,7 @@ def _finished(options: ImportOptions, dataset: Dataset, document: dict[str, Any]
     """What was made, and with --diagnose what is the matter with it."""
     warnings = [*dataset.warnings, *dataset.notes]
     for warning in warnings:
-        print(f"inspector: warning: {warning}", file=sys.stderr)
+        print(visible(f"inspector: warning: {warning}"), file=sys.stderr)
     roles = {role: int((dataset.poses.role == role).sum()) for role in ROLES}
     counts = ", ".join(f"{count} {role}" for role, count in roles.items())
     lines = [*lines, f"{options.path}: {len(dataset.poses)} poses ({counts})"]

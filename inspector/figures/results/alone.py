@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from html import escape
 from importlib import import_module
 from typing import Any
 
 import plotly.graph_objects as go
 
+from calib.display.html_text import escape
 from calib.display.progress import in_notebook
 from calib.errors import CalibError
 from inspector.figures.results.still import to_svg

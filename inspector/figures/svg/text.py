@@ -6,6 +6,8 @@ import html
 import re
 from collections.abc import Mapping
 
+from calib.display.html_text import escape
+
 SMALL_PX, USUAL_PX = 10.5, 11.5
 _WIDTH = 0.56  # of a character, over the size of the font
 
@@ -20,7 +22,7 @@ def plain(text: object) -> str:
 
 def escaped(text: object) -> str:
     """Words that cannot become markup."""
-    return html.escape(str(text), quote=True)
+    return escape(text)
 
 
 def width_px(text: str, size_px: float = SMALL_PX) -> float:

@@ -6,11 +6,10 @@ page and from a dark one, the largest error the most; `SIGNED` goes from blue ov
 
 from __future__ import annotations
 
-from html import escape
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calib.display.html_text import escape
 from inspector.markup.parts.palette import UNKNOWN, rgb
 
 ERROR_ON_LIGHT = ("#1F9E89", "#26828E", "#31688E", "#3E4989", "#482878", "#440154")

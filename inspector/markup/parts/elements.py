@@ -6,9 +6,9 @@ Colours are left to the page (which is light or dark); the tables only use its o
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from html import escape
 
 from calib.display.blocks import LONG_NAME as LONG_NAME
+from calib.display.html_text import escape
 
 _CELL = "padding:2px 6px;white-space:nowrap;"
 _BREAK = "overflow-wrap:anywhere;"  # names from outside may be one long word

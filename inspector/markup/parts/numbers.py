@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from html import escape
 
+from calib.display.html_text import escape
 from inspector.markup.parts.palette import ROLE_WORDS
 
 _GREEK = {"alpha": "α", "beta": "β", "theta": "θ"}

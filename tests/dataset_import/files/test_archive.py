@@ -74,6 +74,11 @@ def test_bombs_are_refused_by_what_the_table_says(tmp_path: Path) -> None:
     assert "too many files" in refused(tmp_path, tmp_path / "given.zip", Limits(files=50))
 
 
+def test_a_disk_without_room_is_told_before_anything_is_written(tmp_path: Path) -> None:
+    path = packed(tmp_path, {"a.csv": b"1" * 5000})
+    assert "has no room" in refused(tmp_path, path, Limits(spare_bytes=10**18))
+
+
 def test_a_table_that_lies_about_a_size_writes_no_more_than_it_says(tmp_path: Path) -> None:
     path = packed(tmp_path, {"a.csv": b"7" * 5000})
     content = bytearray(path.read_bytes())

@@ -10,6 +10,7 @@ import pytest
 from calib.dataset_import.files.choice import unpacked
 from calib.dataset_import.files.user_files import look_through
 from calib.errors import CalibError
+from calib.user_tables.user_table import load_table
 from tests.support.tiny_dataset import box_stl
 
 JOINTS = "pose,q1,q2,q3\n1,0.1,0.2,0.3\n"
@@ -113,3 +114,21 @@ def test_a_zip_is_unpacked_while_inside_and_gone_after(tmp_path: Path) -> None:
     written(tmp_path, {"x.csv": JOINTS})
     with pytest.raises(CalibError, match="is no zip"), unpacked(tmp_path / "x.csv"):
         pass
+
+
+TABLE = "pose;Größe;q1 [°];q2 [°];x [mm];y [mm];z [mm]\np1;ä;1,5;2;3;4;5\np2;ß;2,5;3;4;5;6\n"
+
+
+@pytest.mark.parametrize(
+    "encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32", "cp1252", "latin-1"]
+)
+def test_tables_come_in_any_encoding_that_a_spreadsheet_writes(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "measured.csv"
+    for text in (TABLE, TABLE.replace(";", "\t").replace("\n", "\r\n"), TABLE + "p3;ü;1;2;3;4;5\n" * 2000):
+        path.write_bytes(text.encode(encoding))
+        table = load_table(path, any_encoding=True)
+        assert table.columns[:3] == ("pose", "Größe", "q1 [°]")
+        assert table.text("Größe")[:2] == ["ä", "ß"]
+        assert table.lines[:2] == (2, 3)
+        files = look_through(tmp_path)
+        assert files.joints == path

@@ -99,7 +99,8 @@ def test_without_dask_one_line_says_what_to_install(
 ) -> None:
     write_cell(tmp_path / "a", 1)
     monkeypatch.setitem(sys.modules, "distributed", None)
-    assert main(["fleet", str(tmp_path), "--out", str(tmp_path / "fleet.csv")]) == 2
+    asked = ["fleet", str(tmp_path), "--out", str(tmp_path / "fleet.csv"), "--scheduler", "tcp://127.0.0.1:9"]
+    assert main(asked) == 2
     assert "robot-calibration-inspector[fleet]" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert main(["fleet", str(tmp_path), "--out", str(tmp_path / "fleet.parquet")]) == 2

@@ -82,3 +82,25 @@ def test_a_preflight_of_a_foreign_page_gets_no_leave(server: InspectorServer) ->
     wanted = {"Origin": "http://evil.example", "Access-Control-Request-Headers": json.dumps(HEADER)}
     with pytest.raises(http.client.HTTPException):  # websockets answers nothing but GET
         get(server, "/inspector/ask?name=pose&value=p1", wanted, method="OPTIONS")
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/index.html", "/inspector/page.js", "/inspector/ask?name=no", "/nothing"]
+)
+def test_no_other_page_shows_this_one_in_a_frame(server: InspectorServer, path: str) -> None:
+    connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=10)
+    connection.request("GET", path)
+    response = connection.getresponse()
+    response.read()
+    connection.close()
+    assert response.getheader("Content-Security-Policy") == "frame-ancestors 'none'"
+    assert response.getheader("X-Frame-Options") == "DENY"
+    assert response.getheader("X-Content-Type-Options") == "nosniff"
+
+
+def test_what_strangers_cause_fills_no_log(server: InspectorServer, caplog: pytest.LogCaptureFixture) -> None:
+    for k in range(300):
+        get(server, f"/inspector/ask?name=no{k}&value=%1b%5B31m%e2%80%ae", OWN)
+    lines = [record.getMessage() for record in caplog.records]
+    assert 0 < len(lines) <= 61
+    assert all(line.isprintable() for line in lines)

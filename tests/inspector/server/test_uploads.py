@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+import zipfile
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import pytest
 from viser import _messages
 
+from calib.errors import CalibError
+from inspector.server.arrived_files import add_file
 from inspector.server.uploads import PART_BYTES, Upload, UploadLimits, Uploads, plain_name
 
 
@@ -173,6 +180,108 @@ def test_a_full_disk_is_told(tmp_path: Path) -> None:
     desk.start(10)
     assert "disk of the server is nearly full" in desk.refused[-1]
     desk.uploads.close()
+
+
+def zip_of(size: int, name: str) -> bytes:
+    """A zip of a file that packs a hundred times smaller."""
+    made = BytesIO()
+    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(name, (b"0.1234567890 " * 50 + os.urandom(8)) * (size // 658))
+    return made.getvalue()
+
+
+def send(desk: Desk, content: bytes, client: int, name: str) -> None:
+    """A zip of a page, and what the program does with it."""
+    desk.start(len(content), client=client, uuid=name, filename=f"{name}.zip")
+    for k in range(-(-len(content) // PART_BYTES)):
+        desk.part(k, content[k * PART_BYTES : (k + 1) * PART_BYTES], client=client, uuid=name)
+    upload = desk.done.pop()
+    with desk.uploads.writing(client) as room_bytes:
+        add_file(upload.path, upload.name, desk.uploads.of(client) / "files", room_bytes)
+
+
+def test_what_a_zip_holds_counts_as_it_lies_on_the_disk(tmp_path: Path) -> None:
+    desk = Desk(tmp_path / "data", page_bytes=5_000_000, total_bytes=9_000_000)
+    content = zip_of(3_000_000, "a.csv")
+    assert len(content) < 100_000
+    send(desk, content, 1, "first")
+    with pytest.raises(CalibError, match=r"unpacked it has .* MB; 1\.9"):  # of the page
+        send(desk, zip_of(3_000_000, "b.csv"), 1, "second")
+    send(desk, zip_of(3_000_000, "c.csv"), 2, "third")
+    with pytest.raises(CalibError, match=r"unpacked it has .* MB; 2\.9"):  # of all pages
+        send(desk, zip_of(4_000_000, "d.csv"), 3, "fourth")
+    assert sum(path.stat().st_size for path in files(tmp_path / "data")) < 6_100_000
+    desk.start(3_000_000, client=1, uuid="plain")
+    assert "that are here already" in desk.refused[-1]
+    desk.uploads.leave(1)
+    send(desk, zip_of(4_000_000, "d.csv"), 3, "fifth")
+    send(desk, zip_of(900_000, "d.csv"), 3, "again")  # in the place of the first
+    assert desk.uploads.room_bytes(3) > 4_000_000
+    desk.uploads.close()
+
+
+def test_a_page_that_leaves_while_its_zip_is_unpacked_leaves_nothing(desk: Desk, tmp_path: Path) -> None:
+    desk.start(3)
+    desk.part(0, b"abc")
+    with desk.uploads.writing(1):
+        desk.uploads.leave(1)
+        (desk.uploads.of(1) / "late.csv").write_text("1")
+    assert files(tmp_path / "data") == []
+
+
+def test_the_folder_has_a_total_with_the_datasets_that_are_there(tmp_path: Path) -> None:
+    (tmp_path / "data" / "old").mkdir(parents=True)
+    (tmp_path / "data" / "old" / "points.csv").write_bytes(b"1" * 6_000_000)
+    desk = Desk(tmp_path / "data", folder_bytes=10_000_000)
+    with pytest.raises(CalibError, match=r"unpacked it has 4.999 MB; 3\.9"):
+        send(desk, zip_of(5_000_000, "a.csv"), 1, "large")
+    send(desk, zip_of(2_000_000, "a.csv"), 1, "small")
+    with pytest.raises(CalibError, match=r"data has its 0\.01 GB; remove datasets"):
+        desk.uploads.refuse_copy(1)
+    (tmp_path / "data" / "old" / "points.csv").unlink()
+    desk.uploads.refuse_copy(1)
+    desk.uploads.close()
+
+
+def test_a_disk_that_a_zip_would_fill_is_told(tmp_path: Path) -> None:
+    desk = Desk(tmp_path / "data")
+    desk.uploads.limits = UploadLimits(free_bytes=10**18)
+    assert desk.uploads.room_bytes(1) == 0
+    desk.uploads.close()
+
+
+LEFT = """
+import sys, time
+from pathlib import Path
+from inspector.server.uploads import UploadLimits, Uploads
+uploads = Uploads(Path(sys.argv[1]), print, print, print, UploadLimits(free_bytes=0))
+(uploads.of(1) / "part.x").write_text("x")
+print("there", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="no such lock there")
+def test_what_a_killed_server_left_is_removed_at_the_next_start_and_not_before(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    (data / ".arriving-old" / "1").mkdir(parents=True)
+    (data / ".arriving-old" / "1" / "part.y").write_text("y")
+    (data / "cell").mkdir()
+    (tmp_path / "elsewhere").mkdir()
+    (data / ".arriving-link").symlink_to(tmp_path / "elsewhere")
+    other = subprocess.Popen([sys.executable, "-c", LEFT, str(data)], stdout=subprocess.PIPE)
+    assert other.stdout is not None
+    assert other.stdout.readline() == b"there\n"
+    assert [path.name for path in files(data)] == ["part.x"]
+    Desk(data).uploads.close()
+    assert [path.name for path in files(data)] == ["part.x"]  # the other one runs
+    other.kill()
+    other.communicate()
+    Desk(data).uploads.close()
+    assert files(data) == []
+    assert sorted(path.name for path in data.iterdir()) == [".arriving-link", "cell"]
+    assert (tmp_path / "elsewhere").is_dir()
 
 
 def test_a_page_that_leaves_takes_its_files_along(desk: Desk, tmp_path: Path) -> None:

@@ -1,0 +1,211 @@
+"""MuJoCo models of strangers: MuJoCo is given what a serial arm is made of, in a process with limits, and no file."""
+
+from __future__ import annotations
+
+import resource
+import struct
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from calib.robot_formats import mjcf
+from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain
+from calib.robot_formats.robot_file import Reading, read_robot
+from inspector.cli.parser import main
+from tests.support.robot_texts import MJCF
+
+JOINT = '<joint name="j{0}" axis="0 {0} 1"/><inertial pos="0 0 0.1" mass="{0}" diaginertia="1 1 1"/>'
+HAND = '<body name="hand" pos="0 0 1">' + JOINT.format(2) + "</body>"
+
+
+def model(inside: str = HAND, before: str = "", after: str = "", root: str = "mujoco") -> str:
+    """A model of two joints."""
+    arm = f'<body name="arm" pos="1 2 3">{JOINT.format(1)}{inside}</body>'
+    return f"<{root}>{before}<worldbody>{arm}</worldbody>{after}</{root}>"
+
+
+def chain(path: Path) -> SerialChain:
+    read = read_robot(path, Reading(tip="hand"))
+    assert read.chain is not None
+    return read.chain
+
+
+def cube(size: float) -> bytes:
+    """A tetrahedron as binary STL."""
+    corners = size * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=np.float32)
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    body = b"".join(struct.pack("<3f", 0, 0, 0) + corners[list(f)].tobytes() + b"\0\0" for f in faces)
+    return b"\0" * 80 + struct.pack("<I", len(faces)) + body
+
+
+def test_what_says_nothing_of_joints_and_masses_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(model())
+    alone = chain(path)
+    path.write_text(
+        model(
+            HAND
+            + '<geom type="box" size="1 1 1" material="m"/><geom type="hfield" hfield="h"/><camera name="c"/><light/>',
+            before='<option gravity="0 0 -9.81"/><default><geom mass="0"/><camera fovy="20"/></default><visual/>'
+            '<asset><texture name="t" type="2d" file="/etc/passwd"/><material name="m" texture="t"/>'
+            '<hfield name="h" nrow="20000" ncol="20000" size="1 1 1 1"/><skin file="/etc/passwd"/></asset>',
+            after='<actuator><motor joint="j1"/></actuator><sensor><jointpos joint="j1"/></sensor><keyframe>'
+            '<key qpos="0 0"/></keyframe><custom><numeric name="n" size="2000000000"/></custom>',
+        )
+    )
+    whole = chain(path)
+    assert np.array_equal(whole.at_zero, alone.at_zero)
+    assert [joint.mass_kg for joint in whole.joints] == [1.0, 2.0]
+
+
+def test_meshes_weigh_what_mujoco_says(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    (tmp_path / "parts" / "deep").mkdir(parents=True)
+    (tmp_path / "parts" / "deep" / "a.stl").write_bytes(cube(0.3))
+    path.write_text(
+        model(
+            '<body name="hand"><joint name="k"/><geom type="mesh" mesh="a"/></body>',
+            before='<compiler meshdir="parts"/><asset><mesh file="deep/a.stl"/></asset>',
+        )
+    )
+    theirs = mujoco.MjModel.from_xml_path(str(path))
+    mine = chain(path)
+    assert mine.joints[1].mass_kg == pytest.approx(float(theirs.body("hand").mass[0]), rel=1e-12)
+    assert mine.joints[1].com_mm == pytest.approx(1e3 * theirs.body("hand").ipos, abs=1e-9)
+
+
+def test_includes_stand_where_mujoco_looks_for_them(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "arm.xml").write_text(model('<include file="hand.xml"/>', root="mujocoinclude"))
+    (tmp_path / "hand.xml").write_text(f"<mujocoinclude>{HAND}</mujocoinclude>")
+    path.write_text('<mujoco><include file="sub/arm.xml"/></mujoco>')
+    theirs, mine = mujoco.MjModel.from_xml_path(str(path)), chain(path)
+    data = mujoco.MjData(theirs)
+    mujoco.mj_kinematics(theirs, data)
+    assert mine.at_zero[-1, :3, 3] == pytest.approx(1e3 * data.body("hand").xpos, abs=1e-9)
+    (tmp_path / "hand.xml").rename(tmp_path / "sub" / "hand.xml")  # beside the file that names it
+    assert np.array_equal(chain(path).at_zero, mine.at_zero)
+
+
+def outside(folder: Path) -> None:
+    """An include that lies below the folder for whoever looks from the included file, and outside for MuJoCo."""
+    (folder / "sub").mkdir()
+    (folder / "sub" / "arm.xml").write_text(model('<include file="../secret.xml"/>', root="mujocoinclude"))
+    (folder.parent / "secret.xml").write_text(f"<mujocoinclude>{HAND}</mujocoinclude>")
+    (folder / "arm.xml").write_text('<mujoco><include file="sub/arm.xml"/></mujoco>')
+
+
+def meshdir_of_another_file(folder: Path) -> None:
+    (folder.parent / "secret.stl").write_bytes(cube(1.0))
+    (folder / "sub").mkdir()
+    (folder / "sub" / "c.xml").write_text('<mujocoinclude><compiler meshdir="../x/.."/></mujocoinclude>')
+    (folder / "arm.xml").write_text(
+        model(before='<asset><mesh name="m" file="secret.stl"/></asset>', after='<include file="sub/c.xml"/>')
+    )
+
+
+def linked(folder: Path) -> None:
+    (folder.parent / "secret.xml").write_text(f"<mujocoinclude>{HAND}</mujocoinclude>")
+    (folder / "link.xml").symlink_to(folder.parent / "secret.xml")
+    (folder / "arm.xml").write_text(model('<include file="link.xml"/>'))
+
+
+def in_an_include(part: str) -> Callable[[Path], None]:
+    """A part of a model that stands in a file which the included one includes."""
+
+    def write(folder: Path) -> None:
+        (folder / "sub").mkdir()
+        (folder / "sub" / "a.xml").write_text('<mujocoinclude><include file="b.xml"/></mujocoinclude>')
+        (folder / "b.xml").write_text(f"<mujocoinclude>{part}</mujocoinclude>")
+        (folder / "arm.xml").write_text(model(after='<include file="sub/a.xml"/>'))
+
+    return write
+
+
+def alone(text: str) -> Callable[[Path], None]:
+    return lambda folder: (folder / "arm.xml").write_text(text) and None
+
+
+MANY = '<worldbody><replicate count="100000000" offset="1 0 0"><body><geom size="1"/></body></replicate></worldbody>'
+REFUSED: dict[str, tuple[Callable[[Path], None], str]] = {
+    "an include from another folder": (outside, "names '../secret.xml', which is not below its folder"),
+    "a folder of meshes from another file": (meshdir_of_another_file, "secret.stl', which is not below"),
+    "a link out of the folder": (linked, "link.xml', which is not below"),
+    "a count of parts": (alone(model(after=MANY)), "found <replicate>"),
+    "a count of parts, included": (in_an_include(MANY), "found <replicate>"),
+    "a size of memory": (alone(model(after='<size memory="1000G"/>')), "found <size>"),
+    "a size of memory, included": (in_an_include('<size memory="1000G"/>'), "found <size>"),
+    "a plugin": (in_an_include('<extension><plugin plugin="x"/></extension>'), "found <extension>"),
+    "another model": (
+        alone(model(before='<asset><model name="x" file="/etc/passwd"/></asset>')),
+        "found <model>",
+    ),
+    "an attached model": (alone(model(HAND + '<attach model="x" body="b" prefix="c"/>')), "found <attach>"),
+    "a cable": (alone(model(HAND + '<composite type="cable" count="99999999"/>')), "found <composite>"),
+    "an absolute mesh": (
+        alone(model(before='<asset><mesh file="/etc/passwd"/></asset>')),
+        "names '/etc/passwd', which is not below",
+    ),
+    "a mesh that is a device": (
+        lambda folder: [
+            (folder / "z.stl").symlink_to("/dev/zero"),
+            alone(model(before='<asset><mesh file="z.stl"/></asset>'))(folder),
+        ][1],
+        "which is not below",
+    ),
+    "an include of itself": (alone(model(after='<include file="arm.xml"/>')), "includes 'arm.xml' twice"),
+    "a model nested deep": (
+        alone(model("<body>" * 190 + "</body>" * 190)),
+        r"too many|levels|no joint|--tip|hand",
+    ),
+    "a mesh that is none": (
+        lambda folder: [
+            (folder / "m.stl").write_bytes(b"\0" * 80 + struct.pack("<I", 2**31 - 1) + b"x" * 500),
+            alone(model(before='<asset><mesh file="m.stl"/></asset>'))(folder),
+        ][1],
+        "MuJoCo",
+    ),
+    "a mesh that makes itself": (
+        alone(
+            model(
+                HAND + '<geom type="mesh" mesh="s"/>',
+                before='<asset><mesh name="s" builtin="sphere" params="14"/></asset>',
+            )
+        ),
+        "MuJoCo|more than",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_no_model_leads_out_of_its_folder_or_takes_the_machine_for_itself(tmp_path: Path, name: str) -> None:
+    folder = tmp_path / "cell"
+    folder.mkdir()
+    write, said = REFUSED[name]
+    write(folder)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    started = time.monotonic()
+    with pytest.raises(RobotFileError, match=said) as caught:
+        read_robot(folder / "arm.xml", Reading(tip="hand"))
+    assert "\n" not in str(caught.value)
+    assert time.monotonic() - started < 70
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kB
+
+
+def test_a_model_that_ends_mujoco_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(MJCF)
+    monkeypatch.setattr(mjcf, "_LIMITS", replace(mjcf._LIMITS, memory_bytes=0))
+    assert main(["convert", str(path), str(tmp_path / "out.toml")]) == 2
+    said = capsys.readouterr().err
+    assert "MuJoCo cannot read it" in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "out.toml").exists()

@@ -1,0 +1,102 @@
+"""TOML of strangers: nothing in it may cost more than it weighs."""
+
+from __future__ import annotations
+
+import time
+import tomllib
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import DatasetError
+from calib.text_files import toml_table
+from calib.text_files.toml_table import TomlTable
+
+LONG = "a" + ".a" * 20_000
+HOSTILE = {
+    "a dotted key": f"{LONG} = 1\n",
+    "a header": f"[{LONG}]\nx = 1\n",
+    "a header of an array": f"[[{LONG}]]\nx = 1\n",
+    "a key in an inline table": f"x = {{{LONG} = 1}}\n",
+    "spaces around the dots": f"{LONG.replace('.', ' . ')} = 1\n",
+    "quoted parts": f"""{'"a".' * 20_000}'a' = 1\n""",
+    "empty parts": f"""{'"".' * 20_000}'' = 1\n""",
+    "behind a text of several lines": f'x = """a"b""c\\"""d"""""\n{LONG} = 1\n',
+    "behind a literal text that ends in quotes": f"x = {{y = '''a'''', {LONG} = 1, z = ''}}\n",
+    "behind a text that ends in a backslash": f'x = "\\\\"\n{LONG} = "\\\\"\n',
+    "behind a comment with a quote": f"""x = 1 # it's "\n{LONG} = 1 # '\n""",
+    "behind a key in quotes": f"""'a"b' = 1\n{LONG} = "x"\n""",
+    "arrays in arrays": "x = " + "[" * 10_000 + "]" * 10_000,
+    "inline tables in each other": "x = " + "{a=" * 10_000 + "1" + "}" * 10_000,
+    "arrays of tables in each other": "x = " + "[{a=" * 5_000 + "1" + "}]" * 5_000,
+    "arrays without an end": "x = " + "[" * 10_000,
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_keys_of_thousands_of_parts_and_deep_nests_are_refused_before_parsing(
+    tmp_path: Path, name: str
+) -> None:
+    path = tmp_path / "dataset.toml"
+    path.write_text(HOSTILE[name])
+    tracemalloc.start()
+    started = time.monotonic()
+    with pytest.raises(DatasetError, match=r"line \d: (a key of more than 20 parts|nested too deep)"):
+        TomlTable.load(path)
+    assert time.monotonic() - started < 2
+    assert tracemalloc.get_traced_memory()[1] < 20e6
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        'x = "' + "1." * 1000 + '"\n',
+        'x = """' + "a.b\n" * 1000 + '"""\n',
+        "x = '''" + "[{a.b=" * 1000 + "'''\n",
+        "x = 1 # " + "[a." * 1000 + "\n",
+        "x = [" + "1.5, " * 1000 + "]\n",
+        "[a.b.c]\nd.e.f = {g.h = [[1.0, 2.0], [3.0, 4.0]]}\n",
+        'x = "\\\\"\ny = "\\""\nz = "..................................."\n',
+    ],
+)
+def test_dots_and_brackets_in_texts_comments_and_numbers_do_not_count(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "dataset.toml"
+    path.write_text(text)
+    assert TomlTable.load(path).data == tomllib.loads(text)
+
+
+def depth(value: object) -> int:
+    inside = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return 1 + max(map(depth, inside), default=-1) if isinstance(value, dict | list) else 0
+
+
+def test_no_mixture_of_quotes_hides_a_long_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(toml_table, "MOST_PARTS", 3)
+    monkeypatch.setattr(toml_table, "MOST_DEPTH", 2)
+    rng, path = np.random.default_rng(7), tmp_path / "dataset.toml"
+    long = "{" + ".".join("abcdefghijklmnop") + "=1}"
+    values = [
+        '"a"', "'a'", '""', "''", '"""a"b"""', "'''a'''''", '"""a"""""', r'"\\"', r'"\"."', '"#"', "'#'", "1.5", "[]",
+        "{}", long, f"['''x'''', {long.replace('1', repr(''))}]", "[" * 14 + "1" + "]" * 14,
+    ]  # fmt: skip
+    ends = ["\n", "\n", " # '\n", ' # """\n', " # [\n"]
+    parts = ["a", '"b"', "'c'", '""']
+    passed = 0
+    for _ in range(3000):
+        lines = []
+        for k in range(rng.integers(1, 5)):
+            key = ".".join([f"k{k}", *[str(rng.choice(parts))] * int(rng.choice([0, 1, 20]))])
+            lines.append(f"{key} = {rng.choice(values)}{rng.choice(ends)}")
+        text = "".join(lines)
+        data = tomllib.loads(text)
+        path.write_text(text)
+        try:
+            TomlTable.load(path)
+        except DatasetError:
+            continue
+        assert depth(data) <= 3 + 3 * 2, text
+        passed += 1
+    assert passed > 100
