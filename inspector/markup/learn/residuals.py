@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from calib.array_types import Array
-from calib.calibration.input_variables import joint_input
 from calib.calibration.pose_errors import PoseErrors
+from calib.dataset.input_names import PLACES, joint_input
 from calib.kinematics.robot import Robot
 from inspector.markup.parts import numbers
 
@@ -43,7 +43,7 @@ def input_title(name: str, robot: Robot) -> str:
         angle = "angle, °" if robot.joints[joint].is_revolute else "position, mm"
         what = {"q": angle, "torque": "gravity torque, Nm", "approach": "approach (−1 or 1)"}[quantity]
         return f"joint {joint + 1} {what}"
-    if name in ("x", "y", "z"):
+    if name in PLACES:
         return f"place {name} in the scanner's frame, mm"
     return NAMES.get(name, name) + (f", {UNITS[name]}" if name in UNITS else "")
 
