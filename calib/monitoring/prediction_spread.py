@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
+from calib.calibration.uncertainty import covariance_root
 
 _ROUNDING = 1e-12  # share of a column's size: what is below is rounding, no direction
 
@@ -105,14 +106,6 @@ class ErrorCovariance:
         out[np.arange(size), :, np.arange(size)] = self.own_mm2
         flat = out.reshape(3 * size, 3 * size)
         return flat + self.shared_mm @ self.shared_mm.T - self.taken_mm @ self.taken_mm.T
-
-
-def covariance_root(covariance: Array) -> Array:
-    """A root R (P, P) of a covariance R R^T, of numbers in any units; what rounding made negative counts as nothing."""
-    scale = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
-    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
-    size, turn = np.linalg.eigh(inverse[:, None] * covariance * inverse)
-    return np.asarray(scale[:, None] * turn * np.sqrt(np.clip(size, 0.0, None)))
 
 
 def _without(values: Array, basis: Array) -> Array:

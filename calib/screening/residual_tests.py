@@ -126,10 +126,15 @@ def _outliers(projected: ProjectedResidual, noise: Callable[[], Iterable[Array]]
         residual = projected.whitening.unweighted(residual)
         draws = (projected.whitening.with_tails(block, rng) for block in draws)
     ours = mean_square(residual)[:, 0]
-    largest = [np.max(theirs / np.median(theirs, axis=0), axis=0) for theirs in map(mean_square, draws)]
+    largest = [np.max(theirs / _median(theirs), axis=0) for theirs in map(mean_square, draws)]
     # A large outlier swells the common scale, so each is compared with the median of its own dataset.
     limit = np.quantile(np.concatenate(largest), 1.0 - OUTLIER_LEVEL)
-    return np.asarray(ours / np.median(ours) > limit)
+    return np.asarray(ours / _median(ours) > limit)
+
+
+def _median(values: Array) -> Array:
+    """Along the first axis, above zero: of exact data more than half may be zero."""
+    return np.maximum(np.median(values, axis=0), np.maximum(1e-12 * np.max(values, axis=0), 1e-300))
 
 
 def _structure(

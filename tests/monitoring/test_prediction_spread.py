@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from calib.calibration.calibrate import calibrate
+from calib.calibration.uncertainty import covariance_root
 from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.errors import FitError
-from calib.monitoring.prediction_spread import Spread, covariance_root
+from calib.monitoring.prediction_spread import Spread
 from calib.monitoring.watch import watch
 from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset

@@ -91,12 +91,15 @@ class _Conditional:
         self.inside = spread[list(chosen)].reshape(-1, spread.shape[2])  # (S, P)
         self.mean_inside = rival.mean[list(chosen)].ravel()
         self.covariance = np.eye(len(self.inside)) + self.inside @ self.inside.T
-        self.inverse_inside = np.linalg.inv(self.covariance)
-        across = spread @ self.inside.T  # (C, W, S)
-        self.gain = across @ self.inverse_inside
-        left = np.eye(width) + spread @ np.swapaxes(spread, 1, 2) - self.gain @ np.swapaxes(across, 1, 2)
+        # By the singular values of the inside, so that nothing cancels where a rival spreads far beyond the noise.
+        axes, size, turn = np.linalg.svd(self.inside, full_matrices=False)
+        self.inverse_inside = np.eye(len(axes)) - (axes * (size**2 / (1.0 + size**2))) @ axes.T
+        along = spread @ turn.T  # (C, W, k)
+        self.gain = (along * (size / (1.0 + size**2))) @ axes.T
+        root = spread - (along * (1.0 - 1.0 / np.sqrt(1.0 + size**2))) @ turn
+        left = np.eye(width) + root @ np.swapaxes(root, 1, 2)
         self.inverse = np.linalg.inv(left)
-        self.log_det = np.linalg.slogdet(left)[1] + np.linalg.slogdet(self.covariance)[1]
+        self.log_det = np.linalg.slogdet(left)[1] + np.sum(np.log1p(size**2))
 
     def divergence_from(self, true: _Conditional) -> Array:
         """(C,) KL divergence of the true rival's joint prediction, chosen poses and one more, against this one's."""
