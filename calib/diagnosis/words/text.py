@@ -26,7 +26,7 @@ _STANDING = {"claimed": "Missing", "suspected": "Suspected", "open": "Missing, i
 _NOISE_SOURCES = {
     "repeats": "by repeated measurements",
     "dataset": "as dataset.toml declares it, believed to 25 %",
-    "fit": "which no one declared",
+    "fit": "as the fit left it: not declared",
 }
 
 

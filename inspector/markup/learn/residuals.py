@@ -23,7 +23,8 @@ NAMES = {
 
 def band_note(pose_errors: PoseErrors, band: tuple[float, float]) -> str:
     """What the grey band is, and how many poses leave it where that is counted."""
-    grey = f"Grey: where noise alone ({numbers.length(pose_errors.noise_mm)} a coordinate) leaves 19 of 20 poses."
+    noise = pose_errors.noise.words(numbers.length(pose_errors.noise_mm), " a coordinate")
+    grey = f"Grey: where {noise} leaves 19 of 20 poses."
     if not np.isfinite(band).all():
         return "These poses do not tell how much noise alone would make of it: there is no band."
     outside = pose_errors.error_length_mm > pose_errors.length_noise_mm

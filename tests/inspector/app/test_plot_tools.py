@@ -34,8 +34,14 @@ def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
 
 
 @pytest.fixture(scope="module")
-def page(app: App) -> Iterator[Any]:
-    with browser() as chromium, open_page(chromium, url_of(app.server), 1600, 900) as opened:
+def chromium() -> Iterator[Any]:
+    with browser() as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def page(app: App, chromium: Any) -> Iterator[Any]:
+    with open_page(chromium, url_of(app.server), 1600, 900) as opened:
         yield opened
 
 
@@ -202,11 +208,8 @@ async ([labels, times]) => {
 """
 
 
-def test_a_figure_that_is_left_while_it_is_drawn_makes_no_error(app: App) -> None:
-    with (
-        browser() as chromium,
-        open_page(chromium, url_of(app.server), 1200, 800) as page,
-    ):  # which no error may stop
+def test_a_figure_that_is_left_while_it_is_drawn_makes_no_error(app: App, chromium: Any) -> None:
+    with open_page(chromium, url_of(app.server), 1200, 800) as page:  # which fails where a script of it does
         residual_plot(page)
         assert page.evaluate(DRAWN_AND_LEFT, [LONG, 20])
         for k in range(12):
