@@ -87,7 +87,7 @@ class _Conditional:
 
     def __init__(self, rival: Prediction, chosen: Sequence[int]) -> None:
         self.rival = rival
-        spread, width = rival.spread, rival.spread.shape[1]
+        spread = rival.spread
         self.inside = spread[list(chosen)].reshape(-1, spread.shape[2])  # (S, P)
         self.mean_inside = rival.mean[list(chosen)].ravel()
         self.covariance = np.eye(len(self.inside)) + self.inside @ self.inside.T
@@ -97,9 +97,10 @@ class _Conditional:
         along = spread @ turn.T  # (C, W, k)
         self.gain = (along * (size / (1.0 + size**2))) @ axes.T
         root = spread - (along * (1.0 - 1.0 / np.sqrt(1.0 + size**2))) @ turn
-        left = np.eye(width) + root @ np.swapaxes(root, 1, 2)
-        self.inverse = np.linalg.inv(left)
-        self.log_det = np.linalg.slogdet(left)[1] + np.sum(np.log1p(size**2))
+        beyond, own = np.linalg.eigh(root @ np.swapaxes(root, 1, 2))  # beside the noise, which is 1
+        beyond = np.clip(beyond, 0.0, None)
+        self.inverse = (own / (1.0 + beyond)[:, None, :]) @ np.swapaxes(own, 1, 2)
+        self.log_det = np.sum(np.log1p(beyond), axis=1) + np.sum(np.log1p(size**2))
 
     def divergence_from(self, true: _Conditional) -> Array:
         """(C,) KL divergence of the true rival's joint prediction, chosen poses and one more, against this one's."""

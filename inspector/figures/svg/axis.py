@@ -104,5 +104,6 @@ def _ticks(axis: Axis, given: Mapping[str, Any], length_px: float) -> tuple[tupl
 
 def _nice(step: float) -> float:
     """1, 2 or 5 times a power of ten, at least this step."""
+    step = max(step, 1e-300)  # of values that differ by less than any number has room for
     power = 10.0 ** math.floor(math.log10(step))
     return next(s * power for s in (1.0, 2.0, 5.0, 10.0) if s * power >= step * (1.0 - 1e-9))
