@@ -38,9 +38,8 @@ def chance_of_least(
         return by_sum
     rng = np.random.default_rng(0)
     counts = np.array([basis.shape[1] for basis in bases])
-    joint = np.linalg.qr(
-        np.concatenate(bases, axis=1), mode="r"
-    )  # what they span: few rows, however many poses
+    # What they span has few rows, however many poses there are.
+    joint = np.asarray(np.linalg.qr(np.concatenate(bases, axis=1), mode="r"))
     drawn = joint.T @ rng.standard_normal((len(joint), DRAWS))
     gains = np.add.reduceat(drawn**2, np.cumsum([0, *counts[:-1]]), axis=0)
     freedom = min(noise_freedom, 1e9)

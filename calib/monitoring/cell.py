@@ -77,7 +77,7 @@ class Cell:
         prior = replace(prior, covariance=scale**2 * prior.covariance)
         kinds = kinds_of_the_arm(base.model, base.fit.x, observed)
 
-        colour = np.linalg.inv(whiten)
+        colour = np.asarray(np.linalg.inv(whiten), dtype=float)
 
         def placed(scanner_T_base: Array) -> tuple[Array, Array, Array]:
             """Residual (3 M,), derivatives by x (3 M, P) and by the frame's motion (3 M, 6), whitened."""

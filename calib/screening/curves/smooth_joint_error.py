@@ -167,15 +167,16 @@ def input_values(state: RobotState, name: str) -> Array:
         return np.asarray(poses.q[:, first] + sign * poses.q[:, second])
     if of_joint is not None:
         quantity, joint = of_joint
-        of_all = {"q": poses.q, "torque": state.loaded.gravity_torques_nm, "approach": poses.approach}[
-            quantity
-        ]
-        values = None if of_all is None else of_all[:, joint]
+        if quantity == "torque":
+            of_all: Array | None = state.loaded.gravity_torques_nm
+        else:
+            of_all = poses.q if quantity == "q" else poses.approach
+        values: Any = None if of_all is None else of_all[:, joint]
     elif name in CONDITIONS:
         values = getattr(poses, name)
     else:
         columns = further_inputs(poses)
-        values = poses.extra[columns[name]] if name in columns else None
+        values = poses.extra[columns[name]].to_numpy() if name in columns else None
         if values is not None and values.dtype.kind not in "fiub":
             raise FitError(
                 f"a learned curve runs over column {columns[name]!r}; found words there, numbers are needed"

@@ -57,7 +57,7 @@ def separations_mm(predictions: Predictions, poses: IndexArray, apart: BoolArray
         spread = rivals[j].spread[poses]
         covariance = np.eye(off.shape[1]) + spread @ np.swapaxes(spread, 1, 2)
         square = np.einsum("kw,kw->k", off, np.linalg.solve(covariance, off[..., None])[..., 0])
-        least = np.minimum(least, np.sqrt(square))
+        least = np.minimum(least, np.sqrt(np.maximum(square, 0.0)))
     return np.where(np.isfinite(least), least * predictions.sigma_mm, 0.0)
 
 
@@ -91,7 +91,7 @@ def _joint(rival: Prediction, poses: IndexArray) -> tuple[Array, Array]:
     """Mean (K W,), and lower triangular root (K W, K W) of the covariance, of what a rival predicts at some poses."""
     spread = rival.spread[poses].reshape(-1, rival.spread.shape[2])
     # Cholesky's factor of 1 + L L^T, without the square, in which the noise would be lost beside a wide spread.
-    upper = np.linalg.qr(np.concatenate([np.eye(len(spread)), spread.T]), mode="r")
+    upper = np.asarray(np.linalg.qr(np.concatenate([np.eye(len(spread)), spread.T]), mode="r"))
     return rival.mean[poses].ravel(), (upper * np.where(np.diag(upper) < 0.0, -1.0, 1.0)[:, None]).T
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from inspector.figures.svg.text import plain
 
 _PADDING = 0.05  # of the range, beyond the outermost values
+_SMALLEST = 1e-290  # beyond which no tick can be told from the next
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,8 @@ def _range(
     low, high = float(known.min()), float(known.max())
     if given.get("rangemode") == "tozero" and kind == "linear":
         low, high = min(low, 0.0), max(high, 0.0)
-    room = _PADDING * ((high - low) or abs(high) or 1.0)
+    size = (high - low) or abs(high)
+    room = _PADDING * (size if size > _SMALLEST else 1.0)
     at_zero = given.get("rangemode") == "tozero" and low == 0.0
     return (low if at_zero else low - (room if marks or high == low else 0.0)), high + room
 
@@ -104,6 +106,5 @@ def _ticks(axis: Axis, given: Mapping[str, Any], length_px: float) -> tuple[tupl
 
 def _nice(step: float) -> float:
     """1, 2 or 5 times a power of ten, at least this step."""
-    step = max(step, 1e-300)  # of values that differ by less than any number has room for
     power = 10.0 ** math.floor(math.log10(step))
     return next(s * power for s in (1.0, 2.0, 5.0, 10.0) if s * power >= step * (1.0 - 1e-9))
