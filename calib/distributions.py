@@ -27,7 +27,9 @@ def chi_median(freedom: float) -> float:
 
 
 def f_sf(x: float, above: float, below: float) -> float:
-    """P(X > x) of the F distribution; degrees of freedom of numerator and denominator."""
+    """P(X > x) of the F distribution; degrees of freedom of numerator and denominator, the latter may be inf."""
+    if below == float("inf"):
+        return float(special.chdtrc(above, above * max(x, 0.0)))
     return float(special.fdtrc(above, below, max(x, 0.0)))
 
 

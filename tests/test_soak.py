@@ -219,3 +219,15 @@ def test_a_small_soak_ends_well_and_its_second_call_runs_nothing(tmp_path: Path)
     }  # fmt: skip
     assert subprocess.run(command, capture_output=True, timeout=60).returncode == 0
     assert {path.name: path.read_text() for path in tmp_path.glob("*.jsonl")} == lines
+
+
+@pytest.mark.slow
+@pytest.mark.thorough
+def test_odd_cells_keep_every_promise(soaking: None, tmp_path: Path) -> None:
+    from soaking.inputs import odd_cells
+
+    for number in range(60):
+        scratch = tmp_path / str(number)
+        scratch.mkdir()
+        result = odd_cells.attempt(number, np.random.default_rng([5, number]), scratch)
+        assert not result.trouble, (number, result.what, result.said)

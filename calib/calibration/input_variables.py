@@ -6,18 +6,10 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.dataset.dataset import Poses
+from calib.dataset.input_names import CONDITIONS, ORDER, PLACES, further_inputs
 from calib.effects.gravity import has_masses
 from calib.effects.state import RobotState
 from calib.kinematics.robot import Robot
-
-OF_JOINTS = ("q", "torque", "approach")  # inputs that every joint has, its number behind the name
-
-
-def joint_input(name: str) -> tuple[str, int] | None:
-    """("torque", 3) for "torque4": one of `OF_JOINTS` and the joint, from 0; None for any other input."""
-    stem = name.rstrip("0123456789")
-    number = name[len(stem) :]
-    return (stem, int(number) - 1) if number and stem in OF_JOINTS else None
 
 
 def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]:
@@ -31,7 +23,7 @@ def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]
     if has_masses(robot):
         torques = state.gravity_torques_nm
         inputs |= {f"torque{j + 1}": torques[:, j] for j in range(robot.n_joints)}
-    for name in ("payload_kg", "temperature_c", "time_s"):
+    for name in CONDITIONS:
         values = getattr(poses, name)
         if values is not None:
             inputs[name] = values
@@ -39,11 +31,11 @@ def inputs_at(robot: Robot, poses: Poses, state: RobotState) -> dict[str, Array]
         inputs |= {f"approach{j + 1}": poses.approach[:, j] for j in range(robot.n_joints)}
     seen = state.seen
     if seen is not None:
-        inputs |= {axis: seen.scanner_mm[:, k] for k, axis in enumerate("xyz")}
-    inputs["order"] = np.arange(len(poses), dtype=float)
-    for name in poses.extra.columns:
-        column = poses.extra[name]
-        inputs[str(name)] = (
+        inputs |= {axis: seen.scanner_mm[:, k] for k, axis in enumerate(PLACES)}
+    inputs[ORDER] = np.arange(len(poses), dtype=float)
+    for name, of in further_inputs(poses).items():
+        column = poses.extra[of]
+        inputs[name] = (
             column.to_numpy(dtype=float)
             if column.dtype.kind in "fiub"
             else column.factorize()[0].astype(float)

@@ -60,9 +60,3 @@ def check_sigma(calibration: Calibration) -> SigmaCheck:
         low, high = (sigma * float(np.sqrt(freedom / chi2_ppf(share, freedom))) for share in (0.975, 0.025))
     declared = declared_sigma_mm(calibration.fitted_dataset) if is_declared(dataset) else None
     return SigmaCheck(sigma, low, high, declared, freedom)
-
-
-def noise_floor_mm(calibration: Calibration) -> float | None:
-    """3D RMSE that the declared noise alone would leave, sqrt(3) sigma; None where the dataset declares none."""
-    dataset = calibration.dataset
-    return float(np.sqrt(3.0)) * declared_sigma_mm(dataset) if is_declared(dataset) else None

@@ -13,8 +13,8 @@ from calib.array_types import Array, BoolArray, IndexArray
 from calib.calibration.evaluation import Evaluation, scanner_T_base_of_poses
 from calib.calibration.input_variables import inputs_at
 from calib.calibration.joint_directions import directions_at
+from calib.calibration.noise_level import NoiseLevel, noise_level
 from calib.calibration.result import Calibration
-from calib.dataset.dataset import Dataset
 from calib.distributions import chi2_ppf
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, with_scanner_frames
@@ -36,7 +36,7 @@ class PoseErrors:
     is_test: BoolArray  # (N,)
     error_mm: Array  # (N, 3) predicted minus measured, scanner frame, mean over a pose's points
     place_mm: Array  # (N, 3) where the point was measured, base frame as the model places it
-    noise_mm: float  # what one coordinate may be off by noise alone
+    noise: NoiseLevel  # what one coordinate may be off by noise alone
     apparent_joint_error: (
         Array  # (N, n) rad or mm: the motion of each joint alone that would best explain the error
     )
@@ -44,6 +44,11 @@ class PoseErrors:
     apparent_joint_noise: (
         Array  # (N, n) sigma of `apparent_joint_error` by noise alone; nan where no motion shows
     )
+
+    @property
+    def noise_mm(self) -> float:
+        """What one coordinate may be off by noise alone."""
+        return self.noise.sigma_mm
 
     @property
     def error_length_mm(self) -> Array:
@@ -83,16 +88,17 @@ class PoseErrors:
 
 def pose_errors_of(calibration: Calibration) -> PoseErrors:
     """The errors of a calibration at all measured poses, as `pose_errors_at`."""
-    return pose_errors_at(calibration.dataset, calibration.model, calibration.fit.x, calibration.after)
+    return pose_errors_at(calibration, calibration.model, calibration.fit.x, calibration.after)
 
 
-def pose_errors_at(dataset: Dataset, model: Model, x: Array, evaluation: Evaluation) -> PoseErrors:
-    """The errors of a model at x (P,) at all measured poses, with its evaluation there.
+def pose_errors_at(calibration: Calibration, model: Model, x: Array, evaluation: Evaluation) -> PoseErrors:
+    """The errors of a model at x (P,) at all poses measured for a calibration, with its evaluation there.
 
     The apparent error of joint j at a pose is the least-squares motion of that joint alone, -d_j . e / |d_j|^2 with the
     whitened error e and the derivative d_j of the measured point by the joint. Joints are taken one at a time, so their
     errors do not add up.
     """
+    dataset, level = calibration.dataset, noise_level(calibration)
     everything = Observations.of(dataset, np.ones(len(dataset.poses), dtype=bool))
     trained = ~dataset.poses.is_test[everything.points.pose]
     if evaluation.is_outlier is not None:
@@ -111,8 +117,7 @@ def pose_errors_at(dataset: Dataset, model: Model, x: Array, evaluation: Evaluat
         # A joint whose axis passes close to the point moves it little: its apparent motion would be noise.
         usable = size > 1e-4 * max(float(size.max()), 1e-300)
         apparent[usable, j] = -along[usable] / size[usable]
-        noise[usable & (size > 0.0), j] = 1.0 / np.sqrt(size[usable & (size > 0.0)])
-    sigma_mm = np.sqrt(np.trace(observed.covariance_mm2, axis1=1, axis2=2) / 3.0)
+        noise[usable & (size > 0.0), j] = level.ratio / np.sqrt(size[usable & (size > 0.0)])
     of_poses = scanner_T_base_of_poses(evaluation, model, x, dataset.poses)[observed.points.pose]
     base_mm = frames.apply(frames.invert(of_poses), observed.points.xyz_mm)
     return PoseErrors(
@@ -120,7 +125,7 @@ def pose_errors_at(dataset: Dataset, model: Model, x: Array, evaluation: Evaluat
         is_test=poses.is_test,
         error_mm=mean_by_pose(error_mm, row, len(poses)),
         place_mm=mean_by_pose(base_mm, row, len(poses)),
-        noise_mm=float(np.sqrt(np.mean(sigma_mm**2))),
+        noise=level,
         apparent_joint_error=apparent,
         inputs=inputs_at(model.robot, poses, model.state(x, poses, observed.seen(observed.first_target))),
         apparent_joint_noise=noise,

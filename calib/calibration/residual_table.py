@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 
 from calib.array_types import BoolArray
-from calib.calibration.input_variables import joint_input
 from calib.calibration.pose_errors import PoseErrors, pose_errors_of
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Poses
+from calib.dataset.input_names import PLACES, further_inputs, joint_input
 from calib.fitting.observations import Observations
 from calib.fitting.pose_means import mean_by_pose, points_by_pose
 
@@ -41,22 +41,27 @@ def residual_table(calibration: Calibration) -> pd.DataFrame:
         if name == "error":
             columns["error_mm"] = np.linalg.norm(values, axis=1)
     for name, given in _inputs(pose_errors, poses, dataset.robot.is_revolute).items():
-        columns[f"input_{name}" if name in columns else name] = given
+        while name in columns:
+            name = f"input_{name}"
+        columns[name] = given
     return pd.DataFrame(columns)
 
 
 def _inputs(pose_errors: PoseErrors, poses: Poses, is_revolute: BoolArray) -> dict[str, object]:
     """The inputs by the name that a column has; the place of the point is `measured_...` already."""
     out: dict[str, object] = {}
+    columns = further_inputs(poses)
     for name, values in pose_errors.inputs.items():
         quantity, joint = joint_input(name) or ("", 0)
-        if name in poses.extra.columns:
-            out[name] = poses.extra[name].to_numpy()  # words as words, not as numbers for them
+        if name in columns:
+            out[columns[name]] = poses.extra[
+                columns[name]
+            ].to_numpy()  # words as words, not as numbers for them
         elif quantity == "q":
             turns = bool(is_revolute[joint])
             out[f"{name}_{'deg' if turns else 'mm'}"] = np.degrees(values) if turns else values
         elif quantity == "torque":
             out[f"{name}_nm"] = values
-        elif name not in ("x", "y", "z"):
+        elif name not in PLACES:
             out[name] = values
     return out

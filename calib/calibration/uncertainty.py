@@ -191,4 +191,13 @@ def prediction_covariance(calibration: Calibration, q: ArrayLike, setup: str | N
     )
     motion = frame_motion(frames.apply(scanner_T_base, points_mm), known.centre_mm)
     rows = np.concatenate([scanner_T_base[:3, :3] @ by_q, motion], axis=-1)
-    return np.asarray(rows @ known.covariance @ np.swapaxes(rows, 1, 2))
+    spread = rows @ covariance_root(known.covariance)
+    return np.asarray(spread @ np.swapaxes(spread, 1, 2))
+
+
+def covariance_root(covariance: Array) -> Array:
+    """A root R (P, P) of a covariance R R^T, of numbers in any units; what rounding made negative counts as nothing."""
+    scale = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
+    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+    size, turn = np.linalg.eigh(inverse[:, None] * covariance * inverse)
+    return np.asarray(scale[:, None] * turn * np.sqrt(np.clip(size, 0.0, None)))

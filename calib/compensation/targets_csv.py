@@ -18,7 +18,6 @@ from calib.dataset.dataset import Poses
 from calib.dataset.files.csv_table import TableFile
 from calib.dataset.files.declared_units import internal
 from calib.dataset.files.poses_csv import (
-    CONDITIONS,
     approach_columns,
     found_joint_columns,
     in_unit_of,
@@ -28,6 +27,7 @@ from calib.dataset.files.poses_csv import (
     names,
 )
 from calib.dataset.files.robot_toml import degrees
+from calib.dataset.input_names import CONDITIONS
 from calib.errors import DatasetError
 from calib.kinematics.robot import Robot
 from calib.text_files.csv_text import frame_csv

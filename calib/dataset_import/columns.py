@@ -46,7 +46,9 @@ _OTHERS = {
     "scan": ("scan", "scanfile"),
 }
 _CONDITION_UNITS = {"payload_kg": "kg", "temperature_c": "c", "time_s": "s"}
-_EXACT = re.compile(r"^(q[wxyz]|s[xyz]{2}_(mm|m)2|r[xyz]{2}_rad2|[xyz]_r[xyz]_(mm|m)_rad|approach\d+)$")
+_EXACT = re.compile(
+    r"^(q[wxyz]|s[xyz]{2}_(mm|m)2|r[xyz]{2}_rad2|[xyz]_r[xyz]_(mm|m)_rad|approach[1-9]\d{0,2})$", re.ASCII
+)
 
 
 _TURNED = re.compile(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from math import degrees
 from pathlib import Path
 
+from calib.dataset.input_names import quantity_of
 from calib.dataset_import.agreement import Sample, misfit_mm
 from calib.dataset_import.columns import AS_TOLD, Recognised
 from calib.dataset_import.joint_reading import AGREES, GAIN, LOOKS_RIGHT, JointReading, better_reading
@@ -84,7 +85,7 @@ def settled(
     if misfits[0] <= LOOKS_RIGHT * sample.spread_mm:
         return as_it_is
     found = better_reading(asked.robot.robot, sample, misfits[0])
-    told = any(column.why == AS_TOLD for name, column in meant.columns.items() if name[1:].isdigit())
+    told = any(column.why == AS_TOLD for name, column in meant.columns.items() if quantity_of(name) == "q")
     if found is None:
         if misfits[0] > AGREES * sample.spread_mm:
             work.doubts.append(

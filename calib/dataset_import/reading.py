@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib.array_types import Array
+from calib.dataset.input_names import quantity_of
 from calib.dataset_import.columns import Meaning, Recognised, recognise
 from calib.dataset_import.units import ANGLES_RAD, LENGTHS_MM, length_unit
 from calib.errors import DatasetError
@@ -83,7 +84,7 @@ def joint_values(work: Work, table: UserTable, meant: Recognised) -> Array | Non
     """(N, n) as they stand in the file."""
     if work.robot is None:  # its cells are judged all the same
         for name, column in meant.columns.items():
-            if name[:1] == "q" and name[1:].isdigit():
+            if quantity_of(name) == "q":
                 _numbers(work, table, column.name)
         return None
     names = [f"q{k + 1}" for k in range(work.robot.n_joints)]

@@ -13,8 +13,8 @@ import numpy as np
 from calib.array_types import Array, BoolArray
 from calib.dataset.dataset import ROLES, Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
-from calib.dataset.files.poses_csv import CONDITIONS
 from calib.dataset.files.robot_toml import robot_to_toml
+from calib.dataset.input_names import CONDITIONS, joint_input, quantity_of
 from calib.dataset_import.columns import Recognised
 from calib.dataset_import.reading import Work
 from calib.dataset_import.roles import roles_of
@@ -46,12 +46,7 @@ def poses_text(
         where = f"{table.path}: line {table.lines[i]}, column {meant.columns['role'].name}"
         work.fault(f"{where}: found {roles[i][:40]!r}; expected reference, train or test")
     names = [f"q{k + 1}_{'rad' if turns else 'mm'}" for k, turns in enumerate(work.robot.is_revolute)]
-    kept = [
-        m
-        for m in meant.columns
-        if m not in ("pose", "role", "x", "y", "z", "target") and not m.startswith("q")
-    ]
-    kept = [m for m in kept if not m.startswith(("s", "r")) or m in ("setup", "scan")]
+    kept = [m for m in meant.columns if m in (*CONDITIONS, "setup", "scan") or quantity_of(m) == "approach"]
     taken = {"pose", "role", *names, *kept}
     rest = [name for name in meant.rest if name not in taken]
     if rest:
@@ -80,8 +75,9 @@ def _condition(work: Work, table: UserTable, meant: Recognised, meaning: str) ->
     if meaning in CONDITIONS:
         filled = replace(table, rows=tuple(tuple(cell or "0" for cell in row) for row in table.rows))
         filled.numbers(column.name, work.fault)  # an empty cell is for the reader to judge
-    joint = meant.columns.get(meaning.replace("approach", "q"))
-    if meaning.startswith("approach") and joint is not None and joint.sign < 0:
+    of_joint = joint_input(meaning)
+    joint = None if of_joint is None else meant.columns.get(f"q{of_joint[1] + 1}")
+    if joint is not None and joint.sign < 0:
         turned = {"1": "-1", "+1": "-1", "1.0": "-1", "-1": "1", "-1.0": "1"}
         cells = [turned.get(cell, cell) for cell in cells]
     return cells

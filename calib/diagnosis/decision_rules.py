@@ -76,9 +76,9 @@ def are_twins(one: Candidate, other: Candidate, freedom: int) -> bool:
         return False
     size = float(one.explained @ one.explained) * float(other.explained @ other.explained)
     alike = float(one.explained @ other.explained) ** 2 > TWIN_OVERLAP * size > 0.0
-    left = sorted((1.0 - one.explained_share, 1.0 - other.explained_share))
+    left = sorted((max(1.0 - one.explained_share, 1e-300), max(1.0 - other.explained_share, 1e-300)))
     near = abs(one.log_evidence - other.log_evidence) < TWIN_LEAD
-    fits_alike = freedom * np.log(left[1] / max(left[0], 1e-300)) < 2.0 * MIN_LEAD
+    fits_alike = freedom * np.log(left[1] / left[0]) < 2.0 * MIN_LEAD
     return bool(alike and near and left[1] < TWIN_LEFT * left[0] and fits_alike)
 
 

@@ -218,6 +218,6 @@ def _by_rows(rows: IndexArray, of: Callable[[int], float]) -> Array:
 
 
 def _kept_above_zero(weights: Array, norm: Array) -> Array:
-    """The weights, those of rejected points so small that all of them together add nothing to the cost."""
-    far = norm / max(float(np.median(norm)), 1e-300)
-    return np.maximum(weights, _LEAST / np.maximum(far, 1.0) ** 2)
+    """The weights, those of rejected points so small that all of them together add nothing to the cost, none zero."""
+    near = np.minimum(float(np.median(norm)) / np.maximum(norm, 1e-300), 1.0)
+    return np.maximum(weights, np.maximum(_LEAST * near**2, _OUT))

@@ -16,6 +16,7 @@ import numpy as np
 import calib
 from calib.blas_threads import one_blas_thread
 from calib.calibration.evaluation import Evaluation
+from calib.calibration.noise_level import FIT
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset, points_from_corners
 from calib.dataset.files.fingerprint import fingerprint
@@ -147,6 +148,7 @@ def row_of(path: str, checked: Check, without_corner: tuple[str, ...] = ()) -> R
     stood_out = () if last is None else last.outliers
     if found is not None:
         stood_out = (*stood_out, *found.steps[-1].left_out)
+    told = None if last is None else headline_of([last])
     words = "" if found is None else verdict_text(found.explanation.verdict)
     if found is None:
         words = next((f.description for f in checked.items if f.description.startswith("not tried")), "")
@@ -164,7 +166,7 @@ def row_of(path: str, checked: Check, without_corner: tuple[str, ...] = ()) -> R
         left_out=tuple(dict.fromkeys([*without_corner, *stood_out])),
         train=_rmse(links, last, test=False),
         test=_rmse(links, last, test=True),
-        noise_ratio=None if last is None else headline_of([last]).noise_ratio,
+        noise_ratio=None if told is None or told.noise.source == FIT else told.noise_ratio,
         passed=checked.passed,
         reasons=tuple(map(one_line, checked.reasons)),
         verdict="" if found is None else found.verdict,

@@ -67,7 +67,12 @@ def redundancy(dataset: Dataset, *, residual: str = "position") -> Redundancy:
 def taken_up_by_scanner(dataset: Dataset) -> tuple[str, ...]:
     """Parameters that a motion of the scanner's frame replaces at the training poses: they show in no fit."""
     if not dataset.robot.carries_scanner:
-        return redundancy(dataset, residual="distance").no_influence
+        try:
+            return redundancy(dataset, residual="distance").no_influence
+        except (
+            FitError
+        ):  # all training poses have the target in one place: no distance, and a frame takes up all
+            pass
     columns, moved, names, units = _at_training_poses(dataset, "position", frame_known=False)
     return analyse(columns, names, units, moved=moved).no_influence
 
@@ -135,6 +140,8 @@ def structural_rank(robot: Robot, *, residual: str = "position", measured: Colle
     columns, moved = columns_of(
         robot, q, np.full(len(q), ""), residual, frame_known=False, targets=targets, of_target=of_target
     )
+    if len(columns) < 2:  # the target never moves: no two places of it, and no distance
+        return 0
     return analyse(columns, *_names_and_units(robot, targets), moved=moved).rank
 
 

@@ -92,15 +92,23 @@ def failed_searches(searches: Mapping[str, CornerSearch]) -> dict[str, str]:
 
 
 def require_corners(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> None:
-    """Raise ScanError where a file could not be read, CornerError where not one scan has a corner."""
-    for search in searches.values():
-        if search.unreadable:
-            raise ScanError(search.failure)
+    """Raise where not one scan has a corner: ScanError where no file could be read, else CornerError.
+
+    A scan that cannot be read beside others that can is a failed search like any other (`failed_searches`).
+    """
     failed = failed_searches(searches)
-    if len(failed) == len(searches):
-        raise CornerError(
-            f"dataset {dataset.name}: no corner in any of {len(failed)} scans: {counted_reasons(failed)}"
-        )
+    if len(failed) < len(searches):
+        return
+    unreadable = [search.failure for search in searches.values() if search.unreadable]
+    others = len(unreadable) - 1
+    beside = f"; {others} further scan{'' if others == 1 else 's'} cannot be read" if others > 0 else ""
+    if unreadable and len(unreadable) == len(searches):
+        raise ScanError(f"{unreadable[0]}{beside}")
+    reasons = {pose_id: reason for pose_id, reason in failed.items() if not searches[pose_id].unreadable}
+    also = f"; of those that cannot be read the first is {unreadable[0]}" if unreadable else ""
+    raise CornerError(
+        f"dataset {dataset.name}: no corner in any of {len(failed)} scans: {counted_reasons(reasons)}{also}"
+    )
 
 
 def counted_reasons(reasons: Mapping[str, str]) -> str:

@@ -15,6 +15,7 @@ from calib.calibration.result import Calibration
 from calib.compensation.target_correction import Correction, corrected_joints, needed_columns, plain_poses
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.files.fingerprint import fingerprint
+from calib.dataset.input_names import CONDITIONS, quantity_of
 from calib.dataset.stands import without_poses
 from calib.errors import FitError
 from calib.fitting.model import Model
@@ -222,8 +223,8 @@ def _source(dataset: Dataset, outliers: tuple[str, ...]) -> Source:
 
 
 def _has(poses: Poses, column: str) -> bool:
-    if column in ("payload_kg", "temperature_c", "time_s"):
+    if column in CONDITIONS:
         return getattr(poses, column) is not None
-    if column.startswith("approach"):
-        return poses.approach is not None
+    if quantity_of(column) == "approach" and poses.approach is not None:
+        return True
     return column in poses.extra.columns

@@ -38,7 +38,9 @@ def chance_of_least(
         return by_sum
     rng = np.random.default_rng(0)
     counts = np.array([basis.shape[1] for basis in bases])
-    drawn = np.concatenate(bases, axis=1).T @ rng.standard_normal((len(bases[0]), DRAWS))
+    # What they span has few rows, however many poses there are.
+    joint = np.asarray(np.linalg.qr(np.concatenate(bases, axis=1), mode="r"))
+    drawn = joint.T @ rng.standard_normal((len(joint), DRAWS))
     gains = np.add.reduceat(drawn**2, np.cumsum([0, *counts[:-1]]), axis=0)
     freedom = min(noise_freedom, 1e9)
     gains /= rng.chisquare(freedom, DRAWS) / freedom

@@ -26,9 +26,11 @@ from calib.monitoring.change_tests import (
 )
 from calib.monitoring.check_errors import CheckErrors
 from calib.monitoring.kinds import BASE, SCANNER, Kind, kinds_of_the_arm
+from calib.monitoring.prediction_spread import Spread
 
 _FEWEST = 3  # check poses
 _CHANCE = 1e-4  # of residuals as small as the fit's
+_FINEST = 1e-9  # share of the largest coordinate: no number here is known better, however little a fit left
 
 
 @dataclass(frozen=True)
@@ -70,9 +72,12 @@ class Cell:
         anew = fit_scanner_frame(at_mm, measured, observed.covariance_mm2)
         before = base.after.scanner_T_base[str(setups[0])] if known else anew
         noise, freedom, scale = _noise(base)
+        noise = max(noise, _finest(measured, observed.covariance_mm2))
         prior = JointKnowledge.of(base, str(setups[0]) if known else None)
         prior = replace(prior, covariance=scale**2 * prior.covariance)
         kinds = kinds_of_the_arm(base.model, base.fit.x, observed)
+
+        colour = np.asarray(np.linalg.inv(whiten), dtype=float)
 
         def placed(scanner_T_base: Array) -> tuple[Array, Array, Array]:
             """Residual (3 M,), derivatives by x (3 M, P) and by the frame's motion (3 M, 6), whitened."""
@@ -82,34 +87,22 @@ class Cell:
             motion = (whiten @ frame_motion(seen, prior.centre_mm)).reshape(len(residual), 6)
             return residual, columns, motion
 
-        def to_rows(scanner_T_base: Array) -> Array:
-            """(3 M, 3 M) from movements in the base frame, mm, to whitened residuals."""
-            blocks = whiten @ scanner_T_base[:3, :3]
-            out = np.zeros((len(blocks), 3, len(blocks), 3))
-            out[np.arange(len(blocks)), :, np.arange(len(blocks))] = blocks
-            return out.reshape(3 * len(blocks), -1)
-
         residual, columns, motion = placed(before)
-        both = np.concatenate([columns, motion], axis=1)
-        covariance = both @ prior.covariance @ both.T + noise**2 * np.eye(len(residual))
-        root = np.linalg.inv(np.linalg.cholesky(covariance))
-        fixed = ChangeTests(root @ residual, root @ to_rows(before), freedom)
-        of_errors = covariance
+        spread = Spread.of(np.concatenate([columns, motion], axis=1), prior.covariance, noise)
+        fixed = ChangeTests.of(residual, spread, whiten @ before[:3, :3], freedom)
+        of_errors = spread
 
         residual, columns, motion = placed(anew)
         n = columns.shape[1]
-        rest = np.linalg.svd(motion, full_matrices=True)[0][:, np.linalg.matrix_rank(motion) :]
-        inside = rest.T @ columns
-        covariance = inside @ prior.covariance[:n, :n] @ inside.T + noise**2 * np.eye(rest.shape[1])
-        root = np.linalg.inv(np.linalg.cholesky(covariance)) @ rest.T
-        free = ChangeTests(root @ residual, root @ to_rows(anew), freedom)
+        spread = Spread.of(columns, prior.covariance[:n, :n], noise, blind=motion)
+        free = ChangeTests.of(residual, spread, whiten @ anew[:3, :3], freedom)
         left = np.sum((measured - frames.apply(anew, at_mm)) ** 2, axis=1)
         if not known:
-            of_errors = rest @ covariance @ rest.T
+            of_errors = spread
         points = observed.points
         errors = CheckErrors(
             new.poses, points.pose, tuple(map(str, points.target)), measured, measured - frames.apply(before, at_mm),
-            _coloured(of_errors, whiten), before[:3, :3],
+            of_errors.coloured(colour), before[:3, :3],
         )  # fmt: skip
 
         by_frame = before[:3, :3].T @ frame_motion(frames.apply(before, at_mm), prior.centre_mm)
@@ -186,9 +179,7 @@ def _noise(base: Calibration) -> tuple[float, float, float]:
     return (1.0, freedom, 1.0 / noise) if by_chance else (noise, freedom, 1.0)
 
 
-def _coloured(covariance: Array, whiten: Array) -> Array:
-    """(3 M, 3 M) in mm^2, of whitened residuals' covariance (3 M, 3 M)."""
-    count = len(whiten)
-    blocks = covariance.reshape(count, 3, count, 3)
-    colour = np.linalg.inv(whiten)
-    return np.einsum("mij,mjnk,nlk->minl", colour, blocks, colour).reshape(3 * count, 3 * count)
+def _finest(measured_mm: Array, covariance_mm2: Array) -> float:
+    """The least noise over the declared one that can be counted with: exact data leave nothing but rounding."""
+    sigma_mm = float(np.sqrt(np.trace(covariance_mm2, axis1=1, axis2=2).mean() / 3.0))
+    return _FINEST * max(float(np.abs(measured_mm).max()), 1.0) / sigma_mm

@@ -10,6 +10,7 @@ from calib.array_types import Array
 from calib.distributions import f_sf
 from calib.monitoring.alarm import chance_of_least, weight
 from calib.monitoring.kinds import Kind, kind_words
+from calib.monitoring.prediction_spread import Spread
 
 ALARM = 0.005  # probability of an alarm where nothing changed, over all kinds
 NOISIER = 0.0005  # probability of telling more noise where there is none
@@ -53,7 +54,7 @@ class Detectable:
 
 @dataclass(frozen=True)
 class KindTest:
-    """One kind against the residuals. `basis`: (R, K) what it makes of them, orthonormal."""
+    """One kind against the residuals. `basis`: (3 M, K) what it makes of them, orthonormal."""
 
     kind: Kind
     gain: float  # of chi squared
@@ -92,13 +93,20 @@ def as_well(tests: list[KindTest], best: KindTest) -> tuple[str, ...]:
 class ChangeTests:
     """New residuals with unit covariance, and what turns movements of the points (M, 3, K) into their rows."""
 
-    y: Array  # (R,)
-    whiten: Array  # (R, 3 M)
+    y: Array  # (3 M,) zero along what the spread is blind to
+    spread: Spread
+    blocks: Array  # (M, 3, 3) from movements in the base frame, mm, to the residuals before they are whitened
     base_freedom: float  # of the noise, from the earlier fit
 
+    @classmethod
+    def of(cls, residual: Array, spread: Spread, blocks: Array, base_freedom: float) -> ChangeTests:
+        """Of residuals (3 M,) whose covariance is that of `spread`."""
+        return cls(spread.whiten(residual), spread, blocks, base_freedom)
+
     def rows(self, kind: Kind) -> Array:
-        """(R, K)"""
-        return self.whiten @ kind.columns.reshape(-1, kind.columns.shape[-1])
+        """(3 M, K)"""
+        moved = np.einsum("mij,mjk->mik", self.blocks, kind.columns)
+        return self.spread.whiten(moved.reshape(len(self.y), -1))
 
     def _rest(self, given: list[Kind]) -> tuple[Array, Array]:
         basis = np.zeros((len(self.y), 0))
@@ -112,7 +120,7 @@ class ChangeTests:
     def tests(self, kinds: tuple[Kind, ...], given: list[Kind] | None = None) -> list[KindTest]:
         """Of each kind beside those given; kinds that these poses cannot show beside those are left out."""
         rest, basis = self._rest(given or [])
-        usual = np.linalg.norm(self.whiten) / np.sqrt(self.whiten.shape[1])  # by how much a movement counts
+        usual = np.sqrt(self.spread.total_weight(self.blocks) / len(self.y))  # by how much a movement counts
         out = []
         for kind in kinds:
             columns = self.rows(kind)
@@ -139,12 +147,12 @@ class ChangeTests:
 
     def freedom(self, given: list[Kind]) -> float:
         """Degrees of freedom that are left beside these changes."""
-        return float(len(self.y) - self._rest(given)[1].shape[1])
+        return float(self.spread.rows - self._rest(given)[1].shape[1])
 
     def noise_ratio(self, given: list[Kind]) -> float:
         """The new noise over the one that was expected."""
         rest, basis = self._rest(given)
-        return float(np.sqrt(rest @ rest / max(len(rest) - basis.shape[1], 1)))
+        return float(np.sqrt(rest @ rest / max(self.spread.rows - basis.shape[1], 1)))
 
     def p_rest(self, given: list[Kind]) -> float:
         """Of as much being left beside these changes by noise as it was."""

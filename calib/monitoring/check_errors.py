@@ -10,6 +10,7 @@ from calib.array_types import Array, IndexArray
 from calib.dataset.dataset import Poses
 from calib.distributions import chi2_ppf
 from calib.monitoring.iso9283 import Visits
+from calib.monitoring.prediction_spread import ErrorCovariance
 
 LIMIT_SHARE = 0.9973  # of unchanged cells that stay below the limit: three sigmas of a control chart
 
@@ -23,7 +24,7 @@ class CheckErrors:
     target: tuple[str, ...]  # (M,)
     measured_mm: Array  # (M, 3) scanner frame
     off_mm: Array  # (M, 3) scanner frame
-    covariance_mm2: Array  # (3 M, 3 M) of off_mm where nothing changed
+    covariance: ErrorCovariance  # of off_mm where nothing changed
     scanner_R_base: Array  # (3, 3)
 
     @property
@@ -34,7 +35,7 @@ class CheckErrors:
     @property
     def likely_mm(self) -> float:
         """What `rmse_mm` is, in the mean square, where nothing changed: noise and what the earlier fit leaves open."""
-        return float(np.sqrt(np.trace(self.covariance_mm2) / len(self.off_mm)))
+        return float(np.sqrt(self.covariance.trace_mm2 / len(self.off_mm)))
 
     @property
     def limit_mm(self) -> float:
@@ -42,8 +43,7 @@ class CheckErrors:
 
         Its square is a weighted sum of chi squareds, taken as one of the same mean and variance (Satterthwaite 1946).
         """
-        mean = float(np.trace(self.covariance_mm2))
-        squares = float(np.sum(self.covariance_mm2**2))
+        mean, squares = self.covariance.trace_mm2, self.covariance.sum_of_squares_mm4
         freedom = mean**2 / squares
         return float(np.sqrt(squares / mean * chi2_ppf(LIMIT_SHARE, freedom) / len(self.off_mm)))
 

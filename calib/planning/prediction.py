@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
+from calib.calibration.uncertainty import covariance_root
 from calib.dataset.dataset import Poses
 from calib.planning.question import inverse
 from calib.planning.unknowns import Unknowns
@@ -65,7 +66,7 @@ def predicted(
 ) -> Prediction:
     """The error of a fit with this information (K, K); its noise is known by so many degrees of freedom."""
     covariance = inverse(information)
-    root = np.linalg.cholesky(covariance)
+    root = covariance_root(covariance)
     seen = region.wanted.T @ root
     return _of_weights(_squares(seen), region.noise_mm2, degrees_of_freedom, rng)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from calib import frames
 from calib.array_types import Array
-from calib.calibration.result import Calibration
+from calib.calibration.result import Calibration, declared_sigma_mm
 from calib.dataset.dataset import Dataset, Points, Poses
 from calib.effects.effect import Effect
 from calib.effects.link_errors import LinkErrors
@@ -29,6 +29,7 @@ _UNHELD = 100.0  # tolerances, where a fit is to hold no parameter
 _FLAT_MM, _FLAT_RAD = 1e4, 3.0  # of a scanner's frame: as good as nothing known
 _TURN_MM = 500.0  # weighs a frame's turn against its shift, so that numbers are alike
 DEFAULT_NOISE_MM = 0.05
+_FINEST_MM = 1e-5  # no plan counts with less noise: beside it the prior would be lost in rounding
 
 
 @dataclass(frozen=True)
@@ -120,6 +121,7 @@ def unknowns_of_fit(
         model = replace(model.with_loads_at(calibration.fit.x), effects=(*model.effects, *effects))
     x = _extended(calibration, model)
     noise = calibration.fit.noise if np.isfinite(calibration.fit.noise) else 1.0
+    noise = max(noise, _FINEST_MM / declared_sigma_mm(dataset))
     require_in_room(dataset)
     observed = replace(Observations.of(dataset), scanner_T_base=calibration.after.scanner_T_base)
     places = {name: calibration.after.scanner_T_base[name] for name in sorted(set(map(str, observed.setup)))}

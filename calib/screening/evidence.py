@@ -17,6 +17,7 @@ from calib.distributions import f_sf
 SCALES = np.geomspace(1e-3, 1e4, 57)  # tried, of a member's coefficients over their usual scale
 GAIN = 0.5  # a further member has to raise the log evidence by this, beyond what choosing it costs
 _SIGN_PRIOR = 0.9  # probability that a coefficient has the sign that physics asks for
+_ROUNDING = 1e-14  # share of a square sum
 
 
 @dataclass(frozen=True)
@@ -214,7 +215,8 @@ def evidence_by_scale(lam: Array, h2: Array, left: float, total: float, freedom:
     """Log evidence at each of `SCALES`; `left` is the residual's square beside the other members, `total` alone."""
     grow = 1.0 + SCALES[:, None] ** 2 * lam  # (..., scales, K)
     quadratic = left - np.sum(h2 * (1.0 - 1.0 / grow), axis=-1)
-    fit = -0.5 * freedom * np.log(quadratic / total)
+    least = _ROUNDING * max(total, 1e-300)  # exact data: what is left is rounding, and has no logarithm
+    fit = -0.5 * freedom * np.log(np.maximum(quadratic, least) / max(total, 1e-300))
     return np.asarray(fit - 0.5 * np.sum(np.log(grow), axis=-1) + unusual(SCALES))
 
 

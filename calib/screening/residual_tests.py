@@ -15,8 +15,8 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
+from calib.calibration.noise_level import noise_of_repeats
 from calib.dataset.dataset import Dataset
-from calib.dataset.repeats import find_repeats, pooled_sigma_mm
 from calib.dataset.stands import SIGMA_DOUBT
 from calib.distributions import chi2_sf, f_sf
 from calib.screening.fault_models import JointFault, smooth_motion
@@ -126,10 +126,15 @@ def _outliers(projected: ProjectedResidual, noise: Callable[[], Iterable[Array]]
         residual = projected.whitening.unweighted(residual)
         draws = (projected.whitening.with_tails(block, rng) for block in draws)
     ours = mean_square(residual)[:, 0]
-    largest = [np.max(theirs / np.median(theirs, axis=0), axis=0) for theirs in map(mean_square, draws)]
+    largest = [np.max(theirs / _median(theirs), axis=0) for theirs in map(mean_square, draws)]
     # A large outlier swells the common scale, so each is compared with the median of its own dataset.
     limit = np.quantile(np.concatenate(largest), 1.0 - OUTLIER_LEVEL)
-    return np.asarray(ours / np.median(ours) > limit)
+    return np.asarray(ours / _median(ours) > limit)
+
+
+def _median(values: Array) -> Array:
+    """Along the first axis, above zero: of exact data more than half may be zero."""
+    return np.maximum(np.median(values, axis=0), np.maximum(1e-12 * np.max(values, axis=0), 1e-300))
 
 
 def _structure(
@@ -158,27 +163,23 @@ def _structure(
     return tuple(tests[i] for i in order)
 
 
-COPY_MM = 1e-9  # repeats that scatter less are rows written twice, which tell nothing of the noise
-
-
 def _lack_of_fit(dataset: Dataset, projected: ProjectedResidual) -> tuple[float | None, float, str, float]:
     """p of the residual's size, the noise it was held against, where that came from, and the residual's sigma; mm."""
     observed = projected.residuals.observed
     declared_mm = float(np.sqrt(np.mean(np.trace(observed.covariance_mm2, axis1=1, axis2=2)) / 3.0))
     residual_mm = projected.sigma * declared_mm
     square = float(projected.residual @ projected.residual)
-    repeats = find_repeats(dataset)
-    freedom = sum(3 * (r.count - 1) for r in repeats)
-    noise_mm = pooled_sigma_mm(repeats) if freedom >= 12 else 0.0
+    repeats = noise_of_repeats(dataset)
+    noise_mm, freedom = repeats or (0.0, 0)
     counts_as = observed.points.counts_as
-    if noise_mm > COPY_MM and counts_as is not None:
+    if repeats is not None and counts_as is not None:
         # Points are means of repeats, whose scatter is no part of the residual.
         single = observed.covariance_mm2 * counts_as[:, None, None]
         single_mm = float(np.sqrt(np.mean(np.trace(single, axis1=1, axis2=2)) / 3.0))
         ratio = square / projected.freedom / (noise_mm / single_mm) ** 2
         mean_noise_mm = noise_mm * declared_mm / single_mm
         return f_sf(ratio, projected.freedom, freedom), mean_noise_mm, "repeats", residual_mm
-    if noise_mm > COPY_MM:
+    if repeats is not None:
         # Repeats are part of the residual; what exceeds them is compared with them.
         pure = freedom * (noise_mm / declared_mm) ** 2
         left = projected.freedom - freedom

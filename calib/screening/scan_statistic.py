@@ -11,7 +11,8 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from calib.array_types import Array, BoolArray
-from calib.calibration.input_variables import inputs_at, joint_input
+from calib.calibration.input_variables import inputs_at
+from calib.dataset.input_names import PLACES, joint_input
 from calib.screening.projected_residual import ProjectedResidual, joint_directions
 
 _WIDTHS = (0.04, 0.12, 0.35)  # of the bumps, in shares of an input's range
@@ -100,7 +101,7 @@ def _relevant(name: str, channels: Iterable[Channel]) -> list[Channel]:
     of_joint = joint_input(name)
     if of_joint is not None:
         return [channel for channel in channels if channel.joint in (None, of_joint[1])]
-    return [channel for channel in channels if channel.joint is None or name not in "xyz"]
+    return [channel for channel in channels if channel.joint is None or name not in PLACES]
 
 
 def inputs_of(projected: ProjectedResidual) -> dict[str, Array]:

@@ -10,7 +10,8 @@ import numpy as np
 from calib.calibration.calibrate import calibrate
 from calib.calibration.evaluation import Figures
 from calib.calibration.held_out import held_out_test
-from calib.calibration.noise_check import check_sigma, noise_floor_mm
+from calib.calibration.noise_check import check_sigma
+from calib.calibration.noise_level import FIT, NoiseLevel, noise_level
 from calib.calibration.plausibility import implausibility_reason, outlier_hint, too_good
 from calib.calibration.result import Calibration, declared_sigma_mm, is_declared
 from calib.corners.search import CornerSearch
@@ -213,11 +214,11 @@ def _against_training(calibration: Calibration, train: Figures, test: Figures) -
     """The test error as a multiple of the training error, against the ratio that noise explains (`noise_ratio`).
 
     A warning where it is larger: the training error is then not to be expected elsewhere. None where the test error is
-    no more than the declared noise.
+    no more than the noise, as declared or as repeats show it.
     """
     ratio, expected = test.rmse_mm / train.rmse_mm, noise_ratio(calibration.fit)
     name, words = "test against training", f"{ratio:.2f} times the training error"
-    floor_mm = noise_floor_mm(calibration) or _NO_NOISE_MM
+    floor_mm = _floor_mm(noise_level(calibration))
     if ratio <= SUSPICIOUS * expected or test.rmse_mm <= SUSPICIOUS * floor_mm:
         return CheckItem(name, None, words)
     after = calibration.after
@@ -232,6 +233,11 @@ def _against_training(calibration: Calibration, train: Figures, test: Figures) -
         f"{error_mm[worst]:.3g} mm"
     )
     return CheckItem(name, None, words, warning=True)
+
+
+def _floor_mm(level: NoiseLevel) -> float:
+    """What noise alone leaves; as the fit left it, that is the training error again, which explains nothing."""
+    return level.floor_mm or _NO_NOISE_MM if level.source != FIT else _NO_NOISE_MM
 
 
 def _fit(calibration: Calibration, max_test_rmse_mm: float | None) -> list[CheckItem]:
@@ -304,13 +310,24 @@ def _left_by_diagnosis(diagnosis: Diagnosis) -> list[CheckItem]:
     return [CheckItem("noise", False, words)]
 
 
+def _beside_the_noise(calibration: Calibration) -> str:
+    """What the residual's sigma is beside the noise, and where that is known from."""
+    level = noise_level(calibration)
+    if level.is_declared:
+        return f", {calibration.fit.noise:.3g} times the declared sigma"
+    if level.source == FIT:
+        return f", {level.name}; no sigma is declared"
+    ratio = calibration.sigma_mm / level.sigma_mm
+    return f", {ratio:.3g} times the {level.name}, {level.sigma_mm:.4g} mm; no sigma is declared"
+
+
 def _residual(calibration: Calibration) -> list[CheckItem]:
     noise = calibration.fit.noise
     if not np.isfinite(noise):
         return []
     meaning = ""
     declared = is_declared(calibration.dataset)
-    ratio_words = f", {noise:.3g} times the declared sigma" if declared else "; no sigma is declared"
+    ratio_words = _beside_the_noise(calibration)
     doubt = implausibility_reason(calibration)
     if not doubt and too_good(calibration):
         return [_doubted("residual", calibration, doubt)]

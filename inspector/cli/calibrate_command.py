@@ -23,7 +23,8 @@ from calib.fitting.observations import nominal_state
 from calib.identifiability.tool_rows import tool_rows
 from calib.models.exported_robot_file import exported_robot_file, require_template_of
 from calib.models.exported_table import ExportedTable, exported_table
-from calib.models.model_file import save_model
+from calib.models.fitted_model import FittedModel
+from calib.models.model_file import model_text
 from calib.screening.curves.effect_file import effect_file_text
 from calib.screening.curves.fitted_curves import curve_lines, without_curves
 from inspector.cli.dataset_commands import load, measured, show
@@ -32,7 +33,7 @@ from inspector.cli.output_paths import check_outputs
 from inspector.export import json_documents as documents
 from inspector.export.csv_and_png import residuals_csv
 from inspector.session.session import Session
-from inspector.session.session_file import save_session
+from inspector.session.session_file import session_text
 from inspector.session.transitions import with_steps
 
 SMALLEST_CHANGE = 1e-6  # in sigmas: what is printed as no change of a parameter
@@ -74,25 +75,7 @@ def run_calibrate(options: CalibrateOptions) -> int:
         require_plausible(result, options.force)
     if options.out is not None or templates:
         table.require_improvement(force=options.force)
-    session = _as_session(options, dataset, steps) if options.session is not None else None
-    learned = effect_file_text(result, options.learned_out.name) if options.learned_out is not None else ""
     robot_files = {out: exported_robot_file(table, template) for out, template in templates.items()}
-    if options.out is not None:
-        write_text_atomically(options.out, table.to_toml())
-    for path, robot_file in robot_files.items():
-        write_bytes_atomically(path, robot_file.content)
-    if options.model_out is not None:
-        save_model(result, options.model_out)
-    if options.residuals is not None:
-        write_text_atomically(options.residuals, residuals_csv(result))
-    if options.scene is not None:
-        from inspector.export.glb_scene import scene_glb  # with trimesh, which takes a while to load
-
-        write_bytes_atomically(options.scene, scene_glb(result, dataset.poses.reference, SCENE_ARROWS))
-    if options.learned_out is not None:
-        write_text_atomically(options.learned_out, learned)
-    if session is not None and options.session is not None:
-        save_session(options.session, session)
     hint = outlier_hint(result)
     said = "\n".join(f"{path}: {robot_file.summary}" for path, robot_file in robot_files.items())
     document = documents.calibration_document(result) | {
@@ -103,7 +86,29 @@ def run_calibrate(options: CalibrateOptions) -> int:
         key = "urdf" if path == options.urdf_out else "kinematics"
         document[key] = {"changed": robot_file.changed, "left_out": table.left_out, "notes": robot_file.notes}
     document["warnings"] = [*document["warnings"], *filter(None, [hint])]
-    show(options, document, "\n".join(filter(None, [_calibration_text(steps, table), hint, said])))
+    text = "\n".join(filter(None, [_calibration_text(steps, table), hint, said]))
+    contents: dict[Path, str | bytes] = {path: file.content for path, file in robot_files.items()}
+    if options.out is not None:
+        contents[options.out] = table.to_toml()
+    if options.model_out is not None:
+        contents[options.model_out] = model_text(FittedModel.of(result))
+    if options.residuals is not None:
+        contents[options.residuals] = residuals_csv(result)
+    if options.scene is not None:
+        from inspector.export.glb_scene import scene_glb  # with trimesh, which takes a while to load
+
+        contents[options.scene] = scene_glb(result, dataset.poses.reference, SCENE_ARROWS)
+    if options.learned_out is not None:
+        contents[options.learned_out] = effect_file_text(result, options.learned_out.name)
+    if options.session is not None:
+        session = _as_session(options, dataset, steps)
+        contents[options.session] = session_text(session, beside=options.session.parent)
+    for path, content in contents.items():  # all are made before the first is written
+        if isinstance(content, bytes):
+            write_bytes_atomically(path, content)
+        else:
+            write_text_atomically(path, content)
+    show(options, document, text)
     return 0
 
 

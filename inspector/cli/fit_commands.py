@@ -147,9 +147,11 @@ def run_diagnose(options: DiagnoseOptions) -> int:
         )
     if options.model_out is not None:
         require_plausible(result.calibration, options.force)
-        save_model(result.calibration, options.model_out)
+    document = documents.diagnosis_document(result)
     next_steps = planned_next(result, options.path)
     text = "\n".join([diagnosis_text(result), *next_steps, *without(result.calibration.fitted_dataset)])
+    if options.model_out is not None:
+        save_model(result.calibration, options.model_out)
     if options.learned_out is not None and result.learned is not None:
         write_text_atomically(
             options.learned_out, effect_file_text(result.calibration, options.learned_out.name)
@@ -157,7 +159,7 @@ def run_diagnose(options: DiagnoseOptions) -> int:
     elif options.learned_out is not None:
         note = "no curves were learned, so there is nothing to write"
         print(visible(f"inspector: warning: {options.learned_out}: {note}"), file=sys.stderr)
-    show(options, documents.diagnosis_document(result), text)
+    show(options, document, text)
     return 0
 
 

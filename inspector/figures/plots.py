@@ -212,6 +212,7 @@ def error_history(
     test_rmse_mm: ArrayLike,
     floor_mm: float | None,
     *,
+    noise: str = "noise alone",
     dark: bool = False,
 ) -> go.Figure:
     """3D RMSE after each change of the model, logarithmic, with the noise as a line. NaN leaves a gap."""
@@ -234,9 +235,9 @@ def error_history(
         shown.append(floor_mm)
         traces.append(
             {
-                "type": "scatter", "mode": "lines", "name": "noise alone", "x": [-0.3, len(labels) - 0.7],
+                "type": "scatter", "mode": "lines", "name": noise, "x": [-0.3, len(labels) - 0.7],
                 "y": [floor_mm, floor_mm], "line": {"color": UNKNOWN, "width": 2, "dash": "dash"},
-                "hovertemplate": f"noise alone: {floor_mm:.4g} mm<extra></extra>",
+                "hovertemplate": f"{noise}: {floor_mm:.4g} mm<extra></extra>",
             }
         )  # fmt: skip
     extent = {"range": [np.log10(min(shown) / 1.3), np.log10(max(shown) * 1.3)]} if shown else {}

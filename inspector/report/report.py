@@ -10,7 +10,8 @@ from datetime import datetime
 from importlib import metadata
 from pathlib import Path
 
-from calib.calibration.noise_check import check_sigma, noise_floor_mm
+from calib.calibration.noise_check import check_sigma
+from calib.calibration.noise_level import noise_level
 from calib.diagnosis.words.text import reason_texts
 from calib.display.blocks import (
     Block,
@@ -114,10 +115,10 @@ def _reasons(report: Report) -> list[Block]:
 
 def _history(report: Report) -> list[Block]:
     steps = report.session.history
-    floor = noise_floor_mm(report.calibration)
+    level = noise_level(report.calibration)
     labels = [step.label for step in steps]
     train, test = [s.train_rmse_mm for s in steps], [s.test_rmse_mm for s in steps]
-    drawn = error_history(labels, train, test, floor)
+    drawn = error_history(labels, train, test, level.floor_mm, noise=level.name)
     rows = [
         (s.label, *(numbers.millimetres(v) for v in (s.train_rmse_mm, s.test_rmse_mm, s.sigma_mm)))
         for s in steps
@@ -130,9 +131,7 @@ def _history(report: Report) -> list[Block]:
         )
         for role, name, before, after in before_and_after(report.calibration)
     ]
-    caption = (
-        "3D RMSE of training and test poses after each change of the model; dashed: what noise alone leaves."
-    )
+    caption = f"3D RMSE of training and test poses after each change of the model; dashed: what {level.name} leaves."
     columns = ("model", "training, mm", "test, mm", "residual sigma, mm")
     return [
         Figure(drawn, caption),

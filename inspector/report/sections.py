@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import plotly.graph_objects as go
 
-from calib.calibration.noise_check import check_sigma
+from calib.calibration.noise_level import noise_level
 from calib.calibration.pose_errors import running_median
 from calib.calibration.result import Calibration
 from calib.calibration.uncertainty import Combination, identifiable_combinations
@@ -87,10 +87,9 @@ def _of_scans(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> list[st
 
 
 def _noise(calibration: Calibration) -> str:
-    checked = check_sigma(calibration)
-    if checked.declared_mm is None:
-        return "no; the residual alone tells it"
-    return f"{numbers.length(checked.declared_mm)} a coordinate of a measured point"
+    level = noise_level(calibration)
+    length = f"{numbers.length(level.sigma_mm)} a coordinate of a measured point"
+    return length if level.is_declared else f"no: {level.name}, {length}"
 
 
 def _conditions(dataset: Dataset) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.calibration.calibrate import calibrate
-from calib.calibration.noise_check import noise_floor_mm
+from calib.calibration.noise_level import DECLARED, NoiseLevel, noise_level
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Scanner
 from calib.diagnosis.words.headline import (
@@ -33,7 +34,8 @@ def told(*errors_mm: float, noise_mm: float | None = 0.0062, of_test_poses: bool
         ErrorStage(name, mm, k - 1 if k else None)
         for k, (name, mm) in enumerate(zip(NAMES, errors_mm, strict=False))
     ]
-    return Headline(tuple(stages), noise_mm, of_test_poses)
+    sigma_mm = np.nan if noise_mm is None else noise_mm / np.sqrt(3.0)
+    return Headline(tuple(stages), NoiseLevel(sigma_mm, DECLARED, 1.0), of_test_poses)
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +65,7 @@ def test_a_stage_for_the_nominal_robot_the_links_and_each_effect(fits: dict[str,
     before = fits["both"].before.test
     assert before is not None
     assert found.stages[0].error_mm == before.rmse_mm
-    assert found.noise_mm == noise_floor_mm(fits["both"])
+    assert found.noise == noise_level(fits["both"])
 
 
 def test_what_was_taken_out_again_is_not_told(fits: dict[str, Calibration]) -> None:
@@ -90,7 +92,7 @@ def test_without_test_poses_the_fitted_ones_are_told_and_it_says_so() -> None:
     assert fit.after.train is not None
     assert found.stages[-1].error_mm == fit.after.train.rmse_mm
     assert "no test poses, so nothing confirms it" in headline_note(found)
-    assert headline_text(found).endswith("(noise not declared)")
+    assert re.search(r"\(noise as the fit left it [\d.]+ (mm|µm): not declared\)$", headline_text(found))
     assert not found.reached_noise
     assert "declares no noise" in headline_note(found)
 

@@ -24,8 +24,6 @@ FLAGS = (  # software rendering in a container without GPU, sandbox or much shar
     "--disable-background-networking",
     "--disable-dev-shm-usage",
 )
-# What Plotly says where a plot is replaced while its margins are being laid out, on a slow machine; the new one stands.
-REPLACED_PLOT = "_redrawFromAutoMarginCount"
 COARSE = 0.25  # of the screen's pixels an axis, in the 3D view: without a GPU it takes most of a page's time
 MS = 30_000  # the longest that something on the page is waited for
 
@@ -67,12 +65,7 @@ def open_page(
     page = running.new_page(viewport={"width": width, "height": height})
     page.set_default_timeout(4 * MS)  # a busy machine draws a frame in seconds
     problems: list[str] = []
-
-    def fails(error: Any) -> None:
-        if REPLACED_PLOT not in str(error):
-            problems.append(f"{error}: {error.stack}")
-
-    page.on("pageerror", fails)
+    page.on("pageerror", lambda error: problems.append(f"{error}: {error.stack}"))
     page.goto(f"{url}/?fixedDpr={dpr}&hideViserLogo")
     page.get_by_role("tab", name="Measure").wait_for(timeout=60_000)
     yield page

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import tomli_w  # noqa: F401  (loaded before the first case is timed)
 
-from soaking.inputs import documents, scan_files, tables, zips
+from soaking.inputs import documents, odd_cells, scan_files, tables, zips
 from soaking.inputs.commands import Ran, ran
 from soaking.inputs.compared import difference, difference_of_texts
 from soaking.inputs.material import ROBOTS
@@ -28,8 +28,9 @@ KINDS: dict[str, int] = {
     **{f"scan {name}": 3 for name in scan_files.NAMES},
     "arm.urdf": 10, "arm.xacro": 2, "arm.xml": 7, "arm.yaml": 3, "arm.conf": 2, "arm.csv": 3,
     "session.json": 8, "model.json": 10, "own_effect.py": 10, "import.zip": 8, "measured.csv": 8,
+    "odd cell": 60,
 }  # fmt: skip
-"""By kind: how many of 200 cases."""
+"""By kind: how many of 260 cases."""
 
 READERS = {
     "calibrate": 30, "check": 12, "diagnose": 12, "redundancy": 8, "validate": 6, "plan": 8, "report": 5, "correct": 4,
@@ -51,6 +52,8 @@ def attempt(number: int, seed: int, material: Path, scratch: Path) -> Result:
     kind = turns(seed)[number % len(turns(seed))]
     if kind.startswith("scan "):
         return scan_files.attempt(number, rng, kind.removeprefix("scan "), material, scratch)
+    if kind == "odd cell":
+        return odd_cells.attempt(number, rng, scratch)
     if kind == "import.zip":
         return zips.attempt(number, rng, material, scratch)
     same = rng.random() < SAME_SHARE

@@ -14,10 +14,10 @@ from calib.dataset.dataset import ROLES, Poses
 from calib.dataset.files.csv_table import TableFile, short
 from calib.dataset.files.declared_units import NOT_DECLARED, DeclaredUnits, internal, unit_of
 from calib.dataset.files.robot_toml import degrees
+from calib.dataset.input_names import CONDITIONS
 from calib.errors import DatasetError, is_one_line
 from calib.kinematics.robot import Robot
 
-CONDITIONS = ("payload_kg", "temperature_c", "time_s")
 _LIMITS = {  # values beyond are in another unit: milliseconds since 1970, grams
     "payload_kg": (0.0, 1e5),
     "temperature_c": (-273.15, 5e3),

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from calib.calibration.noise_check import noise_floor_mm
+from calib.calibration.noise_level import FIT, NoiseLevel, noise_level
 from calib.calibration.result import Calibration
 from calib.diagnosis.words.conclusions import HeldOutError
 from calib.diagnosis.words.phrases import length_digits, listed, times_text
@@ -34,18 +34,24 @@ class Headline:
     """The way from the nominal robot to the last model, and what noise alone would leave."""
 
     stages: tuple[ErrorStage, ...]  # the nominal robot first
-    noise_mm: float | None  # 3D RMSE that the declared noise leaves; None where none is declared
+    noise: NoiseLevel
     of_test_poses: bool  # else there are none, and the errors are of the poses that were fitted
 
     @property
+    def noise_mm(self) -> float | None:
+        """3D RMSE that noise alone leaves; None where it is not known."""
+        return self.noise.floor_mm
+
+    @property
     def noise_ratio(self) -> float | None:
-        """The last error over the noise; None where no noise is declared."""
+        """The last error over the noise; None where that is not known."""
         return self.stages[-1].error_mm / self.noise_mm if self.noise_mm else None
 
     @property
     def reached_noise(self) -> bool:
-        """Whether the last error is what noise leaves. Never so where no noise is declared."""
-        return self.noise_ratio is not None and self.noise_ratio <= NOISE_AGREES
+        """Whether the last error is what noise leaves. Never so where the fit alone tells the noise."""
+        ratio = self.noise_ratio
+        return ratio is not None and self.noise.source != FIT and ratio <= NOISE_AGREES
 
     @property
     def unit(self) -> str:
@@ -73,7 +79,7 @@ def headline_of(calibrations: Sequence[Calibration]) -> Headline:
         name = _name(new, with_links=len(stages) == 1)
         stages.append(ErrorStage(name, _error_mm(calibrations[step], of_test_poses), step, new))
         inside = effects
-    return Headline(tuple(stages), noise_floor_mm(last), of_test_poses)
+    return Headline(tuple(stages), noise_level(last), of_test_poses)
 
 
 def _on_the_way(effects: Sequence[tuple[str, ...]]) -> list[int]:
@@ -112,8 +118,12 @@ def headline_text(told: Headline) -> str:
 
 
 def noise_words(told: Headline) -> str:
-    """ "noise 0.0062 mm"."""
-    return "noise not declared" if told.noise_mm is None else f"noise {told.shown(told.noise_mm)}"
+    """ "noise 0.0062 mm", or "noise as the fit left it 0.21 mm: not declared"."""
+    if told.noise_mm is None:
+        return "noise not declared"
+    if told.noise.is_declared:
+        return f"noise {told.shown(told.noise_mm)}"
+    return f"{told.noise.name} {told.shown(told.noise_mm)}: not declared"
 
 
 def headline_note(told: Headline) -> str:
@@ -126,8 +136,13 @@ def headline_note(told: Headline) -> str:
     if told.stages[-1].error_mm > told.stages[0].error_mm:
         of += " It rose: the fit is worse than robot.toml as it was, so do not put it on the robot."
     ratio = told.noise_ratio
-    if ratio is None:
+    if ratio is None or told.noise_mm is None:
         return f"{of} The dataset declares no noise to compare it with."
+    if told.noise.source == FIT:
+        return (
+            f"{of} The dataset declares no noise; what is left is {times_text(ratio)} what the {told.noise.name} "
+            f"would leave, {told.shown(told.noise_mm)}, and that holds what is missing from the model, too."
+        )
     if told.reached_noise:
         return f"{of} What is left is no more than noise."
     return f"{of} What is left is {times_text(ratio)} what noise alone would leave."

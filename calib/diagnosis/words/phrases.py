@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.array_types import BoolArray
-from calib.calibration.input_variables import joint_input
 from calib.calibration.result import Calibration
+from calib.dataset.input_names import PLACES, joint_input
 from calib.dataset.stands import ShotCount
 from calib.effects.catalogue.unknown_masses import stiffness
 from calib.effects.effect import Effect, Parameter, has_meaning, meaning_of
@@ -107,7 +107,7 @@ def input_text(name: str) -> str:
             "torque": f"gravity's torque on joint {joint + 1}",
             "approach": f"the approach of joint {joint + 1}",
         }[quantity]
-    if name in ("x", "y", "z"):
+    if name in PLACES:
         return f"{name} of the scanner's frame"
     return _CONDITIONS.get(name, name)
 

@@ -37,7 +37,7 @@ _REFUSALS = {
 _NOISE_SOURCES = {
     "repeats": "by repeated measurements",
     "dataset": "as dataset.toml declares it, believed to 25 %",
-    "fit": "which no one declared",
+    "fit": "as the fit left it: not declared",
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from calib.dataset.dataset import Dataset
 from calib.effects.catalogue.compliance import (
@@ -82,6 +83,9 @@ def effects_for(dataset: Dataset) -> tuple[Family, ...]:
 
     Whether poses are rich enough to tell a family from geometry is found by `calib.screening.candidates`, not here.
     """
+    points = dataset.points
+    if points is not None and dataset.poses.is_test[points.pose].all():
+        dataset = replace(dataset, points=None)  # of test poses no family may take its places and ranges
     return tuple(kind.family(dataset) for kind in CATALOGUE)
 
 

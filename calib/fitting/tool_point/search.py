@@ -98,8 +98,9 @@ def solve_tool_point(problem: ToolPointProblem) -> SolvedToolPoint | None:
     for _ in range(_STEPS):
         cost = float(residual @ residual)
         hold = cost / problem.freedom / _WIDEST_MM**2
-        information = columns.T @ columns + hold * np.eye(count)
-        step = -np.linalg.solve(information, columns.T @ residual + hold * moved)
+        # Least squares of columns and hold together: exact points hold nothing, and may tell nothing of a direction.
+        held = np.concatenate([columns, np.sqrt(hold) * np.eye(count)])
+        step = -np.linalg.lstsq(held, np.concatenate([residual, np.sqrt(hold) * moved]), rcond=1e-12)[0]
         for share in 0.5 ** np.arange(8):
             residual, columns = problem.at(moved + share * step)
             if float(residual @ residual) <= cost:
@@ -108,6 +109,8 @@ def solve_tool_point(problem: ToolPointProblem) -> SolvedToolPoint | None:
         if np.linalg.norm(share * step) < 1e-3:
             break
     noise2 = float(residual @ residual) / problem.freedom
-    information = columns.T @ columns / max(noise2, 1e-12) + np.eye(count) / _WIDEST_MM**2
-    covariance = problem.directions @ np.linalg.inv(information) @ problem.directions.T
+    _, size, turn = np.linalg.svd(columns, full_matrices=False)
+    sigma_mm = 1.0 / np.sqrt(size**2 / max(noise2, 1e-12) + 1.0 / _WIDEST_MM**2)
+    root = problem.directions @ turn.T * sigma_mm
+    covariance = root @ root.T
     return SolvedToolPoint(problem.nominal_mm + problem.directions @ moved, covariance)

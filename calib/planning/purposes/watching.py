@@ -96,7 +96,13 @@ def _kinds_of(situation: Situation) -> tuple[CheckedKind, ...]:
         raise CalibError(
             f"{situation.start.dataset.name}: --for watch plans check poses against a calibration; give its dataset"
         )
-    return usual_kinds(situation.unknowns, situation.candidates, situation.rows)
+    kinds = usual_kinds(situation.unknowns, situation.candidates, situation.rows)
+    if not kinds:
+        raise CalibError(
+            f"{situation.start.dataset.name}: no pose shows a change of any joint's zero or of the tool beyond the "
+            "noise; measure with less noise, or a target farther from the axes"
+        )
+    return kinds
 
 
 def usual_kinds(unknowns: Unknowns, candidates: Poses, rows: Array) -> tuple[CheckedKind, ...]:

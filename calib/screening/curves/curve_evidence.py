@@ -127,7 +127,10 @@ class CurveEvidence:
                 inverse = dtrtri(factor, lower=1)[0]
                 share[shown] = 1.0 - np.einsum("ij,ij->j", inverse, inverse)  # (L L^T)^-1 = L^-T L^-1
         quadratic = self.total - float(mean @ (sigma * self.towards))
-        value = -0.5 * self.freedom * float(np.log(quadratic / self.total)) - half_log_det
+        value = (
+            -0.5 * self.freedom * float(np.log(max(quadratic, 1e-300) / max(self.total, 1e-300)))
+            - half_log_det
+        )
         return CurvePosterior(value, sigma, mean, quadratic), share
 
     def best(self, starts: tuple[Spectrum, ...] = ()) -> tuple[float, Spectrum]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.array_types import Array
+from calib.dataset.input_names import quantity_of
 from calib.screening.curves.curve_evidence import CurveColumns, CurveEvidence, Spectrum
 from calib.screening.curves.smooth_joint_error import FormulaModes, FormulaTerm
 
@@ -33,7 +34,7 @@ def candidate_terms(input_name: str, u: Array) -> list[FormulaTerm]:
     low, high = float(np.min(u)), float(np.max(u))
     places = np.linspace(low, high, _PLACES + 2)[1:-1].tolist()
     terms = [FormulaTerm("kink", place=p) for p in places] + [FormulaTerm("step", place=p) for p in places]
-    if input_name.startswith("torque"):
+    if quantity_of(input_name) == "torque":
         return [*terms, FormulaTerm("square")]
     terms += [FormulaTerm("harmonic", order=n) for n in range(1, _HIGHEST_ORDER + 1)]
     return terms + [

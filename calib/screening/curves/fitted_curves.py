@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from calib.array_types import Array, BoolArray
-from calib.calibration.input_variables import joint_input
 from calib.calibration.result import Calibration
+from calib.dataset.input_names import joint_input, summed_joints
 from calib.effects.effect import full_name
 from calib.screening.curves.effect_file import formula_text
 from calib.screening.curves.smooth_joint_error import (
@@ -167,11 +167,11 @@ def _line(curve: FittedCurve) -> str:
 
 
 def _input_unit(name: str, calibration: Calibration) -> str:
-    units = {"temperature_c": "C", "time_s": "s", "payload_kg": "kg"}
-    if name in units or name in calibration.dataset.poses.extra:
-        return units.get(name, "")
-    quantity, joint = joint_input(name) or ("q", -1)
+    of_joint = joint_input(name)
+    if of_joint is None:  # sums are of angles only
+        units = {"temperature_c": "C", "time_s": "s", "payload_kg": "kg"}
+        return units.get(name, "" if summed_joints(name) is None else "deg")
+    quantity, joint = of_joint
     if quantity == "torque":
         return "Nm"
-    angle = joint < 0 or calibration.model.robot.joints[joint].is_revolute  # sums are of angles only
-    return "deg" if angle else "mm"
+    return "deg" if calibration.model.robot.joints[joint].is_revolute else "mm"

@@ -10,6 +10,7 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.blas_threads import one_blas_thread
 from calib.calibration.result import Calibration
+from calib.dataset.input_names import further_inputs
 from calib.effects.gravity import has_masses
 from calib.screening.curves.curve_evidence import CurveColumns, CurveEvidence, CurvePosterior, Spectrum
 from calib.screening.curves.curve_formulas import FoundFormula, find_formula
@@ -166,7 +167,7 @@ def _over_other_inputs(left: ProjectedResidual) -> Iterator[_Candidate]:
     """Of every joint, over what else varies: its torque, a sum of two angles, temperature, time, a further column."""
     robot, poses, directions = left.residuals.model.robot, left.state.poses, joint_directions(left)
     shared = [name for name in ("temperature_c", "time_s", "payload_kg") if getattr(poses, name) is not None]
-    shared += [str(name) for name, column in poses.extra.items() if _is_number(column)]
+    shared += [name for name, of in further_inputs(poses).items() if _is_number(poses.extra[of])]
     for j, joint in enumerate(robot.joints):
         names = [] if joint.is_revolute else [f"q{j + 1}"]
         names += [f"torque{j + 1}"] if has_masses(robot) else []

@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 
 from calib.array_types import Array, IndexArray
+from calib.dataset.input_names import CONDITIONS, further_inputs, joint_input, summed_joints
 from calib.effects.effect import Parameter
 from calib.effects.state import RobotState
+from calib.errors import FitError
 
 LEARNED = "smooth_joint_error"
 
@@ -156,20 +158,32 @@ def inputs_of(members: Iterable[SmoothJointError]) -> tuple[str, ...]:
 def input_values(state: RobotState, name: str) -> Array:
     """(N,) of an input of a curve: q5 (rad or mm), q2+q3, q2-q3, torque2 (Nm), temperature_c, time_s, payload_kg, or a
     further column of poses.csv.
+
+    Raises FitError where the poses do not have it.
     """
-    poses = state.poses
-    if name.startswith("torque"):
-        return np.asarray(state.loaded.gravity_torques_nm[:, int(name.removeprefix("torque")) - 1])
-    if name in ("temperature_c", "time_s", "payload_kg"):
-        return np.asarray(getattr(poses, name), dtype=float)
-    if name in poses.extra:
-        return np.asarray(poses.extra[name], dtype=float)
-    first, sign, second = name.partition("-") if "-" in name else name.partition("+")
-    u = poses.q[:, int(first.removeprefix("q")) - 1]
-    if not sign:
-        return np.asarray(u)
-    other = poses.q[:, int(second.removeprefix("q")) - 1]
-    return np.asarray(u - other if sign == "-" else u + other)
+    poses, of_joint, summed = state.poses, joint_input(name), summed_joints(name)
+    if summed is not None:
+        first, sign, second = summed
+        return np.asarray(poses.q[:, first] + sign * poses.q[:, second])
+    if of_joint is not None:
+        quantity, joint = of_joint
+        if quantity == "torque":
+            of_all: Array | None = state.loaded.gravity_torques_nm
+        else:
+            of_all = poses.q if quantity == "q" else poses.approach
+        values: Any = None if of_all is None else of_all[:, joint]
+    elif name in CONDITIONS:
+        values = getattr(poses, name)
+    else:
+        columns = further_inputs(poses)
+        values = poses.extra[columns[name]].to_numpy() if name in columns else None
+        if values is not None and values.dtype.kind not in "fiub":
+            raise FitError(
+                f"a learned curve runs over column {columns[name]!r}; found words there, numbers are needed"
+            )
+    if values is None:
+        raise FitError(f"a learned curve runs over {name}; give it for each pose, as poses.csv does")
+    return np.asarray(values, dtype=float)
 
 
 def _identifier(name: str) -> str:

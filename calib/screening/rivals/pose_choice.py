@@ -87,19 +87,20 @@ class _Conditional:
 
     def __init__(self, rival: Prediction, chosen: Sequence[int]) -> None:
         self.rival = rival
-        spread, width = rival.spread, rival.spread.shape[1]
+        spread = rival.spread
         self.inside = spread[list(chosen)].reshape(-1, spread.shape[2])  # (S, P)
         self.mean_inside = rival.mean[list(chosen)].ravel()
         self.covariance = np.eye(len(self.inside)) + self.inside @ self.inside.T
-        self.inverse_inside = np.linalg.inv(self.covariance)
-        across = spread @ self.inside.T  # (C, W, S)
-        self.gain = across @ self.inverse_inside
-        left = np.eye(width) + spread @ np.swapaxes(spread, 1, 2) - self.gain @ np.swapaxes(across, 1, 2)
-        # At least the noise's own variance, 1: differences of large numbers may lose it.
-        variance, turn = np.linalg.eigh(0.5 * (left + np.swapaxes(left, 1, 2)))
-        variance = np.maximum(variance, 1.0)
-        self.inverse = (turn / variance[:, None, :]) @ np.swapaxes(turn, 1, 2)
-        self.log_det = np.sum(np.log(variance), axis=1) + np.linalg.slogdet(self.covariance)[1]
+        # By the singular values of the inside, so that nothing cancels where a rival spreads far beyond the noise.
+        axes, size, turn = np.linalg.svd(self.inside, full_matrices=False)
+        self.inverse_inside = np.eye(len(axes)) - (axes * (size**2 / (1.0 + size**2))) @ axes.T
+        along = spread @ turn.T  # (C, W, k)
+        self.gain = (along * (size / (1.0 + size**2))) @ axes.T
+        root = spread - (along * (1.0 - 1.0 / np.sqrt(1.0 + size**2))) @ turn
+        beyond, own = np.linalg.eigh(root @ np.swapaxes(root, 1, 2))  # beside the noise, which is 1
+        beyond = np.clip(beyond, 0.0, None)
+        self.inverse = (own / (1.0 + beyond)[:, None, :]) @ np.swapaxes(own, 1, 2)
+        self.log_det = np.sum(np.log1p(beyond), axis=1) + np.sum(np.log1p(size**2))
 
     def divergence_from(self, true: _Conditional) -> Array:
         """(C,) KL divergence of the true rival's joint prediction, chosen poses and one more, against this one's."""

@@ -29,6 +29,7 @@ from calib.screening.candidates import Candidate
 from calib.screening.member_columns import member_columns
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 
+_FINEST = 1e-5  # times what counts as the noise: exact data leave less, and would drown the prior in rounding
 _FRAME = np.array(
     [1e3, 1e3, 1e3, 1.0, 1.0, 1.0]
 )  # mm, rad: prior sigmas of a scanner's place, as good as unknown
@@ -115,7 +116,7 @@ def predict(calibration: Calibration, rivals: Sequence[Rival], poses: Poses) -> 
     left = float(projected.residual @ projected.residual)
     if stays.all():  # else the model has one of them, and the rest is noise
         left *= min(1.0 - rival.explained_share for rival in rivals)
-    noise = float(np.sqrt(max(left, 1e-12) / projected.freedom))
+    noise = max(float(np.sqrt(left / projected.freedom)), _FINEST)
     measured, missing, centre = _measured_rows(projected, stays)
     further = _FurtherRows.of(projected, poses, centre)
     nominal = np.concatenate(

@@ -57,7 +57,7 @@ def separations_mm(predictions: Predictions, poses: IndexArray, apart: BoolArray
         spread = rivals[j].spread[poses]
         covariance = np.eye(off.shape[1]) + spread @ np.swapaxes(spread, 1, 2)
         square = np.einsum("kw,kw->k", off, np.linalg.solve(covariance, off[..., None])[..., 0])
-        least = np.minimum(least, np.sqrt(square))
+        least = np.minimum(least, np.sqrt(np.maximum(square, 0.0)))
     return np.where(np.isfinite(least), least * predictions.sigma_mm, 0.0)
 
 
@@ -71,27 +71,28 @@ def settled_probability(predictions: Predictions, poses: IndexArray, *, lead: fl
     likely = weights(predictions)
     rng = np.random.default_rng(0)
     joint = [_joint(rival, poses) for rival in rivals]
-    roots = [np.linalg.cholesky(covariance) for _, covariance in joint]
     draws = rng.standard_normal((len(joint[0][0]), _DRAWS))
     freedom = predictions.freedom
     total = 0.0
     for i, (mean, _) in enumerate(joint):
-        measured = mean[:, None] + roots[i] @ draws
+        measured = mean[:, None] + joint[i][1] @ draws
         after = np.empty((len(joint), _DRAWS))
-        for j, (predicted, _) in enumerate(joint):
-            off = np.linalg.solve(roots[j], measured - predicted[:, None])
+        for j, (predicted, root) in enumerate(joint):
+            off = np.linalg.solve(root, measured - predicted[:, None])
             # The noise is estimated with each rival: a Student distribution, as the screening's evidence.
             fit = 0.5 * (freedom + len(off)) * np.log1p(np.sum(off**2, axis=0) / freedom)
-            after[j] = rivals[j].log_evidence - fit - np.sum(np.log(np.diag(roots[j])))
+            after[j] = rivals[j].log_evidence - fit - np.sum(np.log(np.diag(root)))
         others = np.delete(after, i, axis=0).max(axis=0)
         total += float(likely[i] * np.mean(after[i] - others > lead))
     return total
 
 
 def _joint(rival: Prediction, poses: IndexArray) -> tuple[Array, Array]:
-    """Mean (K W,) and covariance (K W, K W) of what a rival predicts at some poses."""
+    """Mean (K W,), and lower triangular root (K W, K W) of the covariance, of what a rival predicts at some poses."""
     spread = rival.spread[poses].reshape(-1, rival.spread.shape[2])
-    return rival.mean[poses].ravel(), np.eye(len(spread)) + spread @ spread.T
+    # Cholesky's factor of 1 + L L^T, without the square, in which the noise would be lost beside a wide spread.
+    upper = np.asarray(np.linalg.qr(np.concatenate([np.eye(len(spread)), spread.T]), mode="r"))
+    return rival.mean[poses].ravel(), (upper * np.where(np.diag(upper) < 0.0, -1.0, 1.0)[:, None]).T
 
 
 def _divergence(true: Prediction, other: Prediction, poses: IndexArray) -> float:

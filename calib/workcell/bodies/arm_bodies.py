@@ -81,7 +81,7 @@ class ArmBodies:
         return replace(
             self,
             radius_mm=np.where(guessed, share, 1.0) * self.radius_mm,
-            shortened_mm=np.where(self.link < self.link.max(), share, 1.0) * self.shortened_mm,
+            shortened_mm=np.where(self.link < self.link.max(initial=-1), share, 1.0) * self.shortened_mm,
         )
 
 

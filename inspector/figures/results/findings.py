@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import plotly.graph_objects as go
 
-from calib.calibration.noise_check import noise_floor_mm
+from calib.calibration.noise_level import noise_level
 from calib.calibration.result import Calibration
 from calib.diagnosis.decision_rules import MIN_LOG_EVIDENCE
 from calib.diagnosis.effect_selection import FitStep, candidate_of
@@ -26,7 +26,7 @@ from inspector.figures.results.alone import titled
 def error_history(of: Diagnosis | Sequence[FitStep], *, dark: bool = False) -> go.Figure:
     """How the 3D error (RMS, mm, logarithmic) of training and test poses fell with each effect that was added.
 
-    Dashed: what noise alone leaves, where the dataset declares it.
+    Dashed: what noise alone leaves, as the dataset declares it, as repeats show it, or as the fit left it.
 
     Args:
         of: a diagnosis, or the steps of a model, as `calib.diagnosis.search_space.add_in_turn` makes them.
@@ -37,7 +37,8 @@ def error_history(of: Diagnosis | Sequence[FitStep], *, dark: bool = False) -> g
     labels = ["as delivered", *(step.label for step in steps)]
     train = [np.nan if s.train is None else s.train.rmse_mm for s in stages]
     test = [np.nan if s.test is None else s.test.rmse_mm for s in stages]
-    drawn = plots.error_history(labels, train, test, noise_floor_mm(last), dark=dark)
+    level = noise_level(last)
+    drawn = plots.error_history(labels, train, test, level.floor_mm, noise=level.name, dark=dark)
     return titled(drawn, f"The error falls: {last.dataset.name}", dark=dark)
 
 

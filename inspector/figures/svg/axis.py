@@ -12,6 +12,7 @@ import numpy as np
 from inspector.figures.svg.text import plain
 
 _PADDING = 0.05  # of the range, beyond the outermost values
+_SMALLEST = 1e-290  # beyond which no tick can be told from the next
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,8 @@ def _range(
     low, high = float(known.min()), float(known.max())
     if given.get("rangemode") == "tozero" and kind == "linear":
         low, high = min(low, 0.0), max(high, 0.0)
-    room = _PADDING * ((high - low) or abs(high) or 1.0)
+    size = (high - low) or abs(high)
+    room = _PADDING * (size if size > _SMALLEST else 1.0)
     at_zero = given.get("rangemode") == "tozero" and low == 0.0
     return (low if at_zero else low - (room if marks or high == low else 0.0)), high + room
 

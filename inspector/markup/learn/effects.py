@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from calib.calibration.noise_check import noise_floor_mm
+from calib.calibration.noise_level import noise_level
 from calib.diagnosis.advice import Advice, residual_summary
 from calib.diagnosis.decision_rules import is_convincing
 from calib.diagnosis.diagnose import AddCurves, SearchAgain, SearchWithNoise
@@ -42,7 +42,8 @@ def state_html(session: Session, undo: int, redo: int) -> str:
         return elements.note(NOT_YET)
     last = session.history[-1]
     test = last.test_rmse_mm
-    floor = noise_floor_mm(session.calibration)
+    level = noise_level(session.calibration)
+    floor, undeclared = level.floor_mm, "" if level.is_declared else ", not declared"
     rows: list[tuple[str, object]] = [
         (
             "model",
@@ -52,7 +53,10 @@ def state_html(session: Session, undo: int, redo: int) -> str:
         ),
         ("training 3D RMSE", f"{numbers.millimetres(last.train_rmse_mm)} mm"),
         ("test 3D RMSE", f"{numbers.millimetres(test)} mm" if math.isfinite(test) else "no test poses"),
-        ("noise alone, 3D", "not declared" if floor is None else f"{numbers.millimetres(floor)} mm"),
+        (
+            f"{level.name}, 3D",
+            "not declared" if floor is None else f"{numbers.millimetres(floor)} mm{undeclared}",
+        ),
         ("changes to undo · redo", f"{undo} · {redo}"),
     ]
     sentence, colour = last_change(session.history)

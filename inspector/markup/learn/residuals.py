@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from calib.array_types import Array
-from calib.calibration.input_variables import joint_input
 from calib.calibration.pose_errors import PoseErrors
+from calib.dataset.input_names import PLACES, joint_input
 from calib.kinematics.robot import Robot
 from inspector.markup.parts import numbers
 
@@ -23,7 +23,8 @@ NAMES = {
 
 def band_note(pose_errors: PoseErrors, band: tuple[float, float]) -> str:
     """What the grey band is, and how many poses leave it where that is counted."""
-    grey = f"Grey: where noise alone ({numbers.length(pose_errors.noise_mm)} a coordinate) leaves 19 of 20 poses."
+    noise = pose_errors.noise.words(numbers.length(pose_errors.noise_mm), " a coordinate")
+    grey = f"Grey: where {noise} leaves 19 of 20 poses."
     if not np.isfinite(band).all():
         return "These poses do not tell how much noise alone would make of it: there is no band."
     outside = pose_errors.error_length_mm > pose_errors.length_noise_mm
@@ -43,7 +44,7 @@ def input_title(name: str, robot: Robot) -> str:
         angle = "angle, °" if robot.joints[joint].is_revolute else "position, mm"
         what = {"q": angle, "torque": "gravity torque, Nm", "approach": "approach (−1 or 1)"}[quantity]
         return f"joint {joint + 1} {what}"
-    if name in ("x", "y", "z"):
+    if name in PLACES:
         return f"place {name} in the scanner's frame, mm"
     return NAMES.get(name, name) + (f", {UNITS[name]}" if name in UNITS else "")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from calib.dataset.input_names import quantity_of
 from calib.dataset_import.columns import Meaning
 from calib.dataset_import.files.user_files import UNUSED, UserFile
 from calib.dataset_import.plan import ImportPlan, PlannedColumn
@@ -53,7 +54,7 @@ def meaning_words(meaning: Meaning | None) -> str:
     """A meaning in words, such as "joint 3, deg, other way round"."""
     if meaning is None or meaning.name == "ignore":
         return "–"
-    if not (meaning.name[:1] == "q" and meaning.name[1:].isdigit()):
+    if quantity_of(meaning.name) != "q":
         return f"{meaning.name}, {meaning.unit}" if meaning.unit else meaning.name
     words = [f"joint {meaning.name[1:]}"]
     words += [meaning.unit] if meaning.unit else []

@@ -7,7 +7,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.calibration.evaluation import Figures
 from calib.calibration.model_versions import Version
-from calib.calibration.noise_check import noise_floor_mm
+from calib.calibration.noise_level import noise_level
 from inspector.markup.parts import colour_scale, elements, numbers
 from inspector.markup.parts.palette import FACE_COLOURS, LEFT_OUT, MODEL_COLOURS, ROLE_COLOURS, ROLE_WORDS
 from inspector.session.view import BY_ERROR, View
@@ -26,13 +26,14 @@ def figures_html(view: View) -> str:
         )
         for version in view.versions
     ]
-    floor = noise_floor_mm(view.versions[-1].calibration)
+    level = noise_level(view.versions[-1].calibration)
+    floor = level.floor_mm
     noise = "not declared" if floor is None else numbers.millimetres(floor)
     tested = view.versions[-1].evaluation.test is not None
     return (
         elements.heading("3D errors, mm: RMSE and largest")
         + elements.table(
-            COLUMNS, [*rows, ("noise alone", noise, "–", noise if floor is not None and tested else "–", "–")]
+            COLUMNS, [*rows, (level.name, noise, "–", noise if floor is not None and tested else "–", "–")]
         )
         + elements.note("Training poses are fitted; test poses are only predicted.")
     )
@@ -58,11 +59,12 @@ def points_legend(view: View) -> str:
     """What the colours of the measured points mean."""
     if view.colouring != BY_ERROR or view.version is None:
         return roles_legend(view)
-    floor = noise_floor_mm(view.version.calibration)
+    level = noise_level(view.version.calibration)
+    floor = level.floor_mm
     return colour_scale.bar(
         f"Measured points: 3D error of {view.version.name}", 0.0, error_limit_mm(view),
         colour_scale.error_colours(view.dark),
-        mark=None if floor is None else (floor, f"noise alone, {numbers.length(floor)}"),
+        mark=None if floor is None else (floor, f"{level.name}, {numbers.length(floor)}"),
     )  # fmt: skip
 
 

@@ -6,8 +6,8 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from calib.calibration.input_variables import joint_input
 from calib.dataset.dataset import Dataset
+from calib.dataset.input_names import joint_input
 from calib.effects.effect import Effect, parameters_by_name
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
 from inspector.markup.parts.elements import Html, asking, joint_link, pose_link, text

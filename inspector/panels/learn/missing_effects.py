@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import viser
 
-from calib.calibration.noise_check import noise_floor_mm
+from calib.calibration.noise_level import noise_level
 from calib.screening.curves.fitted_curves import fitted_curves
 from calib.screening.curves.smooth_joint_error import LEARNED
 from inspector.figures.curve_plots import height_px, joint_curves
@@ -150,11 +150,13 @@ class MissingEffectsPanel:
         self._history.visible = session.calibration is not None and bool(session.history)
         if session.calibration is None or not session.history:
             return
+        level = noise_level(session.calibration)
         self._history.figure = error_history(
             [step.label for step in session.history],
             [step.train_rmse_mm for step in session.history],
             [step.test_rmse_mm for step in session.history],
-            noise_floor_mm(session.calibration),
+            level.floor_mm,
+            noise=level.name,
             dark=view.dark,
         )
 

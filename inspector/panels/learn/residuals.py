@@ -139,10 +139,9 @@ class ResidualsPanel:
         if version is None or view.shows_last or view.session.pose_errors is None:
             return view.session.pose_errors
         if self._of is None or self._of[0] is not version.evaluation:
-            dataset = version.calibration.dataset
             self._of = (
                 version.evaluation,
-                pose_errors_at(dataset, version.model, version.x, version.evaluation),
+                pose_errors_at(version.calibration, version.model, version.x, version.evaluation),
             )
         return self._of[1]
 

@@ -3,6 +3,51 @@
 "use strict";
 
 (() => {
+  // ---- drawing ----
+
+  // Plotly draws in steps that wait for each other, and the last reads what Plotly.purge has thrown away by then: a tab
+  // that is left, or a page that is resized, while its figure is drawn would end in an error ("Cannot read properties
+  // of undefined (reading '_redrawFromAutoMarginCount')"). So a figure is thrown away once it is drawn. Viser brings
+  // Plotly with the first figure, after this script.
+  function drawnBeforePurged(plotly) {
+    const { react, purge } = plotly;
+    const drawing = new WeakMap(); // by element, how many drawings of it go on, and whether it is to be thrown away
+    plotly.react = (plot, ...figure) => {
+      const state = drawing.get(plot) ?? { going: 0, left: false };
+      drawing.set(plot, state);
+      state.going += 1;
+      const ended = () => {
+        state.going -= 1;
+        if (state.going > 0) return;
+        drawing.delete(plot);
+        if (state.left) purge(plot);
+      };
+      let drawn;
+      try {
+        drawn = Promise.resolve(react(plot, ...figure));
+      } catch (error) {
+        ended();
+        throw error;
+      }
+      drawn.then(ended, ended);
+      return drawn;
+    };
+    plotly.purge = (plot) => {
+      const state = drawing.get(plot);
+      if (!state) return purge(plot);
+      state.left = true;
+      return plot;
+    };
+    return plotly;
+  }
+
+  let plotly;
+  Object.defineProperty(window, "Plotly", {
+    configurable: true,
+    get: () => plotly,
+    set: (brought) => (plotly = brought && drawnBeforePurged(brought)),
+  });
+
   // ---- clicks ----
 
   // A trace's meta names the request; its value is meta.value for the whole trace, meta.rows by the label of a heatmap's
@@ -37,7 +82,7 @@
   // What marks values beyond the axis says so only while they are; and the range that a double-click goes back to is
   // that of the numbers on show, not of those that were plotted here before.
   function tidy(plot) {
-    const { xaxis, yaxis } = plot._fullLayout;
+    const { xaxis, yaxis } = plot._fullLayout ?? {};
     if (!xaxis || !yaxis) return;
     if (plot.dataset.plotted !== undefined && plot.dataset.plotted !== yaxis.uirevision)
       for (const axis of Object.values(plot._fullLayout).filter((each) => each?._rangeInitial0 !== undefined)) {

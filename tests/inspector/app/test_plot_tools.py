@@ -34,8 +34,14 @@ def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
 
 
 @pytest.fixture(scope="module")
-def page(app: App) -> Iterator[Any]:
-    with browser() as chromium, open_page(chromium, url_of(app.server), 1600, 900) as opened:
+def chromium() -> Iterator[Any]:
+    with browser() as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def page(app: App, chromium: Any) -> Iterator[Any]:
+    with open_page(chromium, url_of(app.server), 1600, 900) as opened:
         yield opened
 
 
@@ -174,3 +180,42 @@ def test_a_figure_is_saved_with_dark_ink_on_white(page: Any, app: App, tmp_path:
     assert "error length" in svg or "joint" in svg
     assert "rgb(232, 234, 237)" not in svg
     assert "rgb(36, 41, 47)" in svg
+
+
+LONG = [f"a label that takes a wide margin, number {k}" for k in range(30)]
+DRAWN_AND_LEFT = """
+async ([labels, times]) => {
+  const layout = { width: 400, height: 300, xaxis: { automargin: true }, yaxis: { automargin: true } };
+  for (let k = 0; k < times; k += 1) {
+    const plot = document.createElement("div");
+    document.body.append(plot);
+    const data = [{ type: "bar", orientation: "h", y: labels, x: labels.map((_, i) => i + k) }];
+    const drawn = Plotly.react(plot, data, layout);
+    if (k % 2) Plotly.react(plot, data, { ...layout, width: 300 });
+    Plotly.purge(plot);
+    plot.remove();
+    await drawn.catch(() => undefined);
+  }
+  await new Promise((resolve) => setTimeout(resolve, 300));
+  const last = document.createElement("div");
+  document.body.append(last);
+  await Plotly.react(last, [{ y: [1, 2] }], layout);
+  Plotly.purge(last);
+  const purged = last._fullLayout === undefined;
+  last.remove();
+  return purged;
+}
+"""
+
+
+def test_a_figure_that_is_left_while_it_is_drawn_makes_no_error(app: App, chromium: Any) -> None:
+    with open_page(chromium, url_of(app.server), 1200, 800) as page:  # which fails where a script of it does
+        residual_plot(page)
+        assert page.evaluate(DRAWN_AND_LEFT, [LONG, 20])
+        for k in range(12):
+            app.select(k)
+            for name in ("Fit", "Where it fails", "What is missing", "Where it fails"):
+                open_tab(page, name)
+            page.set_viewport_size({"width": 1000 + 40 * (k % 5), "height": 700 + 20 * (k % 3)})
+        assert app.worker.wait_idle(20)
+        page.wait_for_timeout(1000)

@@ -20,10 +20,13 @@ import pytest
 
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import load_robot
+from calib.measurement.measured_points import failed_searches
 from calib.models.model_file import load_model
 from inspector.cli.parser import _parser, main
 from inspector.cli.subcommands import SUBCOMMANDS, Subcommand
+from inspector.session.measuring import open_session, with_search
 from tests.support.arms import dataset_of, jang_arm, perturbed
+from tests.support.tiny_dataset import write_tiny
 
 
 @pytest.fixture(scope="module")
@@ -353,16 +356,42 @@ def test_a_scan_without_three_planes_is_told_and_the_others_are_used(
     ("content", "says"),
     [(b"", "empty"), (b"\x00\xff junk that is no scan at all", "PLY"), (None, "promises")],
 )
-def test_a_scan_file_that_cannot_be_read_is_bad_input(
+def test_a_scan_file_that_cannot_be_read_is_a_failed_search_beside_others_and_bad_input_alone(
     capsys: pytest.CaptureFixture[str], own_scans: Path, tmp_path: Path, content: bytes | None, says: str
 ) -> None:
-    scan = sorted((own_scans / "scans").iterdir())[2]
-    scan.write_bytes(scan.read_bytes()[:5000] if content is None else content)
+    scans = sorted((own_scans / "scans").iterdir())
+    spoiled = scans[2].read_bytes()[:5000] if content is None else content
+    scans[2].write_bytes(spoiled)
     out = tmp_path / "points.csv"
+    document = run_json(capsys, "corners", own_scans, "--out", out)
+    assert [corner["pose"] for corner in document["corners"]] == [s.stem for s in scans if s != scans[2]]
+    (failed,) = document["failed"]
+    assert failed["pose"] == scans[2].stem
+    assert scans[2].name in failed["reason"]
+    assert says.lower() in failed["reason"].lower()
+    out.unlink()
+    for scan in scans:
+        scan.write_bytes(spoiled)
     line = refused(capsys, "corners", own_scans, "--out", out)
-    assert scan.name in line
+    assert scans[0].name in line
     assert says.lower() in line.lower()
+    assert line.endswith("; 3 further scans cannot be read")
     assert not out.exists()
+
+
+@pytest.mark.slow
+def test_an_unreadable_scan_costs_its_own_pose_and_no_other(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    cell = write_tiny(tmp_path) / "cell"
+    lost = load_dataset(cell).poses.scan_names[7]
+    (cell / "scans" / lost).write_bytes(b"")
+    for command in ("calibrate", "diagnose", "check"):
+        assert main([command, str(cell), "--json"]) in (0, 1)
+        said = capsys.readouterr()
+        assert json.loads(said.out)
+        assert command == "check" or f"{Path(lost).stem} has no corner and is left out" in said.err
+    assert lost in failed_searches(with_search(open_session(cell), 7).searches)[Path(lost).stem]
 
 
 @pytest.mark.slow

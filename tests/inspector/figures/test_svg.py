@@ -148,3 +148,7 @@ def test_two_views_have_one_scale_and_numbers_below_the_lower_one() -> None:
     words = ["".join(text.itertext()) for text in picture.iter("text")]
     assert words.count("x of the base, mm") == 1
     assert words.count("500") == 1
+
+
+def test_an_axis_of_one_value_as_small_as_numbers_go_has_ticks() -> None:
+    assert axis_of({}, [5e-324], 300.0, marks=True).ticks
