@@ -1,6 +1,7 @@
 """Which physical effect is missing from the five-parameter model of a dataset.
 
-The stepwise search names effects, each with its evidence, its doubt and its held-out gain. Then what the last fit
+Signs and order of the joints, units, rows and the robot's table come first: where one of them is wrong, no effect is
+named. The stepwise search names effects, each with its evidence, its doubt and its held-out gain. Then what the last fit
 leaves over is tested, whatever was named: a cause outside the catalogue shows there. Moves may follow the verdict.
 Where noise has another shape than was declared, or a few poses stand out from a fit that is otherwise clean, the search
 is done once more with that shape or without those poses; where something is left that no effect explains, curves of the
@@ -19,6 +20,7 @@ from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.conclusion import concluded, with_learned, with_split
+from calib.diagnosis.data_check import data_suspicions, diagnosis_of_problem, problem_beside_effects
 from calib.diagnosis.decision_rules import (
     curves_say_more,
     is_convincing,
@@ -28,7 +30,7 @@ from calib.diagnosis.decision_rules import (
 from calib.diagnosis.effect_selection import selected_curves
 from calib.diagnosis.moves import Tell
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.search_space import MAX_EFFECTS, SearchSpace, step_after
+from calib.diagnosis.search_space import MAX_EFFECTS, SearchSpace, first_fit, step_after
 from calib.diagnosis.stepwise import search_stepwise
 from calib.display.progress import OnStep, staged
 from calib.effects.catalogue import effects_named
@@ -111,7 +113,15 @@ def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:
     repeated = noise_of_repeats(space.dataset)
     if repeated is not None:
         space = replace(space, options=replace(space.options, noise=repeated.shape))
+    tell("holding joints, points and table against each other")
+    first = first_fit(space)
+    doubts = data_suspicions(space, first)
+    if doubts.problem is not None:
+        return diagnosis_of_problem(space, first, doubts.problem)
     found = _searched(space, tell)
+    problem = problem_beside_effects(space, found, doubts.open)
+    if problem is not None:
+        return diagnosis_of_problem(space, first, problem)
     while (move := closing_move(space, found, tell)) is not None:
         found = move.found
     return with_split(found)

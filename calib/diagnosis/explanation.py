@@ -26,6 +26,7 @@ from calib.diagnosis.words.noise_text import NoiseShaped
 from calib.diagnosis.words.sentences import (
     SMALL_CHANGE,
     CurvesLearned,
+    DataWrong,
     EffectFound,
     EffectRefused,
     EffectsTied,
@@ -67,7 +68,9 @@ def explain(findings: Findings) -> Explanation:
         single.append(_effects_tied(findings))
     if findings.refused:
         single.append(EffectRefused(findings.refused))
-    paragraphs = [opening, *((reason,) for reason in single), residual_sentences(findings.residual_tests)]
+    wrong = findings.data_problem
+    paragraphs: list[tuple[Reason, ...]] = [] if wrong is None else [(DataWrong(wrong.words),)]
+    paragraphs += [opening, *((reason,) for reason in single), residual_sentences(findings.residual_tests)]
     noise = noise_told(findings)
     if noise is not None:
         paragraphs.append((noise,))
@@ -210,6 +213,8 @@ def _verdict(findings: Findings) -> VerdictSentence:
     if findings.verdict == "outliers":
         poses = findings.residual_tests.outlier_poses
         return Outliers(missing, poses, worst_pose(last, poses), _causes(findings, missing))
+    if findings.data_problem is not None:
+        return Unexplained((), "data", findings.data_problem.words)
     doubt = implausibility_reason(findings.steps[0].calibration)
     without_curves = last if findings.learned is None else findings.learned.before
     return Unexplained(

@@ -1,0 +1,308 @@
+"""Whether the sheet of joints and points, or the robot's table, is the mistake: tested before any physics.
+
+A joint that counts the other way, columns or rows in another order, another unit, a sister type's table: each is a
+hypothesis with as many parameters as the fit has, so the fits are compared by their log evidence alone. The nominal arm
+and the points, in closed form, tell which hypotheses are worth a fit. A hypothesis is believed where its evidence is
+overwhelming and what it leaves is noise, or a small part of what was left: a real effect, however large, does neither.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.calibration.result import Calibration, is_declared
+from calib.consistency.agreement import Sample, misfit_mm, points_of_poses, training_sample
+from calib.consistency.hypotheses import (
+    JOINT_SIGN,
+    ROBOT_TABLE,
+    ROW_ORDER,
+    Hypothesis,
+    column_names,
+    of_matching,
+    of_reading,
+    of_shifts,
+    of_sister_tables,
+    of_units,
+)
+from calib.consistency.joint_reading import likely_readings, simple_readings
+from calib.consistency.row_matching import matched_rows
+from calib.dataset.dataset import Dataset
+from calib.errors import CalibError
+from calib.kinematics.chain import target_points
+
+QUIET = 1.15  # residual sigma over the declared one, up to which a fit leaves nothing to ask about
+MIN_GAIN = 20.0  # log evidence over the data as they are
+LEAST_FACTOR = 3.0  # by which what is left has to fall where it does not fall to the noise
+REACHES_NOISE = 1.3  # residual sigma over the declared one
+MIN_TABLE_GAIN = 50.0  # the same of another table, which leaves no less where the fit has bent this one into it
+_BENT = 6.0  # tolerances: a link that a fit has changed by more may be of another type
+_NOT_WORSE = 1.2  # times the misfit of the nominal arm, up to which a hypothesis is fitted
+_BETTER = 0.8  # the same of one that changes several things
+_LOOKS_RIGHT = 0.02  # of the points' spread: with less left the rows and columns are in order
+_MOST_FITS = 14
+_FREEDOM = 4.0  # degrees of freedom at least
+MIN_LEAD = 4.0  # log evidence over the effects that were found, where it makes one of them superfluous
+NOT_NOISIER = 1.03  # times the noise that those effects leave, which it may leave without that one
+_AS_GOOD = 3.0  # log evidence by which another hypothesis may be behind and still be as good
+
+Refit = Callable[[Dataset], Calibration]
+
+
+@dataclass(frozen=True)
+class DataProblem:
+    """What is wrong with the data or the table, what it explains, and how to mend it."""
+
+    hypothesis: Hypothesis
+    mended: Dataset
+    now_mm: float  # 3D RMSE of the fit, of the test poses where there are any
+    then_mm: float
+    gain: float  # in log evidence
+    rivals: tuple[Hypothesis, ...] = ()  # as simple and as good
+
+    @property
+    def kind(self) -> str:
+        """joint_sign, joint_order, joint_zero, units, robot_table or row_order."""
+        return self.hypothesis.kind
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Counted from 1, where joints are at fault."""
+        return self.hypothesis.joints
+
+    @property
+    def mend(self) -> str:
+        """What to do."""
+        others = "".join(f", or {rival.mend}" for rival in self.rivals[:2])
+        return f"{self.hypothesis.mend}{others}"
+
+    @property
+    def found(self) -> str:
+        """What is wrong, a clause."""
+        others = "".join(f", or {rival.found}" for rival in self.rivals[:2])
+        return f"{self.hypothesis.found}{others}{': these poses do not tell which' if self.rivals else ''}"
+
+    @property
+    def words(self) -> str:
+        """What is wrong, by which figures, and the mend, in a sentence."""
+        return (
+            f"{self.found}: {self.hypothesis.then} the error falls from {self.now_mm:.3g} to {self.then_mm:.3g} mm; "
+            f"{self.mend}"
+        )
+
+
+@dataclass(frozen=True)
+class Suspicions:
+    """Hypotheses that a fit's geometry alone neither shows nor excludes, to be weighed beside the effects found."""
+
+    problem: DataProblem | None
+    open: tuple[Hypothesis, ...] = ()
+
+
+def is_quiet(now: Calibration) -> bool:
+    """Whether a fit leaves what the declared noise does, and no link is bent out of its type: nothing to ask about."""
+    return is_declared(now.dataset) and now.fit.noise < QUIET and not _is_bent(now)
+
+
+def suspicions(now: Calibration, refit: Refit) -> Suspicions:
+    """What is wrong with the data of a fit of the geometry, and what stays open.
+
+    now: the fit of the links, and of what is taken as present.
+    refit: the same fit of another dataset.
+    """
+    if is_quiet(now) or not _is_judged(now):
+        return Suspicions(None)
+    dataset = now.dataset
+    sample = training_sample(dataset)
+    tried = _Tried(now, refit)
+    simple = tuple(of_reading(r, column_names(dataset.robot)) for r in simple_readings(dataset.robot.is_revolute))
+    if sample is None:
+        tried.fit_all([h for h in simple if h.edits == 1])
+        return tried.judged()
+    as_it_is = misfit_mm(dataset.robot, sample)
+    tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, [*simple, *of_units(dataset.robot, sample)]))
+    if _is_bent(now) or as_it_is > _LOOKS_RIGHT * sample.spread_mm or now.fit.noise > LEAST_FACTOR:
+        tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, of_sister_tables(dataset.robot)))
+    if as_it_is > _LOOKS_RIGHT * sample.spread_mm:
+        tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, of_shifts(dataset)))
+        if tried.judged().problem is None:
+            names = column_names(dataset.robot)
+            tried.fit_all(of_reading(r, names) for r in likely_readings(dataset.robot, sample))
+        if tried.judged().problem is None:
+            tried.fit_all(_by_matching(dataset))
+    return tried.judged()
+
+
+def weighed(
+    now: Calibration,
+    open_hypotheses: Sequence[Hypothesis],
+    without_one: Callable[[Dataset], Iterable[Calibration]],
+    with_all: Callable[[Dataset], Calibration],
+) -> DataProblem | None:
+    """An open hypothesis that says clearly more than the effects which were found to explain the data as they are.
+
+    It makes one of them superfluous, or takes away most of what they leave.
+
+    now: the last fit, its effects in it.
+    without_one, with_all: fits of another dataset with all of these effects but one, and with all.
+    """
+    if not _is_judged(now):
+        return None
+    best: DataProblem | None = None
+    for hypothesis in open_hypotheses:
+        mended = hypothesis.of_dataset(now.dataset)
+        fits = [(fit, MIN_LEAD, NOT_NOISIER) for fit in without_one(mended)]
+        fits.append((with_all(mended), MIN_GAIN, 1.0 / LEAST_FACTOR))
+        for fit, least, most in fits:
+            if not _is_judged(fit) or fit.fit.noise > most * now.fit.noise:
+                continue
+            gain = log_evidence(fit) - log_evidence(now)
+            if gain > least and (best is None or gain > best.gain):
+                best = DataProblem(hypothesis, mended, error_mm(now), error_mm(fit), gain)
+    return best
+
+
+def log_evidence(fitted: Calibration) -> float:
+    """Laplace's log evidence of a fit at the noise that it shows, beside a constant of the data.
+
+    -n log s - (|r|^2 / s^2 + |z|^2) / 2 + log det(C / C_prior) / 2 with n rows beyond the frames, the residual r in
+    declared sigmas, s its sigma, z the parameters in tolerances and C their covariance.
+    """
+    fit = fitted.fit
+    scales = fitted.model.scales
+    z = fit.x / scales
+    cost = fit.iterations[-1].cost
+    freedom = fit.degrees_of_freedom
+    count = freedom + _determined(fitted)
+    scaled = fit.covariance / np.outer(scales, scales)
+    volume = 0.5 * float(np.linalg.slogdet(scaled)[1]) if fitted.options.prior else 0.0
+    held = float(z @ z) if fitted.options.prior else 0.0
+    return -count * float(np.log(fit.noise)) - 0.5 * (cost / fit.noise**2 + held) + volume
+
+
+def _determined(fitted: Calibration) -> float:
+    """How many parameters the data determine: those that the rows are spent on."""
+    scaled = np.diag(fitted.fit.covariance) / fitted.model.scales**2
+    return float(np.sum(1.0 - np.minimum(scaled, 1.0))) if fitted.options.prior else float(fitted.fit.rank)
+
+
+def error_mm(fitted: Calibration) -> float:
+    """3D RMSE of the test poses, of the training poses where there are none."""
+    figures = fitted.after.test or fitted.after.train
+    return figures.rmse_mm if figures is not None else float("nan")
+
+
+def _is_judged(fitted: Calibration) -> bool:
+    return bool(np.isfinite(fitted.fit.noise) and fitted.fit.noise > 0.0 and fitted.fit.degrees_of_freedom > _FREEDOM)
+
+
+def _is_bent(now: Calibration) -> bool:
+    """Whether a fit has changed a length or an angle of a link, the tool's apart, as no manufacture does."""
+    z = np.abs(now.fit.x / now.model.scales)
+    names = [p.name for p in now.fit.parameters]
+    own = np.array([name in now.model.geometry_names and not name.endswith("TCP") for name in names], dtype=bool)
+    return bool(own.any() and z[own].max() > _BENT)
+
+
+def _worth_a_fit(
+    dataset: Dataset, sample: Sample, as_it_is_mm: float, hypotheses: Iterable[Hypothesis]
+) -> list[Hypothesis]:
+    """Those that bring the nominal arm about as near to the points as it is, or nearer: the best, the simplest first."""
+    found: list[tuple[float, Hypothesis]] = []
+    for hypothesis in hypotheses:
+        robot, of_it = hypothesis.robot or dataset.robot, hypothesis.of_sample(sample, dataset.robot)
+        if hypothesis.rows:
+            seen = training_sample(hypothesis.of_dataset(dataset))
+            if seen is None:
+                continue
+            of_it = seen
+        misfit = misfit_mm(robot, of_it) / of_it.spread_mm
+        most = _NOT_WORSE if hypothesis.edits == 1 else _BETTER
+        if misfit < most * as_it_is_mm / sample.spread_mm:
+            found.append((misfit, hypothesis))
+    found.sort(key=lambda pair: pair[0])
+    likely = found[: 2 * _MOST_FITS]
+    likely.sort(key=lambda pair: (pair[1].edits, pair[0]))
+    chosen = [hypothesis for _, hypothesis in likely[:_MOST_FITS]]
+    best = [hypothesis for _, hypothesis in found[:2] if hypothesis not in chosen]
+    return [*best, *chosen]
+
+
+def _by_matching(dataset: Dataset) -> list[Hypothesis]:
+    """Rows in no order at all, of points that were measured from one place."""
+    poses, points_mm = points_of_poses(dataset)
+    if len(set(dataset.poses.setup[poses].tolist())) != 1:
+        return []
+    source = matched_rows(target_points(dataset.robot, dataset.poses.q[poses]), points_mm)
+    if source is None or np.array_equal(source, np.arange(len(source))):
+        return []
+    return [of_matching(dataset, poses, poses[source])]
+
+
+class _Tried:
+    """Fits of hypotheses, and what they say against the data as they are."""
+
+    def __init__(self, now: Calibration, refit: Refit) -> None:
+        self.now, self.refit = now, refit
+        self.evidence = log_evidence(now)
+        self.fits: dict[Hypothesis, Calibration] = {}
+
+    def fit_all(self, hypotheses: Iterable[Hypothesis]) -> None:
+        for hypothesis in hypotheses:
+            try:
+                fitted = self.refit(hypothesis.of_dataset(self.now.dataset))
+            except (CalibError, np.linalg.LinAlgError):  # such data cannot be fitted at all
+                continue
+            if _is_judged(fitted):
+                self.fits[hypothesis] = fitted
+
+    def judged(self) -> Suspicions:
+        """The simplest of the believed ones that say the most; those that are neither believed nor excluded."""
+        believed = [h for h in self.fits if self._is_believed(h)]
+        if not believed:
+            return Suspicions(None, tuple(h for h in self.fits if h.kind == JOINT_SIGN and self._is_open(h)))
+        most = max(map(self._gain, believed))
+        enough = [h for h in believed if self._gain(h) > most - max(_AS_GOOD, 0.1 * (most - MIN_GAIN))]
+        simplest = min(h.edits for h in enough)
+        good = sorted((h for h in enough if h.edits == simplest), key=self._gain, reverse=True)
+        best = good[0]
+        as_good = tuple(h for h in good[1:] if self._gain(h) > self._gain(best) - _AS_GOOD)
+        now_mm, then_mm = error_mm(self.now), error_mm(self.fits[best])
+        if best.kind == ROBOT_TABLE:
+            now_mm, then_mm = (_delivered_mm(fitted) for fitted in (self.now, self.fits[best]))
+        problem = DataProblem(best, best.of_dataset(self.now.dataset), now_mm, then_mm, self._gain(best), as_good)
+        return Suspicions(problem)
+
+    def _gain(self, hypothesis: Hypothesis) -> float:
+        fitted = self.fits[hypothesis]
+        # Of fewer points each counts as much as one of all.
+        share = self.now.fit.rows / fitted.fit.rows
+        return share * log_evidence(fitted) - self.evidence - _cost(hypothesis)
+
+    def _is_believed(self, hypothesis: Hypothesis) -> bool:
+        now, then = self.now.fit.noise, self.fits[hypothesis].fit.noise
+        gain = self._gain(hypothesis)
+        if hypothesis.kind == ROBOT_TABLE and gain > MIN_TABLE_GAIN and then < 1.05 * now:
+            return True
+        noise = is_declared(self.now.dataset) and then < REACHES_NOISE
+        return gain > MIN_GAIN and (now > LEAST_FACTOR * then or (noise and then < now))
+
+    def _is_open(self, hypothesis: Hypothesis) -> bool:
+        return self.fits[hypothesis].fit.noise < 1.5 * self.now.fit.noise
+
+
+def _cost(hypothesis: Hypothesis) -> float:
+    """Log of how many hypotheses of its kind there are: of all orders of the rows many fit a little."""
+    if hypothesis.kind != ROW_ORDER or hypothesis.edits < 2:
+        return 0.0
+    moved = sum(row != k for k, row in enumerate(hypothesis.rows))
+    return float(np.sum(np.log(np.arange(1, moved + 1)))) + 2.0 * moved
+
+
+def _delivered_mm(fitted: Calibration) -> float:
+    figures = fitted.before.test or fitted.before.train
+    return figures.rmse_mm if figures is not None else float("nan")
+
+
