@@ -2,14 +2,16 @@
 
 A joint that counts the other way, columns or rows in another order, another unit, a sister type's table: each is a
 hypothesis with as many parameters as the fit has, so the fits are compared by their log evidence alone. The nominal arm
-and the points, in closed form, tell which hypotheses are worth a fit. A hypothesis is believed where its evidence is
-overwhelming and what it leaves is noise, or a small part of what was left: a real effect, however large, does neither.
+and the points, in closed form, tell which hypotheses are worth a fit. One is believed at once where the fit leaves more
+than any effect of an arm makes, and the hypothesis a small part of it. Below that an effect may look like a mistake: a
+turned last joint whose tool is near its axis makes of the points what a wobble of that axis does. Such a hypothesis
+stays open until effects were looked for, and is believed where it makes one of them superfluous.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +19,7 @@ from calib.calibration.result import Calibration, is_declared
 from calib.consistency.agreement import Sample, misfit_mm, points_of_poses, training_sample
 from calib.consistency.hypotheses import (
     JOINT_SIGN,
+    JOINT_ZERO,
     ROBOT_TABLE,
     ROW_ORDER,
     Hypothesis,
@@ -32,20 +35,26 @@ from calib.consistency.row_matching import matched_rows
 from calib.dataset.dataset import Dataset
 from calib.errors import CalibError
 from calib.kinematics.chain import target_points
+from calib.kinematics.robot import Robot
 
 QUIET = 1.15  # residual sigma over the declared one, up to which a fit leaves nothing to ask about
+BEYOND_EFFECTS = 0.003  # of the length of the arm's links: what no effect leaves of it, 3D
 MIN_GAIN = 20.0  # log evidence over the data as they are
-LEAST_FACTOR = 3.0  # by which what is left has to fall where it does not fall to the noise
+LEAST_FACTOR = 3.0  # by which what is left has to fall
 REACHES_NOISE = 1.3  # residual sigma over the declared one
 MIN_TABLE_GAIN = 50.0  # the same of another table, which leaves no less where the fit has bent this one into it
 _BENT = 6.0  # tolerances: a link that a fit has changed by more may be of another type
 _NOT_WORSE = 1.2  # times the misfit of the nominal arm, up to which a hypothesis is fitted
 _BETTER = 0.8  # the same of one that changes several things
-_LOOKS_RIGHT = 0.02  # of the points' spread: with less left the rows and columns are in order
+_OFF_SCALE = 2.0  # by which the points' spread and the nominal arm's differ only where units are wrong
+_MOST_TURNED = 2  # joints whose turn may look like an effect
 _MOST_FITS = 14
+_NEAR_ENOUGH = 1.5  # times what the data leave as they are, up to which a turned joint stays open
 _FREEDOM = 4.0  # degrees of freedom at least
 MIN_LEAD = 4.0  # log evidence over the effects that were found, where it makes one of them superfluous
-NOT_NOISIER = 1.03  # times the noise that those effects leave, which it may leave without that one
+CHOICE = 4.4  # log of what an effect may be chosen from, some thirty families of a scale that is fitted to the data
+NOT_NOISIER = 1.1  # times the noise that those effects leave, which it may leave without that one
+_SLACK = 0.03  # share of the most log evidence that a simpler hypothesis may lack
 _AS_GOOD = 3.0  # log evidence by which another hypothesis may be behind and still be as good
 
 Refit = Callable[[Dataset], Calibration]
@@ -61,6 +70,8 @@ class DataProblem:
     then_mm: float
     gain: float  # in log evidence
     rivals: tuple[Hypothesis, ...] = ()  # as simple and as good
+    beside: tuple[str, ...] = ()  # effects in both fits
+    instead_of: str = ""  # an effect that would have to be there where the data are right
 
     @property
     def kind(self) -> str:
@@ -87,9 +98,11 @@ class DataProblem:
     @property
     def words(self) -> str:
         """What is wrong, by which figures, and the mend, in a sentence."""
+        beside = f" beside {' and '.join(self.beside)}" if self.beside else ""
+        instead = f" (as the data stand, only {self.instead_of} brings that)" if self.instead_of else ""
         return (
-            f"{self.found}: {self.hypothesis.then} the error falls from {self.now_mm:.3g} to {self.then_mm:.3g} mm; "
-            f"{self.mend}"
+            f"{self.found}: {self.hypothesis.then} the error falls from {self.now_mm:.3g} to {self.then_mm:.3g} mm"
+            f"{beside}{instead}; {self.mend}"
         )
 
 
@@ -106,61 +119,109 @@ def is_quiet(now: Calibration) -> bool:
     return is_declared(now.dataset) and now.fit.noise < QUIET and not _is_bent(now)
 
 
-def suspicions(now: Calibration, refit: Refit) -> Suspicions:
+def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = ()) -> Suspicions:
     """What is wrong with the data of a fit of the geometry, and what stays open.
 
     now: the fit of the links, and of what is taken as present.
     refit: the same fit of another dataset.
+    names: (n,) of the joints' columns as the user knows them; those of poses.csv where there are none.
     """
-    if is_quiet(now) or not _is_judged(now):
-        return Suspicions(None)
     dataset = now.dataset
     sample = training_sample(dataset)
+    if sample is not None and _is_off_scale(dataset.robot, sample):
+        found = _units_problem(now, refit, sample)
+        if found is not None:
+            return Suspicions(found)
+    if is_quiet(now) or not _is_judged(now):
+        return Suspicions(None)
     tried = _Tried(now, refit)
-    simple = tuple(of_reading(r, column_names(dataset.robot)) for r in simple_readings(dataset.robot.is_revolute))
+    names = names or column_names(dataset.robot)
+    simple = tuple(of_reading(r, names) for r in simple_readings(dataset.robot.is_revolute))
     if sample is None:
         tried.fit_all([h for h in simple if h.edits == 1])
         return tried.judged()
     as_it_is = misfit_mm(dataset.robot, sample)
-    tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, [*simple, *of_units(dataset.robot, sample)]))
-    if _is_bent(now) or as_it_is > _LOOKS_RIGHT * sample.spread_mm or now.fit.noise > LEAST_FACTOR:
-        tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, of_sister_tables(dataset.robot)))
-    if as_it_is > _LOOKS_RIGHT * sample.spread_mm:
-        tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, of_shifts(dataset)))
-        if tried.judged().problem is None:
-            names = column_names(dataset.robot)
-            tried.fit_all(of_reading(r, names) for r in likely_readings(dataset.robot, sample))
-        if tried.judged().problem is None:
-            tried.fit_all(_by_matching(dataset))
+    if not tried.beyond_effects:
+        turned = [h for h in simple if _turns_joints(h) and h.edits <= _MOST_TURNED]
+        tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, turned))
+        if _is_bent(now):
+            tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, of_sister_tables(dataset.robot)))
+        return tried.judged()
+    units, tables = of_units(dataset.robot, sample), of_sister_tables(dataset.robot)
+    tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, [*simple, *units]))
+    tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, tables))
+    tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, of_shifts(dataset)))
+    if tried.judged().problem is None:
+        tried.fit_all(of_reading(r, names) for r in likely_readings(dataset.robot, sample))
+    if tried.judged().problem is None:
+        tried.fit_all(_by_matching(dataset))
     return tried.judged()
 
 
+def _is_off_scale(robot: Robot, sample: Sample) -> bool:
+    """Whether the points spread by another factor than the nominal arm's, as no arm's errors make them."""
+    mine = replace(sample, points_mm=target_points(robot, sample.q)).spread_mm
+    return mine > 0.0 and sample.spread_mm > 0.0 and abs(np.log(sample.spread_mm / mine)) > np.log(_OFF_SCALE)
+
+
+def _units_problem(now: Calibration, refit: Refit, sample: Sample) -> DataProblem | None:
+    """Other units, where the arm then describes the points as an arm does and its links stay what they are.
+
+    A fit of points in another unit may leave nothing at all, by links without length: what it leaves says nothing.
+    """
+    best: DataProblem | None = None
+    for hypothesis in of_units(now.dataset.robot, sample):
+        try:
+            fit = refit(hypothesis.of_dataset(now.dataset))
+        except (CalibError, np.linalg.LinAlgError):  # such data cannot be fitted at all
+            continue
+        train = fit.after.train
+        if train is None or is_beyond_effects(train.rmse_mm, now.dataset.robot) or _is_bent(fit):
+            continue
+        problem = DataProblem(hypothesis, fit.dataset, _delivered_mm(now), error_mm(fit), np.inf)
+        if best is None or problem.then_mm < best.then_mm:
+            best = problem
+    return best
+
+
+@dataclass(frozen=True)
+class Beside:
+    """A model of effects that is fitted to the data as they are and mended."""
+
+    effects: tuple[str, ...]  # in the model
+    without: str  # the effect that was found and is not in it; "" where all are
+    fit: Callable[[Dataset], Calibration]
+
+
 def weighed(
-    now: Calibration,
-    open_hypotheses: Sequence[Hypothesis],
-    without_one: Callable[[Dataset], Iterable[Calibration]],
-    with_all: Callable[[Dataset], Calibration],
+    now: Calibration, open_hypotheses: Sequence[Hypothesis], models: Sequence[Beside]
 ) -> DataProblem | None:
     """An open hypothesis that says clearly more than the effects which were found to explain the data as they are.
 
     It makes one of them superfluous, or takes away most of what they leave.
 
     now: the last fit, its effects in it.
-    without_one, with_all: fits of another dataset with all of these effects but one, and with all.
     """
     if not _is_judged(now):
         return None
     best: DataProblem | None = None
     for hypothesis in open_hypotheses:
         mended = hypothesis.of_dataset(now.dataset)
-        fits = [(fit, MIN_LEAD, NOT_NOISIER) for fit in without_one(mended)]
-        fits.append((with_all(mended), MIN_GAIN, 1.0 / LEAST_FACTOR))
-        for fit, least, most in fits:
-            if not _is_judged(fit) or fit.fit.noise > most * now.fit.noise:
+        for model in models:
+            least, most_noise = MIN_LEAD, NOT_NOISIER * now.fit.noise
+            if not model.without:
+                reached = REACHES_NOISE if is_declared(now.dataset) else 0.0
+                least, most_noise = MIN_GAIN, max(now.fit.noise / LEAST_FACTOR, min(reached, 0.9 * now.fit.noise))
+            try:
+                fit = model.fit(mended)
+            except (CalibError, np.linalg.LinAlgError):  # such data cannot be fitted at all
                 continue
-            gain = log_evidence(fit) - log_evidence(now)
+            if not _is_judged(fit) or fit.fit.noise > most_noise:
+                continue
+            gain = log_evidence(fit) - log_evidence(now) + (CHOICE if model.without else 0.0)
             if gain > least and (best is None or gain > best.gain):
-                best = DataProblem(hypothesis, mended, error_mm(now), error_mm(fit), gain)
+                as_it_is = error_mm(model.fit(now.dataset))
+                best = DataProblem(hypothesis, mended, as_it_is, error_mm(fit), gain, (), model.effects, model.without)
     return best
 
 
@@ -186,6 +247,12 @@ def _determined(fitted: Calibration) -> float:
     """How many parameters the data determine: those that the rows are spent on."""
     scaled = np.diag(fitted.fit.covariance) / fitted.model.scales**2
     return float(np.sum(1.0 - np.minimum(scaled, 1.0))) if fitted.options.prior else float(fitted.fit.rank)
+
+
+def is_beyond_effects(error_mm: float, robot: Robot) -> bool:
+    """Whether a 3D error is larger than any effect of an arm makes, by the length of its links and slides."""
+    slides = [abs((joint.max or 0.0) - (joint.min or 0.0)) for joint in robot.joints if not joint.is_revolute]
+    return error_mm > BEYOND_EFFECTS * float(np.sum(np.abs(robot.table[:, [0, 2]])) + sum(slides))
 
 
 def error_mm(fitted: Calibration) -> float:
@@ -247,6 +314,8 @@ class _Tried:
     def __init__(self, now: Calibration, refit: Refit) -> None:
         self.now, self.refit = now, refit
         self.evidence = log_evidence(now)
+        train = now.after.train
+        self.beyond_effects = train is not None and is_beyond_effects(train.rmse_mm, now.dataset.robot)
         self.fits: dict[Hypothesis, Calibration] = {}
 
     def fit_all(self, hypotheses: Iterable[Hypothesis]) -> None:
@@ -262,11 +331,11 @@ class _Tried:
         """The simplest of the believed ones that say the most; those that are neither believed nor excluded."""
         believed = [h for h in self.fits if self._is_believed(h)]
         if not believed:
-            return Suspicions(None, tuple(h for h in self.fits if h.kind == JOINT_SIGN and self._is_open(h)))
+            return Suspicions(None, tuple(h for h in self.fits if self._is_open(h)))
         most = max(map(self._gain, believed))
-        enough = [h for h in believed if self._gain(h) > most - max(_AS_GOOD, 0.1 * (most - MIN_GAIN))]
-        simplest = min(h.edits for h in enough)
-        good = sorted((h for h in enough if h.edits == simplest), key=self._gain, reverse=True)
+        enough = [h for h in believed if self._gain(h) > most - max(_AS_GOOD, _SLACK * most)]
+        simplest = min(map(_rank, enough))
+        good = sorted((h for h in enough if _rank(h) == simplest), key=self._gain, reverse=True)
         best = good[0]
         as_good = tuple(h for h in good[1:] if self._gain(h) > self._gain(best) - _AS_GOOD)
         now_mm, then_mm = error_mm(self.now), error_mm(self.fits[best])
@@ -286,11 +355,21 @@ class _Tried:
         gain = self._gain(hypothesis)
         if hypothesis.kind == ROBOT_TABLE and gain > MIN_TABLE_GAIN and then < 1.05 * now:
             return True
-        noise = is_declared(self.now.dataset) and then < REACHES_NOISE
-        return gain > MIN_GAIN and (now > LEAST_FACTOR * then or (noise and then < now))
+        return self.beyond_effects and gain > MIN_GAIN and now > LEAST_FACTOR * then
 
     def _is_open(self, hypothesis: Hypothesis) -> bool:
-        return self.fits[hypothesis].fit.noise < 1.5 * self.now.fit.noise
+        return _turns_joints(hypothesis) and self.fits[hypothesis].fit.noise < _NEAR_ENOUGH * self.now.fit.noise
+
+
+def _turns_joints(hypothesis: Hypothesis) -> bool:
+    """Whether it changes the signs of joints and nothing else."""
+    reading = hypothesis.reading
+    return hypothesis.kind == JOINT_SIGN and reading is not None and not any(reading.offsets_rad)
+
+
+def _rank(hypothesis: Hypothesis) -> tuple[int, bool]:
+    """The less it changes the likelier; another zero is rarer than a turned joint, which may look the same."""
+    return hypothesis.edits, hypothesis.kind == JOINT_ZERO
 
 
 def _cost(hypothesis: Hypothesis) -> float:

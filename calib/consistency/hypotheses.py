@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from math import degrees
 
 import numpy as np
@@ -246,7 +247,8 @@ def of_matching(dataset: Dataset, poses: IndexArray, source: IndexArray) -> Hypo
 def of_sister_tables(robot: Robot) -> Iterator[Hypothesis]:
     """The tables of other arms with as many joints of the same kinds: a sister type's is easily taken by mistake."""
     for name, other in known_tables():
-        if np.array_equal(other.is_revolute, robot.is_revolute):
+        alike = np.array_equal(other.is_revolute, robot.is_revolute)
+        if alike and not np.allclose(other.table[:-1], robot.table[:-1], atol=1e-6):
             yield Hypothesis(
                 ROBOT_TABLE,
                 f"the links are those of a {name}, not those of robot.toml ({robot.name})",
@@ -256,6 +258,7 @@ def of_sister_tables(robot: Robot) -> Iterator[Hypothesis]:
             )
 
 
+@cache
 def known_tables() -> tuple[tuple[str, Robot], ...]:
     """Arms whose tables come with the package, by name."""
     universal = [

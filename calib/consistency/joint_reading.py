@@ -72,19 +72,22 @@ def likely_readings(robot: Robot, sample: Sample) -> tuple[JointReading, ...]:
     for _ in range(_DEEPEST):
         edited = list(dict.fromkeys(edit for reading in beam for edit in _edits(reading, robot.is_revolute)))
         for reading in edited:
-            if reading not in tried:
+            if reading.edits and reading not in tried:
                 tried[reading] = misfit_mm(robot, replace(sample, q=reading.of(sample.q)))
-        beam = sorted(edited, key=lambda reading: tried[reading])[:_BEAM]
+        beam = sorted((r for r in edited if r.edits), key=lambda reading: tried[reading])[:_BEAM]
     return tuple(sorted(tried, key=lambda reading: tried[reading])[: _BEAM * _DEEPEST])
 
 
 def _edits(reading: JointReading, turns: BoolArray) -> Iterator[JointReading]:
-    """All readings that are one change away: a sign, a zero, two columns that change places."""
+    """All readings that are one change away: a sign, a zero, two columns that change places.
+
+    The zeros of the first and the last joint are not told from the scanner's place and the tool's.
+    """
     for k in range(len(turns)):
         signs = list(reading.signs)
         signs[k] = -signs[k]
         yield replace(reading, signs=tuple(signs))
-        if turns[k] and reading.offsets_rad[k] == 0.0:
+        if turns[k] and 0 < k < len(turns) - 1 and reading.offsets_rad[k] == 0.0:
             for quarter in _QUARTERS:
                 offsets = list(reading.offsets_rad)
                 offsets[k] = quarter

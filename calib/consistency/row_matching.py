@@ -17,7 +17,8 @@ from calib.frames import apply, best_fit_transform, make_transform
 
 _STEPS = 20
 _MOST = 400  # points; the assignment takes the third power of their number
-_FEWEST = 10
+_FEWEST = 4  # three points are laid upon any others of about the same distances
+_ALL_ORDERS = 6  # points up to which every order is tried
 NEAR = 0.2  # of the distance to the next point, within which the matched points have to lie on average
 
 
@@ -26,6 +27,8 @@ def matched_rows(arm_mm: Array, seen_mm: Array) -> IndexArray | None:
     count = len(seen_mm)
     if not _FEWEST <= count <= _MOST:
         return None
+    if count <= _ALL_ORDERS:
+        return _best_order(arm_mm, seen_mm)
     best, least = None, np.inf
     for start in _starts(arm_mm, seen_mm):
         frame, source = start, np.zeros(0, dtype=np.int64)
@@ -41,8 +44,24 @@ def matched_rows(arm_mm: Array, seen_mm: Array) -> IndexArray | None:
         middle = float(np.median(off))
         if middle < least:
             best, least = source, middle
-    apart = np.linalg.norm(seen_mm[:, None] - seen_mm[None], axis=-1) + np.where(np.eye(count), np.inf, 0.0)
-    return best if least < NEAR * float(np.median(apart.min(axis=1))) else None
+    return best if least < NEAR * _apart_mm(seen_mm) else None
+
+
+def _apart_mm(points_mm: Array) -> float:
+    """Median distance of a point (K, 3) to the next."""
+    apart = np.linalg.norm(points_mm[:, None] - points_mm[None], axis=-1)
+    return float(np.median((apart + np.where(np.eye(len(points_mm)), np.inf, 0.0)).min(axis=1)))
+
+
+def _best_order(arm_mm: Array, seen_mm: Array) -> IndexArray | None:
+    """As `matched_rows`, of all orders."""
+    best, least = None, np.inf
+    for order in permutations(range(len(seen_mm))):
+        mine = arm_mm[list(order)]
+        off = float(np.max(np.linalg.norm(apply(best_fit_transform(mine, seen_mm), mine) - seen_mm, axis=1)))
+        if off < least:
+            best, least = np.array(order, dtype=np.int64), off
+    return best if least < NEAR * _apart_mm(seen_mm) else None
 
 
 def _starts(arm_mm: Array, seen_mm: Array) -> list[Array]:

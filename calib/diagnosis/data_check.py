@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
-from calib.calibration.result import Calibration
-from calib.consistency.data_problem import DataProblem, Suspicions, suspicions, weighed
+from calib.consistency.data_problem import Beside, DataProblem, Suspicions, suspicions, weighed
 from calib.consistency.hypotheses import Hypothesis
-from calib.dataset.dataset import Dataset
 from calib.diagnosis.conclusion import concluded
-from calib.diagnosis.effect_selection import FitStep
+from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.moves import Stop
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace
-from calib.errors import CalibError
 from calib.screening.curves.smooth_joint_error import LEARNED
 
 
@@ -36,18 +32,15 @@ def problem_beside_effects(
     """What is wrong with the data after all, where that explains what effects were found for, with fewer of them."""
     steps = [step for step in found.steps if step.effect != LEARNED]
     last = steps[-1]
-    if not last.selected or not open_hypotheses:
+    if not open_hypotheses or found.verdict == "adequate":
         return None
 
-    def without_one(dataset: Dataset) -> Iterator[Calibration]:
-        elsewhere = replace(space, dataset=dataset)
-        for effect in last.selected:
-            try:
-                yield elsewhere.fit([other for other in last.selected if other is not effect], None)
-            except CalibError:  # the effect was what held the fit together
-                continue
+    def model(without: SelectedEffect | None) -> Beside:
+        kept = [effect for effect in last.selected if effect is not without]
+        return Beside(
+            tuple(effect.name for effect in kept),
+            "" if without is None else without.name,
+            lambda dataset: replace(space, dataset=dataset).fit(kept, None),
+        )
 
-    def with_all(dataset: Dataset) -> Calibration:
-        return replace(space, dataset=dataset).fit(last.selected, None)
-
-    return weighed(last.calibration, open_hypotheses, without_one, with_all)
+    return weighed(last.calibration, open_hypotheses, [*map(model, last.selected), model(None)])
