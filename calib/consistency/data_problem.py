@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.calibration.evaluation import Evaluation
 from calib.calibration.result import Calibration, is_declared
 from calib.consistency.agreement import Sample, misfit_mm, points_of_poses, training_sample
 from calib.consistency.hypotheses import (
@@ -66,7 +67,7 @@ class DataProblem:
 
     hypothesis: Hypothesis
     mended: Dataset
-    now_mm: float  # 3D RMSE of the fit, of the test poses where there are any
+    now_mm: float  # 3D RMSE of all points by the fit; of units and tables by the arm as delivered
     then_mm: float
     gain: float  # in log evidence
     rivals: tuple[Hypothesis, ...] = ()  # as simple and as good
@@ -178,7 +179,7 @@ def _units_problem(now: Calibration, refit: Refit, sample: Sample) -> DataProble
         train = fit.after.train
         if train is None or is_beyond_effects(train.rmse_mm, now.dataset.robot) or _is_bent(fit):
             continue
-        problem = DataProblem(hypothesis, fit.dataset, _delivered_mm(now), error_mm(fit), np.inf)
+        problem = DataProblem(hypothesis, fit.dataset, error_mm(now.before), error_mm(fit.after), np.inf)
         if best is None or problem.then_mm < best.then_mm:
             best = problem
     return best
@@ -220,8 +221,8 @@ def weighed(
                 continue
             gain = log_evidence(fit) - log_evidence(now) + (CHOICE if model.without else 0.0)
             if gain > least and (best is None or gain > best.gain):
-                as_it_is = error_mm(model.fit(now.dataset))
-                best = DataProblem(hypothesis, mended, as_it_is, error_mm(fit), gain, (), model.effects, model.without)
+                as_it_is = error_mm(model.fit(now.dataset).after)
+                best = DataProblem(hypothesis, mended, as_it_is, error_mm(fit.after), gain, (), model.effects, model.without)
     return best
 
 
@@ -255,10 +256,9 @@ def is_beyond_effects(error_mm: float, robot: Robot) -> bool:
     return error_mm > BEYOND_EFFECTS * float(np.sum(np.abs(robot.table[:, [0, 2]])) + sum(slides))
 
 
-def error_mm(fitted: Calibration) -> float:
-    """3D RMSE of the test poses, of the training poses where there are none."""
-    figures = fitted.after.test or fitted.after.train
-    return figures.rmse_mm if figures is not None else float("nan")
+def error_mm(errors: Evaluation) -> float:
+    """3D RMSE of all measured points: those at fault may be of training or of test poses."""
+    return float(np.sqrt(np.mean(np.sum(errors.error_mm**2, axis=1))))
 
 
 def _is_judged(fitted: Calibration) -> bool:
@@ -338,9 +338,8 @@ class _Tried:
         good = sorted((h for h in enough if _rank(h) == simplest), key=self._gain, reverse=True)
         best = good[0]
         as_good = tuple(h for h in good[1:] if self._gain(h) > self._gain(best) - _AS_GOOD)
-        now_mm, then_mm = error_mm(self.now), error_mm(self.fits[best])
-        if best.kind == ROBOT_TABLE:
-            now_mm, then_mm = (_delivered_mm(fitted) for fitted in (self.now, self.fits[best]))
+        fits = (self.now, self.fits[best])
+        now_mm, then_mm = (error_mm(f.before if best.kind == ROBOT_TABLE else f.after) for f in fits)
         problem = DataProblem(best, best.of_dataset(self.now.dataset), now_mm, then_mm, self._gain(best), as_good)
         return Suspicions(problem)
 
@@ -378,10 +377,3 @@ def _cost(hypothesis: Hypothesis) -> float:
         return 0.0
     moved = sum(row != k for k, row in enumerate(hypothesis.rows))
     return float(np.sum(np.log(np.arange(1, moved + 1)))) + 2.0 * moved
-
-
-def _delivered_mm(fitted: Calibration) -> float:
-    figures = fitted.before.test or fitted.before.train
-    return figures.rmse_mm if figures is not None else float("nan")
-
-

@@ -27,7 +27,7 @@ from calib.diagnosis.decision_rules import (
     noise_is_believed,
     predicts_worse,
 )
-from calib.diagnosis.effect_selection import selected_curves
+from calib.diagnosis.effect_selection import FitStep, selected_curves
 from calib.diagnosis.moves import Tell
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import MAX_EFFECTS, SearchSpace, first_fit, step_after
@@ -118,7 +118,7 @@ def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:
     doubts = data_suspicions(space, first)
     if doubts.problem is not None:
         return diagnosis_of_problem(space, first, doubts.problem)
-    found = _searched(space, tell)
+    found = _searched(space, tell, first=first)
     problem = problem_beside_effects(space, found, doubts.open)
     if problem is not None:
         return diagnosis_of_problem(space, first, problem)
@@ -127,9 +127,9 @@ def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:
     return with_split(found)
 
 
-def _searched(space: SearchSpace, tell: Tell, rival: str = "") -> Diagnosis:
+def _searched(space: SearchSpace, tell: Tell, rival: str = "", first: FitStep | None = None) -> Diagnosis:
     """The verdict at the end of a search, which does not add the rival of a wander."""
-    search = search_stepwise(space, tell, rival)
+    search = search_stepwise(space, tell, rival, first)
     tell("judging what is left")
     found = concluded(space, search.steps, search.stop)
     return replace(found, noise=replace(found.noise, rival=rival)) if found.noise is not None else found
