@@ -1,11 +1,13 @@
 """Where the joints of a user's own chain stand once the five-parameter table of its arm is calibrated.
 
-J_i is the frame of joint i at zero, F_i frame i of the table, both in the base frame. Nominally F_(i-1) and J_i share
-axis i, so N_i = F_(i-1)^-1 J_i is a turn about it and a slide along it, and it is kept: with the calibrated table
+What the table fixes of a joint is its axis, a line at zero; where the frame stands on that line, and how it is turned
+about it, changes no motion as long as the frames behind make up for it. So each frame is put where its link stands as
+the chain has it: joint by joint, the frame that the chain's own origin would give behind the joint before is moved onto
+the calibrated axis by the least shift and the least turn. Then it is turned about that axis until the next axis lies
+where the chain has it: an error of a joint's zero turns the link behind it, and changes one origin.
 
-    J_i' = F_(i-1)' Rz(theta_i' - theta_i) N_i        before_T_joint_i' = J_(i-1)'^-1 J_i'
-
-The change of theta_i turns the link behind joint i, so that an error of one joint's zero changes one origin.
+The last joint is turned about its axis until the calibrated tool sits on it as nominally; where the file has no place
+for the tool, it is shifted along its axis too, so that its link's end is the calibrated one.
 """
 
 from __future__ import annotations
@@ -15,12 +17,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.array_types import Array, BoolArray
-from calib.frames import best_fit_rotation, invert, make_transform, rotation_from_rpy
+from calib.frames import best_fit_rotation, invert, make_transform, rotation_from_rpy, skew
 from calib.kinematics.robot import Robot
 from calib.robot_formats.chain.five_parameters import frames_at_zero
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain, axis_frame
 
 _SAME_MM, _SAME_RAD = 1e-3, 1e-6
+_STEEP = 0.5  # sine of the angle between two axes above which the direction of the next one tells how a link is turned
+_TELLS_MM = 10.0  # distance of two axes above which the place of the next one does
 
 
 @dataclass(frozen=True)
@@ -33,8 +37,12 @@ class CalibratedChain:
     )
 
 
-def with_calibration(chain: SerialChain, nominal: Robot, calibrated: Robot) -> CalibratedChain:
+def with_calibration(
+    chain: SerialChain, nominal: Robot, calibrated: Robot, *, holds_tip: bool = True
+) -> CalibratedChain:
     """The chain with the places of its joints as calibrated: same joints, same axes in their own frames.
+
+    holds_tip: whether the chain's file has a place for the tip on the last joint; else that joint brings it there.
 
     Raises RobotFileError where the nominal robot is not the chain's arm: joints in number or kind, an axis.
     """
@@ -42,19 +50,94 @@ def with_calibration(chain: SerialChain, nominal: Robot, calibrated: Robot) -> C
     frames, after = frames_at_zero(nominal), frames_at_zero(calibrated)
     robot_T_chain = _base(chain, frames, nominal)
     at_zero = robot_T_chain @ chain.at_zero
-    joints, before = [], robot_T_chain
     for i, joint in enumerate(chain.joints):
-        frame_T_joint = invert(frames[i]) @ at_zero[i]
-        _require_axis(chain, nominal, i, frame_T_joint @ axis_frame(joint))
-        turn_rad = calibrated.joints[i].theta_rad - nominal.joints[i].theta_rad
-        base_T_joint = (
-            after[i] @ make_transform(rotation_from_rpy([0.0, 0.0, turn_rad]), np.zeros(3)) @ frame_T_joint
-        )
+        _require_axis(chain, nominal, i, invert(frames[i]) @ at_zero[i] @ axis_frame(joint))
+    tip_known = bool(_is_near(frames[-1], at_zero[-1]))
+    last_turn_rad = calibrated.joints[-1].theta_rad - nominal.joints[-1].theta_rad
+    axes = _placed_axes(chain, robot_T_chain, after[:-2])
+    turn_rad, slide_mm = last_turn_rad, 0.0
+    if tip_known:
+        last_T_tip = invert(axis_frame(chain.joints[-1])) @ chain.last_T_tip
+        turn_rad, slide_mm = _last_motion(invert(axes[-1]) @ after[-1], last_T_tip)
+    axes[-1] = axes[-1] @ _about_axis(turn_rad, 0.0 if holds_tip else slide_mm)
+    joints, before = [], robot_T_chain
+    for joint, axis in zip(chain.joints, axes, strict=True):
+        base_T_joint = axis @ invert(axis_frame(joint))
         joints.append(replace(joint, before_T_joint=invert(before) @ base_T_joint))
         before = base_T_joint
-    tip_known = bool(_is_near(frames[-1], at_zero[-1]))
     last_T_tip = invert(before) @ after[-1] if tip_known else chain.last_T_tip
     return CalibratedChain(replace(chain, joints=tuple(joints), last_T_tip=last_T_tip), tip_known)
+
+
+def _placed_axes(chain: SerialChain, base_T_chain: Array, lines: Array) -> list[Array]:
+    """(4, 4) of each joint at zero, with z along its calibrated axis, as near to the chain's own place as it can be.
+
+    The last is not turned about its axis yet. lines  # (n, 4, 4) whose z axes are the calibrated ones
+    """
+    own = [joint.before_T_joint @ axis_frame(joint) for joint in chain.joints]
+    ends = [np.eye(4), *(invert(axis_frame(joint)) for joint in chain.joints)]  # from an axis to its joint's frame
+    out: list[Array] = []
+    before = base_T_chain
+    for i, joint in enumerate(chain.joints):
+        before = _moved_to_line(before @ ends[i] @ own[i], lines[i], slides=not joint.is_revolute)
+        if i + 1 < len(own):
+            both_turn = joint.is_revolute and chain.joints[i + 1].is_revolute
+            turn_rad = _azimuth(invert(before) @ lines[i + 1], ends[i + 1] @ own[i + 1], both_turn=both_turn)
+            before = before @ _about_axis(turn_rad)
+        out.append(before)
+    return out
+
+
+def _about_axis(turn_rad: float, slide_mm: float = 0.0) -> Array:
+    """(4, 4) a turn about z and a slide along it."""
+    return make_transform(rotation_from_rpy([0.0, 0.0, turn_rad]), [0.0, 0.0, slide_mm])
+
+
+def _moved_to_line(frame: Array, line: Array, *, slides: bool) -> Array:
+    """A frame (4, 4) moved until its z axis lies on that of another, by the least turn and the least shift.
+
+    The axis of a joint that slides has a direction only.
+    """
+    along = line[:3, 2]
+    turn = _least_turn_between(frame[:3, 2], along) @ frame[:3, :3]
+    off_mm = frame[:3, 3] - line[:3, 3]
+    place = frame[:3, 3] if slides else line[:3, 3] + along * (along @ off_mm)
+    return make_transform(turn, place)
+
+
+def _least_turn_between(one: Array, other: Array) -> Array:
+    """(3, 3) that turns a unit vector (3,) onto another, not its opposite."""
+    across, cosine = np.cross(one, other), float(one @ other)
+    cross = skew(across)
+    return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + cosine))
+
+
+def _azimuth(axis_T_line: Array, nominal: Array, *, both_turn: bool) -> float:
+    """The turn about an axis after which the next one lies as nominally: by its direction, else by its place.
+
+    Both (4, 4) with the next axis along z. 0 where the two axes are one line and nothing tells it.
+    """
+    direction, expected = axis_T_line[:2, 2], nominal[:2, 2]
+    if np.hypot(*expected) < _STEEP:
+        if not both_turn:
+            return 0.0
+        # The next axis where it passes nearest to the frame's own height, as nominally.
+        rise_mm = (nominal[2, 3] - axis_T_line[2, 3]) / axis_T_line[2, 2]
+        direction, expected = axis_T_line[:2, 3] + rise_mm * direction, nominal[:2, 3]
+        if np.hypot(*expected) < _TELLS_MM or np.hypot(*direction) < _TELLS_MM:
+            return 0.0
+    return _wrapped(float(np.arctan2(direction[1], direction[0]) - np.arctan2(expected[1], expected[0])))
+
+
+def _last_motion(axis_T_tip: Array, nominal: Array) -> tuple[float, float]:
+    """The turn (rad) about the last axis and the slide (mm) along it after which the tip sits on it as nominally."""
+    turned = axis_T_tip[:3, :3] @ nominal[:3, :3].T
+    turn_rad = float(np.arctan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]))
+    return turn_rad, float(axis_T_tip[2, 3] - nominal[2, 3])
+
+
+def _wrapped(angle_rad: float) -> float:
+    return float((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def _require_same_joints(chain: SerialChain, robot: Robot) -> None:
