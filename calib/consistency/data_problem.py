@@ -43,7 +43,7 @@ BEYOND_EFFECTS = 0.003  # of the length of the arm's links: what no effect leave
 MIN_GAIN = 20.0  # log evidence over the data as they are
 LEAST_FACTOR = 3.0  # by which what is left has to fall
 REACHES_NOISE = 1.3  # residual sigma over the declared one
-MIN_TABLE_GAIN = 50.0  # the same of another table, which leaves no less where the fit has bent this one into it
+MIN_TABLE_GAIN = 50.0  # the same of a table, which leaves no less where a fit has bent the given one into it
 _BENT = 6.0  # tolerances: a link that a fit has changed by more may be of another type
 _NOT_WORSE = 1.2  # times the misfit of the nominal arm, up to which a hypothesis is fitted
 _BETTER = 0.8  # the same of one that changes several things
@@ -109,7 +109,7 @@ class DataProblem:
 
 @dataclass(frozen=True)
 class Suspicions:
-    """Hypotheses that a fit's geometry alone neither shows nor excludes, to be weighed beside the effects found."""
+    """What a fit of the geometry says of the data: a problem, or turned joints that may look like an effect."""
 
     problem: DataProblem | None
     open: tuple[Hypothesis, ...] = ()
@@ -212,7 +212,10 @@ def weighed(
             least, most_noise = MIN_LEAD, NOT_NOISIER * now.fit.noise
             if not model.without:
                 reached = REACHES_NOISE if is_declared(now.dataset) else 0.0
-                least, most_noise = MIN_GAIN, max(now.fit.noise / LEAST_FACTOR, min(reached, 0.9 * now.fit.noise))
+                least, most_noise = (
+                    MIN_GAIN,
+                    max(now.fit.noise / LEAST_FACTOR, min(reached, 0.9 * now.fit.noise)),
+                )
             try:
                 fit = model.fit(mended)
             except (CalibError, np.linalg.LinAlgError):  # such data cannot be fitted at all
@@ -222,7 +225,9 @@ def weighed(
             gain = log_evidence(fit) - log_evidence(now) + (CHOICE if model.without else 0.0)
             if gain > least and (best is None or gain > best.gain):
                 as_it_is = error_mm(model.fit(now.dataset).after)
-                best = DataProblem(hypothesis, mended, as_it_is, error_mm(fit.after), gain, (), model.effects, model.without)
+                best = DataProblem(
+                    hypothesis, mended, as_it_is, error_mm(fit.after), gain, (), model.effects, model.without
+                )
     return best
 
 
@@ -262,21 +267,25 @@ def error_mm(errors: Evaluation) -> float:
 
 
 def _is_judged(fitted: Calibration) -> bool:
-    return bool(np.isfinite(fitted.fit.noise) and fitted.fit.noise > 0.0 and fitted.fit.degrees_of_freedom > _FREEDOM)
+    return bool(
+        np.isfinite(fitted.fit.noise) and fitted.fit.noise > 0.0 and fitted.fit.degrees_of_freedom > _FREEDOM
+    )
 
 
 def _is_bent(now: Calibration) -> bool:
     """Whether a fit has changed a length or an angle of a link, the tool's apart, as no manufacture does."""
     z = np.abs(now.fit.x / now.model.scales)
     names = [p.name for p in now.fit.parameters]
-    own = np.array([name in now.model.geometry_names and not name.endswith("TCP") for name in names], dtype=bool)
+    own = np.array(
+        [name in now.model.geometry_names and not name.endswith("TCP") for name in names], dtype=bool
+    )
     return bool(own.any() and z[own].max() > _BENT)
 
 
 def _worth_a_fit(
     dataset: Dataset, sample: Sample, as_it_is_mm: float, hypotheses: Iterable[Hypothesis]
 ) -> list[Hypothesis]:
-    """Those that bring the nominal arm about as near to the points as it is, or nearer: the best, the simplest first."""
+    """Those that bring the nominal arm about as near to the points as it is, or nearer; the best and the simplest."""
     found: list[tuple[float, Hypothesis]] = []
     for hypothesis in hypotheses:
         robot, of_it = hypothesis.robot or dataset.robot, hypothesis.of_sample(sample, dataset.robot)
@@ -340,7 +349,9 @@ class _Tried:
         as_good = tuple(h for h in good[1:] if self._gain(h) > self._gain(best) - _AS_GOOD)
         fits = (self.now, self.fits[best])
         now_mm, then_mm = (error_mm(f.before if best.kind == ROBOT_TABLE else f.after) for f in fits)
-        problem = DataProblem(best, best.of_dataset(self.now.dataset), now_mm, then_mm, self._gain(best), as_good)
+        problem = DataProblem(
+            best, best.of_dataset(self.now.dataset), now_mm, then_mm, self._gain(best), as_good
+        )
         return Suspicions(problem)
 
     def _gain(self, hypothesis: Hypothesis) -> float:
@@ -357,7 +368,9 @@ class _Tried:
         return self.beyond_effects and gain > MIN_GAIN and now > LEAST_FACTOR * then
 
     def _is_open(self, hypothesis: Hypothesis) -> bool:
-        return _turns_joints(hypothesis) and self.fits[hypothesis].fit.noise < _NEAR_ENOUGH * self.now.fit.noise
+        return (
+            _turns_joints(hypothesis) and self.fits[hypothesis].fit.noise < _NEAR_ENOUGH * self.now.fit.noise
+        )
 
 
 def _turns_joints(hypothesis: Hypothesis) -> bool:

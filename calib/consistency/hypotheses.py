@@ -1,4 +1,4 @@
-"""What may be wrong with a sheet of joints and points, or with the robot's table: each a transformation of a dataset."""
+"""What may be wrong with a sheet of joints and points, or with a robot's table: each a change of a dataset."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ UNITS, ROBOT_TABLE, ROW_ORDER = "units", "robot_table", "row_order"
 _LENGTHS = {"inch": 25.4, "m": 1000.0, "cm": 10.0}  # that a file may be in where mm are expected
 _SHIFTS = (1, -1, 2, -2, 3, -3)  # rows by which a sheet may be out of step
 _NOT_THERE = -1
+_NAMED_ROWS = 6  # that a sentence tells one by one
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,9 @@ class Hypothesis:
         """The dataset as it would be with this mended."""
         poses, points, robot = dataset.poses, dataset.points, self.robot or dataset.robot
         if robot is not dataset.robot:
-            robot = replace(robot, targets=dataset.robot.targets, carries_scanner=dataset.robot.carries_scanner)
+            robot = replace(
+                robot, targets=dataset.robot.targets, carries_scanner=dataset.robot.carries_scanner
+            )
         if self.rows:
             poses, points = _reordered(poses, points, np.array(self.rows))
         poses = self._poses(poses, robot.is_revolute)
@@ -128,7 +131,13 @@ def of_reading(reading: JointReading, names: Sequence[str]) -> Hypothesis:
         mend.append(f"add {by:+.0f} deg to column {names[reading.order[k]]}")
     kind = JOINT_ORDER if moved else JOINT_SIGN if turned else JOINT_ZERO
     return Hypothesis(
-        kind, _and(found), f"with {_and(then)}", _and(mend), reading.joints, reading=reading, edits=reading.edits
+        kind,
+        _and(found),
+        f"with {_and(then)}",
+        _and(mend),
+        reading.joints,
+        reading=reading,
+        edits=reading.edits,
     )
 
 
@@ -161,7 +170,11 @@ def of_units(robot: Robot, sample: Sample) -> Iterator[Hypothesis]:
     slides = {1.0: ("", "", "")}
     if not turns.all():
         slides |= {
-            scale: (f"the slides are in {unit}", f"the slides read in {unit}", f"multiply the slides by {scale:g}")
+            scale: (
+                f"the slides are in {unit}",
+                f"the slides read in {unit}",
+                f"multiply the slides by {scale:g}",
+            )
             for unit, scale in _LENGTHS.items()
         }
     lengths: dict[float, tuple[str, str, str]] = {1.0: ("", "", "")}
@@ -224,16 +237,17 @@ def of_matching(dataset: Dataset, poses: IndexArray, source: IndexArray) -> Hypo
     rows = np.arange(len(dataset.poses))
     rows[poses] = source
     wrong = [dataset.poses.ids[i] for i in poses[poses != source]]
-    named = ", ".join(wrong[:6]) + (f" and {len(wrong) - 6} more" if len(wrong) > 6 else "")
+    more = f" and {len(wrong) - _NAMED_ROWS} more" if len(wrong) > _NAMED_ROWS else ""
+    named = f"{', '.join(wrong[:_NAMED_ROWS])}{more}"
     pairs = ", ".join(
         f"{dataset.poses.ids[i]} has the joints of {dataset.poses.ids[k]}"
         for i, k in zip(poses, source, strict=True)
         if i != k
     )
-    few = len(wrong) <= 6
+    which = pairs if len(wrong) <= _NAMED_ROWS else named
     return Hypothesis(
         ROW_ORDER,
-        f"the points of {len(wrong)} of {len(poses)} poses belong to the joints of other rows ({pairs if few else named})",
+        f"the points of {len(wrong)} of {len(poses)} poses belong to the joints of other rows ({which})",
         "with each point given to the joints that reach it",
         "put the rows of points and joints into one order; a column that names the pose in both tables keeps them so",
         rows=tuple(map(int, rows)),
@@ -261,10 +275,13 @@ def of_sister_tables(robot: Robot) -> Iterator[Hypothesis]:
 @cache
 def known_tables() -> tuple[tuple[str, Robot], ...]:
     """Arms whose tables come with the package, by name."""
+    names: dict[tuple[float, ...], list[str]] = {}
+    for model, lengths in MODELS.items():
+        names.setdefault(lengths, []).append(
+            f"{model.removesuffix('e').upper()}{'e' if model.endswith('e') else ''}"
+        )
     universal = [
-        (name.upper() if not name.endswith("e") else name[:-1].upper() + "e", robot_of(chain_of_standard(nominal_rows(name), name)))
-        for name in MODELS
+        (" or ".join(named), robot_of(chain_of_standard(nominal_rows(named[0]), named[0])))
+        for named in names.values()
     ]
     return (*universal, *((builtin_robot(name).name, builtin_robot(name)) for name in BUILTIN_ROBOTS))
-
-

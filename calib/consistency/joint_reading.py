@@ -41,7 +41,9 @@ class JointReading:
         """Those whose values it changes, counted from 1."""
         return tuple(
             k + 1
-            for k, (column, sign, offset) in enumerate(zip(self.order, self.signs, self.offsets_rad, strict=True))
+            for k, (column, sign, offset) in enumerate(
+                zip(self.order, self.signs, self.offsets_rad, strict=True)
+            )
             if column != k or sign < 0 or offset != 0.0
         )
 
@@ -53,7 +55,7 @@ class JointReading:
 def simple_readings(is_revolute: BoolArray) -> tuple[JointReading, ...]:
     """Readings that one habit makes: any pattern of signs, two columns that change places, all backwards, one zero."""
     plain, n = JointReading.plain(len(is_revolute)), len(is_revolute)
-    out = [edit for edit in _edits(plain, is_revolute)]
+    out = list(_edits(plain, is_revolute))
     if n <= _MOST_SIGNS:
         patterns = (replace(plain, signs=signs) for signs in product((1.0, -1.0), repeat=n))
     else:

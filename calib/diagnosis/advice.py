@@ -9,8 +9,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from calib.calibration.result import Calibration
-from calib.diagnosis.conclusion import concluded, with_split
 from calib.consistency.data_problem import Suspicions
+from calib.diagnosis.conclusion import concluded, with_split
 from calib.diagnosis.data_check import data_suspicions, diagnosis_of_problem, problem_beside_effects
 from calib.diagnosis.decision_rules import curves_say_more
 from calib.diagnosis.diagnose import AddCurves, SearchAgain, SearchWithNoise, closing_move

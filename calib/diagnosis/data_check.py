@@ -1,4 +1,4 @@
-"""Data that are wrong, before and beside effects: a diagnosis that names none where the sheet or the table is at fault."""
+"""Data that are wrong, before and beside effects: where the sheet or the table is at fault, no effect is named."""
 
 from __future__ import annotations
 

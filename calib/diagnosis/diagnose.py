@@ -1,7 +1,7 @@
 """Which physical effect is missing from the five-parameter model of a dataset.
 
-Signs and order of the joints, units, rows and the robot's table come first: where one of them is wrong, no effect is
-named. The stepwise search names effects, each with its evidence, its doubt and its held-out gain. Then what the last fit
+Signs and order of joints, units, rows and the robot's table come first: where one of them is wrong, no effect is named.
+The stepwise search names effects, each with its evidence, its doubt and its held-out gain. Then what the last fit
 leaves over is tested, whatever was named: a cause outside the catalogue shows there. Moves may follow the verdict.
 Where noise has another shape than was declared, or a few poses stand out from a fit that is otherwise clean, the search
 is done once more with that shape or without those poses; where something is left that no effect explains, curves of the

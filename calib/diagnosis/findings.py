@@ -72,7 +72,9 @@ class Findings:
     open_sets: tuple[OpenSet, ...] = ()  # each with one effect in the model
     beaten: str = ""  # an effect that was added, and does not lead a slow wander of the instrument
     noise: ShownNoise | None = None  # where the noise has another shape than was declared
-    data_problem: DataProblem | None = None  # signs, order, units, rows or the table are wrong: nothing is named then
+    data_problem: DataProblem | None = (
+        None  # signs, order, units, rows or the table are wrong: nothing is named then
+    )
     split: Split | None = None  # the next poses by which the first of the open sets is told apart
 
     @property

@@ -1,4 +1,4 @@
-"""Whether the sheet of check poses is the mistake: its signs, order, units or rows, by what the earlier fit predicts."""
+"""Whether a sheet of check poses is the mistake: its signs, order, units or rows, by what the earlier fit predicts."""
 
 from __future__ import annotations
 
@@ -56,7 +56,9 @@ def sheet_problem(base: Calibration, new: Dataset) -> DataProblem | None:
     least = min(tried.values())
     good = [h for h, left_mm in tried.items() if left_mm < _AS_GOOD * least]
     rank = min((h.edits, h.kind == JOINT_ZERO) for h in good)
-    best, *others = sorted((h for h in good if (h.edits, h.kind == JOINT_ZERO) == rank), key=tried.__getitem__)
+    best, *others = sorted(
+        (h for h in good if (h.edits, h.kind == JOINT_ZERO) == rank), key=tried.__getitem__
+    )
     rivals = tuple(others)
     return DataProblem(best, best.of_dataset(new), now_mm, tried[best], np.inf, rivals)
 

@@ -18,7 +18,6 @@ from calib.robot_formats.robot_file import read_arm, source_links
 from calib.robot_formats.urdf.chain import chain_of_arm
 from calib.robot_formats.urdf.text import with_origins
 
-
 _LOST_MM, _LOST_RAD = 1e-6, 1e-9
 
 
@@ -95,6 +94,6 @@ def _not_in_yaml(origins: OriginYaml, chain: SerialChain, found: CalibratedChain
     if off_mm < _LOST_MM and turned_rad < _LOST_RAD:
         return ()
     return (
-        f"the calibrated flange is {off_mm:.3g} mm and {np.degrees(turned_rad):.3g} deg off its nominal place on the last "
-        "joint's axis, for which a kinematics file has no number: it is lost",
+        f"the calibrated flange is {off_mm:.3g} mm and {np.degrees(turned_rad):.3g} deg off its nominal place on the "
+        "last joint's axis, for which a kinematics file has no number: it is lost",
     )

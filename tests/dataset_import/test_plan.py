@@ -94,7 +94,10 @@ def test_what_the_user_told_is_not_overruled_but_doubted(truth: Dataset, tmp_pat
     plan = planned(tmp_path, q, points_of(truth), {"A3": Meaning("q3", "rad")})
     assert plan.faults == ()
     assert len(plan.doubts) == 1
-    assert "joint 3 turns the other way than robot.toml says: with A3 negated the error falls from" in plan.doubts[0]
+    assert (
+        "joint 3 turns the other way than robot.toml says: with A3 negated the error falls from"
+        in plan.doubts[0]
+    )
     assert write_plan(plan, tmp_path / "cell").dataset.poses.q == pytest.approx(q, abs=1e-7)
 
 

@@ -1,4 +1,4 @@
-"""A controller's calibration in a stock ROS description: links near their places, the flange where the controller has it.
+"""A controller's calibration in a stock ROS description: links near their places, the flange as the controller has it.
 
 The description is written by hand as the ROS xacro does it: base, base_link_inertia turned by half a turn, six joints
 about z at the origins of the YAML, the flange and tool0 on wrist_3. The controller's law is standard Denavit-Hartenberg
@@ -38,7 +38,10 @@ def stock_yaml(model: str) -> str:
     lines = ["kinematics:"]
     for name, values in blocks.items():
         lines.append(f"  {name}:")
-        lines += [f"    {key}: {value!r}" for key, value in zip(("x", "y", "z", "roll", "pitch", "yaw"), values, strict=True)]
+        lines += [
+            f"    {key}: {value!r}"
+            for key, value in zip(("x", "y", "z", "roll", "pitch", "yaw"), values, strict=True)
+        ]
     return "\n".join([*lines, "  hash: calib_12788084448423163542", ""])
 
 
@@ -72,8 +75,15 @@ def turned(q: float) -> np.ndarray:
 def controllers(model: str, deltas: dict[str, list[float]], q: np.ndarray) -> np.ndarray:
     """(4, 4) base_T_flange by the controller's law; extended precision, as d may be of a kilometre."""
     out = np.eye(4, dtype=np.longdouble)
-    added = np.column_stack([deltas[f"delta_{key}"] for key in ("theta", "a", "d", "alpha")]) * [1, 1e3, 1e3, 1]
-    for (theta, a, d, alpha), value in zip((nominal_rows(model) + added).astype(np.longdouble), q, strict=True):
+    added = np.column_stack([deltas[f"delta_{key}"] for key in ("theta", "a", "d", "alpha")]) * [
+        1,
+        1e3,
+        1e3,
+        1,
+    ]
+    for (theta, a, d, alpha), value in zip(
+        (nominal_rows(model) + added).astype(np.longdouble), q, strict=True
+    ):
         c, s, ca, sa = np.cos(theta + value), np.sin(theta + value), np.cos(alpha), np.sin(alpha)
         row = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
         out = out @ np.array(row, dtype=np.longdouble)
@@ -97,7 +107,9 @@ def converted(tmp_path: Path, model: str, deltas: dict[str, list[float]]) -> str
     return out.read_text()
 
 
-def compared(text: str, model: str, deltas: dict[str, list[float]], count: int) -> tuple[float, float, float, float]:
+def compared(
+    text: str, model: str, deltas: dict[str, list[float]], count: int
+) -> tuple[float, float, float, float]:
     """The most that the flange is off (mm, rad) and that a link's frame is off its nominal place (mm, rad)."""
     rng = np.random.default_rng(1)
     flange, attitude, place, turn = 0.0, 0.0, 0.0, 0.0
@@ -130,7 +142,10 @@ def test_a_calibration_keeps_the_flange_and_the_links_near_their_places(
         for name in LINKS:
             mine, theirs = blocks[name], stock[name]
             assert max(abs(mine[key] - theirs[key]) for key in "xyz") < 2e-3
-            both = (Rotation.from_euler("xyz", [b[key] for key in ("roll", "pitch", "yaw")]) for b in (mine, theirs))
+            both = (
+                Rotation.from_euler("xyz", [b[key] for key in ("roll", "pitch", "yaw")])
+                for b in (mine, theirs)
+            )
             assert (next(both).inv() * next(both)).magnitude() < math.radians(0.2)
         assert "calib_12788084448423163542" in text
     assert "not on the axis" not in capsys.readouterr().out

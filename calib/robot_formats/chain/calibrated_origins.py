@@ -75,7 +75,10 @@ def _placed_axes(chain: SerialChain, base_T_chain: Array, lines: Array) -> list[
     The last is not turned about its axis yet. lines  # (n, 4, 4) whose z axes are the calibrated ones
     """
     own = [joint.before_T_joint @ axis_frame(joint) for joint in chain.joints]
-    ends = [np.eye(4), *(invert(axis_frame(joint)) for joint in chain.joints)]  # from an axis to its joint's frame
+    ends = [
+        np.eye(4),
+        *(invert(axis_frame(joint)) for joint in chain.joints),
+    ]  # from an axis to its joint's frame
     out: list[Array] = []
     before = base_T_chain
     for i, joint in enumerate(chain.joints):
