@@ -196,9 +196,9 @@ def of_units(robot: Robot, sample: Sample) -> Iterator[Hypothesis]:
             length = min(lengths, key=lambda scale: abs(np.log(scale * sample.spread_mm / spread)))
             said = [words for words in (angle_words, slide_words, lengths[length]) if words[0]]
             if said:
+                found, then, mend = (_and(list(words)) for words in zip(*said, strict=True))
                 yield Hypothesis(
-                    UNITS, *(_and([words[i] for words in said]) if i != 1 else f"with {_and([w[1] for w in said])}"
-                             for i in range(3)),
+                    UNITS, found, f"with {then}", mend,
                     angle_scale=angle, slide_scale=slide, points_scale=length, edits=len(said),
                 )  # fmt: skip
 

@@ -11,7 +11,6 @@ import numpy as np
 from calib.frames import invert, rotvec_from_rotation
 from calib.kinematics.robot import Robot
 from calib.robot_formats.chain.calibrated_origins import CalibratedChain, with_calibration
-from calib.robot_formats.chain.five_parameters import robot_of
 from calib.robot_formats.chain.serial_chain import SerialChain
 from calib.robot_formats.origin_yaml import OriginYaml, chain_of_yaml, read_origin_yaml, with_yaml_origins
 from calib.robot_formats.robot_file import read_arm, source_links
@@ -58,7 +57,7 @@ def calibrated_urdf(
     known_tip, known_base = source_links(calibrated)
     arm = read_arm(template, tip=tip or known_tip, base=base or known_base)
     chain = chain_of_arm(arm)
-    found = with_calibration(chain, robot_of(chain) if nominal is None else nominal, calibrated)
+    found = with_calibration(chain, nominal, calibrated)
     text = with_origins(arm, found.chain, comment)
     notes = []
     if not found.tip_known:
@@ -75,9 +74,7 @@ def calibrated_yaml(template: Path, calibrated: Robot, nominal: Robot | None = N
     origins = read_origin_yaml(template)
     chain = chain_of_yaml(origins)
     holds_tip = origins.flange is not None
-    found = with_calibration(
-        chain, robot_of(chain) if nominal is None else nominal, calibrated, holds_tip=holds_tip
-    )
+    found = with_calibration(chain, nominal, calibrated, holds_tip=holds_tip)
     text, changed = with_yaml_origins(origins, found.chain)
     return CalibratedFile(text.encode(), changed, _not_in_yaml(origins, chain, found))
 

@@ -144,11 +144,7 @@ def test_only_numbers_change_in_a_kinematics_file_and_the_hash_stays(tmp_path: P
     table = nominal.table
     table[2] += [0.1, 0.001, 0.0, 0.002, 0.001]
     out = calibrated_yaml(path, nominal.with_table(table), nominal)
-    assert out.changed[:2] == ("forearm", "wrist_1")
-    before, after = (yaml.safe_load(text)["kinematics"] for text in (UR_YAML, out.content))
-    for name in ("shoulder", "upper_arm", "wrist_2", "wrist_3"):  # nothing but what is of second order
-        for key, value in before[name].items():
-            assert float(after[name][key]) == pytest.approx(float(value), abs=2e-6)
+    assert out.changed == ("forearm", "wrist_1")
     assert b"calib_12788084448423163542" in out.content
     assert b"# nearly parallel" in out.content
     (tmp_path / "again.yaml").write_bytes(out.content)

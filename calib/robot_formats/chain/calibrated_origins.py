@@ -1,13 +1,21 @@
 """Where the joints of a user's own chain stand once the five-parameter table of its arm is calibrated.
 
-What the table fixes of a joint is its axis, a line at zero; where the frame stands on that line, and how it is turned
-about it, changes no motion as long as the frames behind make up for it. So each frame is put where its link stands as
-the chain has it: joint by joint, the frame that the chain's own origin would give behind the joint before is moved onto
-the calibrated axis by the least shift and the least turn. Then it is turned about that axis until the next axis lies
-where the chain has it: an error of a joint's zero turns the link behind it, and changes one origin.
+J_i is the frame of joint i at zero, F_i frame i of the table, both in the base frame. Where the table before the
+calibration is known, F_(i-1) and J_i share axis i there, so N_i = F_(i-1)^-1 J_i is a turn about it and a slide along
+it, and it is kept: with the calibrated table
 
-The last joint is turned about its axis until the calibrated tool sits on it as nominally; where the file has no place
-for the tool, it is shifted along its axis too, so that its link's end is the calibrated one.
+    J_i' = F_(i-1)' Rz(theta_i' - theta_i) N_i        before_T_joint_i' = J_(i-1)'^-1 J_i'
+
+The change of theta_i turns the link behind joint i, so that an error of one joint's zero changes one origin.
+
+A table that came in another form, as a controller's calibration does, has its frames elsewhere on the same axes. What
+it fixes of a joint is the axis, a line at zero: where the frame stands on that line, and how it is turned about it,
+changes no motion as long as the frames behind make up for it. So each frame is put where the chain has its link: joint
+by joint, what the chain's own origin gives behind the joint before is moved onto the calibrated axis by the least shift
+and the least turn, and turned about it until the next axis lies where the chain has it. The last joint is turned about
+its axis until the tip sits on it as the chain has it.
+
+Where the file has no place for the tip, the last joint is turned and shifted along its axis to bring it there.
 """
 
 from __future__ import annotations
@@ -18,10 +26,11 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray
 from calib.frames import best_fit_rotation, invert, make_transform, rotation_from_rpy, skew
-from calib.kinematics.robot import Robot
-from calib.robot_formats.chain.five_parameters import frames_at_zero
+from calib.kinematics.robot import PARAMETER_KINDS, Robot
+from calib.robot_formats.chain.five_parameters import frames_at_zero, robot_of
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain, axis_frame
 
+_THETA = PARAMETER_KINDS.index("theta")
 _SAME_MM, _SAME_RAD = 1e-3, 1e-6
 _STEEP = 0.5  # sine of the angle between two axes above which the direction of the next one tells how a link is turned
 _TELLS_MM = 10.0  # distance of two axes above which the place of the next one does
@@ -38,55 +47,64 @@ class CalibratedChain:
 
 
 def with_calibration(
-    chain: SerialChain, nominal: Robot, calibrated: Robot, *, holds_tip: bool = True
+    chain: SerialChain, nominal: Robot | None, calibrated: Robot, *, holds_tip: bool = True
 ) -> CalibratedChain:
     """The chain with the places of its joints as calibrated: same joints, same axes in their own frames.
 
+    nominal: the robot whose table was calibrated; None: the chain as it is, and the table may have been made otherwise.
     holds_tip: whether the chain's file has a place for the tip on the last joint; else that joint brings it there.
 
     Raises RobotFileError where the nominal robot is not the chain's arm: joints in number or kind, an axis.
     """
-    _require_same_joints(chain, nominal)
-    frames, after = frames_at_zero(nominal), frames_at_zero(calibrated)
-    robot_T_chain = _base(chain, frames, nominal)
+    before_calibration = robot_of(chain) if nominal is None else nominal
+    _require_same_joints(chain, before_calibration)
+    frames, after = frames_at_zero(before_calibration), frames_at_zero(calibrated)
+    robot_T_chain = _base(chain, frames, before_calibration)
     at_zero = robot_T_chain @ chain.at_zero
+    frames_T_joints = [invert(frame) @ joint for frame, joint in zip(frames[:-2], at_zero[:-1], strict=True)]
     for i, joint in enumerate(chain.joints):
-        _require_axis(chain, nominal, i, invert(frames[i]) @ at_zero[i] @ axis_frame(joint))
+        _require_axis(chain, before_calibration, i, frames_T_joints[i] @ axis_frame(joint))
+    if nominal is None:
+        _require_same_joints(chain, calibrated)
+        places = _by_lines(chain, robot_T_chain, after[:-2])
+    else:
+        turns_rad = calibrated.table[:-1, _THETA] - nominal.table[:-1, _THETA]
+        places = [
+            frame @ _about_axis(turn_rad) @ frame_T_joint
+            for frame, turn_rad, frame_T_joint in zip(after[:-2], turns_rad, frames_T_joints, strict=True)
+        ]
     tip_known = bool(_is_near(frames[-1], at_zero[-1]))
-    last_turn_rad = calibrated.joints[-1].theta_rad - nominal.joints[-1].theta_rad
-    axes = _placed_axes(chain, robot_T_chain, after[:-2])
-    turn_rad, slide_mm = last_turn_rad, 0.0
-    if tip_known:
-        last_T_tip = invert(axis_frame(chain.joints[-1])) @ chain.last_T_tip
-        turn_rad, slide_mm = _last_motion(invert(axes[-1]) @ after[-1], last_T_tip)
-    axes[-1] = axes[-1] @ _about_axis(turn_rad, 0.0 if holds_tip else slide_mm)
+    if tip_known and (nominal is None or not holds_tip):
+        last = axis_frame(chain.joints[-1])
+        turn_rad, slide_mm = _last_motion(
+            invert(places[-1] @ last) @ after[-1], invert(last) @ chain.last_T_tip
+        )
+        places[-1] = places[-1] @ last @ _about_axis(turn_rad, 0.0 if holds_tip else slide_mm) @ invert(last)
     joints, before = [], robot_T_chain
-    for joint, axis in zip(chain.joints, axes, strict=True):
-        base_T_joint = axis @ invert(axis_frame(joint))
+    for joint, base_T_joint in zip(chain.joints, places, strict=True):
         joints.append(replace(joint, before_T_joint=invert(before) @ base_T_joint))
         before = base_T_joint
     last_T_tip = invert(before) @ after[-1] if tip_known else chain.last_T_tip
     return CalibratedChain(replace(chain, joints=tuple(joints), last_T_tip=last_T_tip), tip_known)
 
 
-def _placed_axes(chain: SerialChain, base_T_chain: Array, lines: Array) -> list[Array]:
-    """(4, 4) of each joint at zero, with z along its calibrated axis, as near to the chain's own place as it can be.
+def _by_lines(chain: SerialChain, base_T_chain: Array, lines: Array) -> list[Array]:
+    """(4, 4) of each joint at zero, its axis on the calibrated one, as near to the chain's own place as it can be.
 
     The last is not turned about its axis yet. lines  # (n, 4, 4) whose z axes are the calibrated ones
     """
     own = [joint.before_T_joint @ axis_frame(joint) for joint in chain.joints]
-    ends = [
-        np.eye(4),
-        *(invert(axis_frame(joint)) for joint in chain.joints),
-    ]  # from an axis to its joint's frame
     out: list[Array] = []
     before = base_T_chain
     for i, joint in enumerate(chain.joints):
-        before = _moved_to_line(before @ ends[i] @ own[i], lines[i], slides=not joint.is_revolute)
+        axis = _moved_to_line(before @ own[i], lines[i], slides=not joint.is_revolute)
+        joint_T_axis = axis_frame(joint)
         if i + 1 < len(own):
             both_turn = joint.is_revolute and chain.joints[i + 1].is_revolute
-            turn_rad = _azimuth(invert(before) @ lines[i + 1], ends[i + 1] @ own[i + 1], both_turn=both_turn)
-            before = before @ _about_axis(turn_rad)
+            expected = invert(joint_T_axis) @ own[i + 1]
+            turn_rad = _azimuth(invert(axis) @ lines[i + 1], expected, both_turn=both_turn)
+            axis = axis @ _about_axis(turn_rad)
+        before = axis @ invert(joint_T_axis)
         out.append(before)
     return out
 
