@@ -113,6 +113,9 @@ class Suspicions:
 
     problem: DataProblem | None
     open: tuple[Hypothesis, ...] = ()
+    likeliest: DataProblem | None = (
+        None  # of those that are open, where it says clearly more than the data as they are
+    )
 
 
 def is_quiet(now: Calibration) -> bool:
@@ -340,19 +343,28 @@ class _Tried:
         """The simplest of the believed ones that say the most; those that are neither believed nor excluded."""
         believed = [h for h in self.fits if self._is_believed(h)]
         if not believed:
-            return Suspicions(None, tuple(h for h in self.fits if self._is_open(h)))
+            return self._undecided()
         most = max(map(self._gain, believed))
         enough = [h for h in believed if self._gain(h) > most - max(_AS_GOOD, _SLACK * most)]
         simplest = min(map(_rank, enough))
         good = sorted((h for h in enough if _rank(h) == simplest), key=self._gain, reverse=True)
         best = good[0]
         as_good = tuple(h for h in good[1:] if self._gain(h) > self._gain(best) - _AS_GOOD)
-        fits = (self.now, self.fits[best])
-        now_mm, then_mm = (error_mm(f.before if best.kind == ROBOT_TABLE else f.after) for f in fits)
-        problem = DataProblem(
-            best, best.of_dataset(self.now.dataset), now_mm, then_mm, self._gain(best), as_good
-        )
-        return Suspicions(problem)
+        return Suspicions(self._problem(best, as_good))
+
+    def _undecided(self) -> Suspicions:
+        """Where no hypothesis is believed."""
+        still_open = tuple(h for h in self.fits if self._is_open(h))
+        best = max(still_open, key=self._gain, default=None)
+        if best is None or self._gain(best) <= MIN_GAIN:
+            return Suspicions(None, still_open)
+        return Suspicions(None, still_open, self._problem(best))
+
+    def _problem(self, hypothesis: Hypothesis, rivals: tuple[Hypothesis, ...] = ()) -> DataProblem:
+        fits = (self.now, self.fits[hypothesis])
+        now_mm, then_mm = (error_mm(f.before if hypothesis.kind == ROBOT_TABLE else f.after) for f in fits)
+        mended = hypothesis.of_dataset(self.now.dataset)
+        return DataProblem(hypothesis, mended, now_mm, then_mm, self._gain(hypothesis), rivals)
 
     def _gain(self, hypothesis: Hypothesis) -> float:
         fitted = self.fits[hypothesis]

@@ -12,7 +12,7 @@ import numpy as np
 from calib.array_types import Array
 from calib.calibration.calibrate import calibrate
 from calib.consistency.agreement import Sample, misfit_mm, sample_of
-from calib.consistency.data_problem import DataProblem, suspicions
+from calib.consistency.data_problem import Suspicions, suspicions
 from calib.consistency.joint_reading import JointReading
 from calib.dataset.dataset import Dataset, Points, Poses
 from calib.dataset_import.columns import AS_TOLD, Recognised
@@ -117,8 +117,13 @@ def settled(
         work.said += [f"{asked.robot.robot.name}: {note}" for note in best.robot.notes]
         return Settled(best.robot, plain)
     names = [meant.columns[f"q{k + 1}"].name for k in range(asked.robot.robot.n_joints)]
-    problem = _problem(sheet, asked.robot.robot, names)
+    found = _suspicions(sheet, asked.robot.robot, names)
+    problem = found.problem
     if problem is None:
+        if found.likeliest is not None:
+            work.doubts.append(
+                f"{table}: {found.likeliest.words}, or an effect of the arm looks so: inspector diagnose weighs them"
+            )
         if misfits[0] > AGREES * sample.spread_mm:
             work.doubts.append(
                 f"{table}: the nominal arm misses the points by {misfits[0]:.3g} mm rms, and they spread by "
@@ -139,12 +144,12 @@ def settled(
     return Settled(asked.robot, reading, f"so read, {fall}")
 
 
-def _problem(sheet: Sheet, robot: Robot, names: Sequence[str]) -> DataProblem | None:
-    """What is wrong with the sheet or the robot by a fit of the links; None where nothing is, or no fit is possible."""
+def _suspicions(sheet: Sheet, robot: Robot, names: Sequence[str]) -> Suspicions:
+    """What a fit of the links says of the sheet and the robot; nothing where no fit is possible."""
     try:
-        return suspicions(calibrate(sheet.dataset(robot)), calibrate, names).problem
+        return suspicions(calibrate(sheet.dataset(robot)), calibrate, names)
     except CalibError:
-        return None
+        return Suspicions(None)
 
 
 def _ask_for_convention(asked: RobotReading, readings: Sequence[RobotReading]) -> str:

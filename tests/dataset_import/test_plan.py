@@ -113,6 +113,31 @@ def test_a_mapping_turns_and_moves_a_joint(truth: Dataset, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
+def test_a_last_joint_that_may_turn_the_other_way_is_doubted(truth: Dataset, tmp_path: Path) -> None:
+    """The tool of this arm is near its last axis: the sign shows by tenths of a millimetre, as a wobble does."""
+    q = truth.poses.q * [1.0, 1.0, 1.0, 1.0, 1.0, -1.0]
+    plan = planned(tmp_path, q, points_of(truth))
+    assert plan.faults == ()
+    assert len(plan.doubts) == 1
+    assert "joint 6 turns the other way than robot.toml says: with A6 negated" in plan.doubts[0]
+    assert "inspector diagnose weighs them" in plan.doubts[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("change", "said"), [
+    (lambda q, p: (q[np.random.default_rng(0).permutation(40)], p), "belong to the joints of other rows"),
+    (lambda q, p: (np.roll(q, 1, axis=0), p), "the rows of points and joints are out of step"),
+])  # fmt: skip
+def test_rows_in_another_order_are_doubted_with_the_mend(
+    truth: Dataset, tmp_path: Path, change: Callable[..., tuple[np.ndarray, np.ndarray]], said: str
+) -> None:
+    plan = planned(tmp_path, *change(truth.poses.q, points_of(truth)))
+    assert plan.faults == ()
+    assert len(plan.doubts) == 1
+    assert said in plan.doubts[0]
+
+
+@pytest.mark.slow
 def test_points_of_another_robot_are_doubted_and_nothing_is_guessed(truth: Dataset, tmp_path: Path) -> None:
     points = points_of(truth) * [1.0, 1.6, 0.7]
     plan = planned(tmp_path, truth.poses.q, points)
