@@ -136,7 +136,8 @@ def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = ()) -> Sus
         found = _units_problem(now, refit, sample)
         if found is not None:
             return Suspicions(found)
-    if is_quiet(now) or not _is_judged(now):
+    of_one_place = sample is not None and not sample.spread_mm > 0.0
+    if is_quiet(now) or not _is_judged(now) or of_one_place:
         return Suspicions(None)
     tried = _Tried(now, refit)
     names = names or column_names(dataset.robot)

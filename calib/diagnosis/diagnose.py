@@ -113,8 +113,9 @@ def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:
     repeated = noise_of_repeats(space.dataset)
     if repeated is not None:
         space = replace(space, options=replace(space.options, noise=repeated.shape))
-    tell("holding joints, points and table against each other")
+    tell("fitting the geometry")
     first = first_fit(space)
+    tell("holding joints, points and table against each other")
     doubts = data_suspicions(space, first)
     if doubts.problem is not None:
         return diagnosis_of_problem(space, first, doubts.problem)

@@ -26,8 +26,10 @@ def search_stepwise(
 
     first: the fit to begin with, where it was made already.
     """
-    tell("fitting the geometry")
-    steps = [space.ranked(first or first_fit(space))]
+    if first is None:
+        tell("fitting the geometry")
+        first = first_fit(space)
+    steps = [space.ranked(first)]
     dropped = [refused]
     while not isinstance(move := next_move(space, steps[-1], dropped, tell), Stop):
         if not isinstance(move, AddEffect):
