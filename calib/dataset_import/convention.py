@@ -7,13 +7,46 @@ from dataclasses import dataclass, replace
 from math import degrees
 from pathlib import Path
 
-from calib.dataset.input_names import quantity_of
-from calib.dataset_import.agreement import Sample, misfit_mm
+import numpy as np
+
+from calib.array_types import Array
+from calib.calibration.calibrate import calibrate
+from calib.consistency.agreement import Sample, misfit_mm, sample_of
+from calib.consistency.data_problem import Suspicions, suspicions
+from calib.consistency.joint_reading import JointReading
+from calib.dataset.dataset import Dataset, Points, Poses
 from calib.dataset_import.columns import AS_TOLD, Recognised
-from calib.dataset_import.joint_reading import AGREES, GAIN, LOOKS_RIGHT, JointReading, better_reading
 from calib.dataset_import.reading import Work
+from calib.errors import CalibError
+from calib.kinematics.robot import Robot
 from calib.robot_formats.conventions import SCHOOLS, RobotReading
 from calib.robot_formats.robot_file import RobotFile
+
+GAIN = 5.0  # times less is left over; nothing smaller is overwhelming
+AGREES = 0.1  # of the points' spread, at most, where arm and points belong together
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Joints and points as they were read, one point a pose, all of one target and from one place."""
+
+    ids: tuple[str, ...]  # (N,)
+    q: Array  # (N, n) rad, mm
+    points_mm: Array  # (N, 3), nan where nothing was measured
+
+    @property
+    def sample(self) -> Sample:
+        """What the nominal arm is held against."""
+        return sample_of(self.q, self.points_mm)
+
+    def dataset(self, robot: Robot) -> Dataset:
+        """All measured poses as training poses of an arm."""
+        known = np.flatnonzero(np.isfinite(self.q).all(axis=1) & np.isfinite(self.points_mm).all(axis=1))
+        ids = tuple(self.ids[i] for i in known)
+        role = np.array(["reference", *["train"] * (len(known) - 1)])
+        poses = Poses(ids, role, self.q[known], np.full(len(known), ""), ids)
+        points = Points(np.arange(len(known)), self.points_mm[known], np.full(len(known), "jig"))
+        return Dataset("sheet", robot, poses, points)
 
 
 @dataclass(frozen=True)
@@ -45,22 +78,23 @@ class Settled:
 
 
 def settled(
-    work: Work, readings: Sequence[RobotReading], sample: Sample | None, meant: Recognised, table: Path
+    work: Work, readings: Sequence[RobotReading], sheet: Sheet | None, meant: Recognised, table: Path
 ) -> Settled:
     """What the points speak for. What is taken is said; another reading is taken only where the gain is overwhelming.
 
-    sample  # None where no point belongs to a pose
+    sheet  # None where no point belongs to a pose
     """
+    sample = None if sheet is None else sheet.sample
     asked = readings[0]
     plain = JointReading.plain(asked.robot.robot.n_joints)
     as_it_is = Settled(asked.robot, plain)
     if len(readings) == 1 and not asked.asked:
         work.said.append(f"{asked.robot.robot.name}: its table is {SCHOOLS[asked.convention]}, by its axes")
-    if sample is None or not sample.is_enough:
+    if sheet is None or sample is None or not sample.is_enough:
         if not any(each.asked for each in readings) and len(readings) > 1:
             work.fault(_ask_for_convention(asked, readings))
         return as_it_is
-    misfits = [misfit_mm(each.robot.robot, sample.q, sample.points_mm) for each in readings]
+    misfits = [misfit_mm(each.robot.robot, sample) for each in readings]
     least = min(misfits)
     best = readings[misfits.index(least)]
     near = least <= AGREES * sample.spread_mm
@@ -82,11 +116,14 @@ def settled(
         )
         work.said += [f"{asked.robot.robot.name}: {note}" for note in best.robot.notes]
         return Settled(best.robot, plain)
-    if misfits[0] <= LOOKS_RIGHT * sample.spread_mm:
-        return as_it_is
-    found = better_reading(asked.robot.robot, sample, misfits[0])
-    told = any(column.why == AS_TOLD for name, column in meant.columns.items() if quantity_of(name) == "q")
-    if found is None:
+    names = [meant.columns[f"q{k + 1}"].name for k in range(asked.robot.robot.n_joints)]
+    found = _suspicions(sheet, asked.robot.robot, names)
+    problem = found.problem
+    if problem is None:
+        if found.likeliest is not None:
+            work.doubts.append(
+                f"{table}: {found.likeliest.words}, or an effect of the arm looks so: inspector diagnose weighs them"
+            )
         if misfits[0] > AGREES * sample.spread_mm:
             work.doubts.append(
                 f"{table}: the nominal arm misses the points by {misfits[0]:.3g} mm rms, and they spread by "
@@ -94,17 +131,25 @@ def settled(
                 "of the joints explains it"
             )
         return as_it_is
-    words = _words(found.reading, meant)
-    gain = (
-        f"the nominal arm then misses the points by {found.misfit_mm:.3g} mm rms, and as it stands by "
-        f"{misfits[0]:.3g} mm"
-    )
-    if told or found.rival is not None:
-        rival = f" (or {_words(found.rival, meant)})" if found.rival is not None else ""
-        work.doubts.append(f"{table}: {words}{rival} would fit better: {gain}; tell with --map")
+    told = any(column.why == AS_TOLD for name, column in meant.columns.items() if name[1:].isdigit())
+    reading = problem.hypothesis.reading
+    if reading is None or problem.rivals or told:
+        by_map = "; tell with --map" if reading is not None else ""
+        work.doubts.append(f"{table}: {problem.words}{by_map}")
         return as_it_is
-    work.said.append(f"{table}: {words}: {gain}; --map says it otherwise")
-    return Settled(asked.robot, found.reading, f"so read, {gain.replace(' then', '')}")
+    fall = f"the error falls from {problem.now_mm:.3g} to {problem.then_mm:.3g} mm"
+    work.said.append(
+        f"{table}: {problem.found}, and is read so: {problem.hypothesis.then} {fall}; --map says it otherwise"
+    )
+    return Settled(asked.robot, reading, f"so read, {fall}")
+
+
+def _suspicions(sheet: Sheet, robot: Robot, names: Sequence[str]) -> Suspicions:
+    """What a fit of the links says of the sheet and the robot; nothing where no fit is possible."""
+    try:
+        return suspicions(calibrate(sheet.dataset(robot)), calibrate, names)
+    except CalibError:
+        return Suspicions(None)
 
 
 def _ask_for_convention(asked: RobotReading, readings: Sequence[RobotReading]) -> str:
@@ -113,18 +158,3 @@ def _ask_for_convention(asked: RobotReading, readings: Sequence[RobotReading]) -
         f"{asked.robot.robot.name}: its table of theta, d, a, alpha may be {conventions} Denavit-Hartenberg, and the "
         "points do not tell; give --convention"
     )
-
-
-def _words(reading: JointReading, meant: Recognised) -> str:
-    """What a reading changes, in words."""
-    parts = []
-    for k, (column, sign, offset) in enumerate(
-        zip(reading.order, reading.signs, reading.offsets_rad, strict=True)
-    ):
-        name = meant.columns[f"q{column + 1}"].name
-        changes = ["in another place"] if column != k else []
-        changes += ["with the opposite sign"] if sign < 0 else []
-        changes += [f"counted from {-degrees(offset):+.0f}°"] if offset else []
-        if changes:
-            parts.append(f"joint {k + 1} is {name} {' and '.join(changes)}")
-    return ", ".join(parts)

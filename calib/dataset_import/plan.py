@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.dataset_import.agreement import sample_of
 from calib.dataset_import.columns import Column, Meaning, Recognised
-from calib.dataset_import.convention import settled
+from calib.dataset_import.convention import Sheet, settled
 from calib.dataset_import.reading import (
     Work,
     beside,
@@ -151,7 +150,7 @@ def _with_numbers(
     scale = np.array([ANGLES_RAD.get(unit) or LENGTHS_MM[unit] for unit in units])
     signs = np.array([meant.columns[name].sign for name in names])
     q = (signs * q_file + np.array([meant.columns[name].offset for name in names])) * scale
-    sample, off, unit = None, 1.0, "mm"
+    sheet, off, unit = None, 1.0, "mm"
     if seen is not None and near is not None:
         unit, how, off = points_unit(work, other or table, of_points, near, q)
         of_points = _with_units(
@@ -160,14 +159,14 @@ def _with_numbers(
         columns[(other or table).path] = (other or table, of_points)
         setups = table.text(meant.columns["setup"].name) if "setup" in meant.columns else []
         place = of_one_place(near, row_of, (other or table, of_points), setups)
-        sample = sample_of(q, place * LENGTHS_MM[unit])
+        sheet = Sheet(tuple(ids), q, place * LENGTHS_MM[unit])
         seen = seen * LENGTHS_MM[unit]
-    taken = settled(work, given.robots, sample, meant, table.path)
+    taken = settled(work, given.robots, sheet, meant, table.path)
     q = taken.joints.of(q)
     columns[table.path] = (table, taken.applied(columns[table.path][1], units))
     robot_file = taken.robot
     work.robot = robot_file.robot
-    if sample is not None and off > 1.0 and near is not None:
+    if sheet is not None and off > 1.0 and near is not None:
         require_near_spread(work, other or table, of_points, *length_unit(work.robot, q, near))
     if other is not None and of_points.rest:
         work.said.append(f"{other.path}: other columns are left out: {', '.join(of_points.rest)}")

@@ -9,7 +9,9 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from calib.calibration.result import Calibration
+from calib.consistency.data_problem import Suspicions
 from calib.diagnosis.conclusion import concluded, with_split
+from calib.diagnosis.data_check import data_suspicions, diagnosis_of_problem, problem_beside_effects
 from calib.diagnosis.decision_rules import curves_say_more
 from calib.diagnosis.diagnose import AddCurves, SearchAgain, SearchWithNoise, closing_move
 from calib.diagnosis.effect_selection import FitStep
@@ -60,10 +62,16 @@ def advice_or_verdict(
         tell: called before each stage.
     """
     of_step = space.without(steps[-1].left_out)
+    doubts = data_suspicions(of_step, steps[0]) if not steps[0].selected else Suspicions(None)
+    if doubts.problem is not None:
+        return diagnosis_of_problem(of_step, steps[0], doubts.problem)
     move = next_move(of_step, steps[-1], dropped, tell)
     if not isinstance(move, Stop):
         return advice_on(move, tests, steps[-1].calibration)
     found = concluded(space, steps, move, tests)
+    problem = problem_beside_effects(of_step, found, doubts.open)
+    if problem is not None:
+        return diagnosis_of_problem(of_step, steps[0], problem)
     closing = closing_move(space, found, tell)
     return with_split(found) if closing is None else advice_on(closing, tests, steps[-1].calibration)
 

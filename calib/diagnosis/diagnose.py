@@ -1,5 +1,6 @@
 """Which physical effect is missing from the five-parameter model of a dataset.
 
+Signs and order of joints, units, rows and the robot's table come first: where one of them is wrong, no effect is named.
 The stepwise search names effects, each with its evidence, its doubt and its held-out gain. Then what the last fit
 leaves over is tested, whatever was named: a cause outside the catalogue shows there. Moves may follow the verdict.
 Where noise has another shape than was declared, or a few poses stand out from a fit that is otherwise clean, the search
@@ -19,16 +20,17 @@ from calib.calibration.plausibility import implausibility_reason
 from calib.calibration.result import Calibration
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.conclusion import concluded, with_learned, with_split
+from calib.diagnosis.data_check import data_suspicions, diagnosis_of_problem, problem_beside_effects
 from calib.diagnosis.decision_rules import (
     curves_say_more,
     is_convincing,
     noise_is_believed,
     predicts_worse,
 )
-from calib.diagnosis.effect_selection import selected_curves
+from calib.diagnosis.effect_selection import FitStep, selected_curves
 from calib.diagnosis.moves import Tell
 from calib.diagnosis.result import Diagnosis
-from calib.diagnosis.search_space import MAX_EFFECTS, SearchSpace, step_after
+from calib.diagnosis.search_space import MAX_EFFECTS, SearchSpace, first_fit, step_after
 from calib.diagnosis.stepwise import search_stepwise
 from calib.display.progress import OnStep, staged
 from calib.effects.catalogue import effects_named
@@ -111,15 +113,24 @@ def whole_diagnosis(space: SearchSpace, tell: Tell) -> Diagnosis:
     repeated = noise_of_repeats(space.dataset)
     if repeated is not None:
         space = replace(space, options=replace(space.options, noise=repeated.shape))
-    found = _searched(space, tell)
+    tell("fitting the geometry")
+    first = first_fit(space)
+    tell("holding joints, points and table against each other")
+    doubts = data_suspicions(space, first)
+    if doubts.problem is not None:
+        return diagnosis_of_problem(space, first, doubts.problem)
+    found = _searched(space, tell, first=first)
+    problem = problem_beside_effects(space, found, doubts.open)
+    if problem is not None:
+        return diagnosis_of_problem(space, first, problem)
     while (move := closing_move(space, found, tell)) is not None:
         found = move.found
     return with_split(found)
 
 
-def _searched(space: SearchSpace, tell: Tell, rival: str = "") -> Diagnosis:
+def _searched(space: SearchSpace, tell: Tell, rival: str = "", first: FitStep | None = None) -> Diagnosis:
     """The verdict at the end of a search, which does not add the rival of a wander."""
-    search = search_stepwise(space, tell, rival)
+    search = search_stepwise(space, tell, rival, first)
     tell("judging what is left")
     found = concluded(space, search.steps, search.stop)
     return replace(found, noise=replace(found.noise, rival=rival)) if found.noise is not None else found

@@ -26,6 +26,7 @@ from calib.diagnosis.words.noise_text import NoiseShaped
 from calib.diagnosis.words.sentences import (
     SMALL_CHANGE,
     CurvesLearned,
+    DataWrong,
     EffectFound,
     EffectRefused,
     EffectsTied,
@@ -68,7 +69,9 @@ def explain(findings: Findings) -> Explanation:
     if findings.refused is not None:
         refused = findings.refused
         single.append(EffectRefused(refused.effect, refused.why, refused.detail))
-    paragraphs = [opening, *((reason,) for reason in single), residual_sentences(findings.residual_tests)]
+    wrong = findings.data_problem
+    paragraphs: list[tuple[Reason, ...]] = [] if wrong is None else [(DataWrong(wrong.words),)]
+    paragraphs += [opening, *((reason,) for reason in single), residual_sentences(findings.residual_tests)]
     noise = noise_told(findings)
     if noise is not None:
         paragraphs.append((noise,))
@@ -209,6 +212,8 @@ def _verdict(findings: Findings) -> VerdictSentence:
     if findings.verdict == "outliers":
         poses = findings.residual_tests.outlier_poses
         return Outliers(missing, poses, worst_pose(last, poses), _causes(findings, missing))
+    if findings.data_problem is not None:
+        return Unexplained((), "data", findings.data_problem.words)
     doubt = implausibility_reason(findings.steps[0].calibration)
     without_curves = last if findings.learned is None else findings.learned.before
     return Unexplained(

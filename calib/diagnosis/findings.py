@@ -7,6 +7,7 @@ from itertools import pairwise
 
 from calib.calibration.held_out import HeldOutTest
 from calib.calibration.result import Calibration
+from calib.consistency.data_problem import DataProblem
 from calib.diagnosis.effect_selection import FitStep
 from calib.screening.candidates import Candidate, Screening, Untestable
 from calib.screening.curves.smooth_joint_error import LEARNED, SmoothJointError, inputs_of, joints_of
@@ -87,6 +88,9 @@ class Findings:
     open_sets: tuple[OpenSet, ...] = ()  # each with one effect in the model
     beaten: str = ""  # an effect that was added, and does not lead a slow wander of the instrument
     noise: ShownNoise | None = None  # where the noise has another shape than was declared
+    data_problem: DataProblem | None = (
+        None  # signs, order, units, rows or the table are wrong: nothing is named then
+    )
     split: Split | None = None  # the next poses by which the first of the open sets is told apart
 
     @property

@@ -19,10 +19,17 @@ class Search:
     stop: Stop
 
 
-def search_stepwise(space: SearchSpace, tell: Tell, refused: str = "") -> Search:
-    """Add one effect after the other while one is convincing, but not the `refused` one; take out superfluous ones."""
-    tell("fitting the geometry")
-    steps = [space.ranked(first_fit(space))]
+def search_stepwise(
+    space: SearchSpace, tell: Tell, refused: str = "", first: FitStep | None = None
+) -> Search:
+    """Add one effect after the other while one is convincing, but not the `refused` one; take out superfluous ones.
+
+    first: the fit to begin with, where it was made already.
+    """
+    if first is None:
+        tell("fitting the geometry")
+        first = first_fit(space)
+    steps = [space.ranked(first)]
     dropped = [refused]
     while not isinstance(move := next_move(space, steps[-1], dropped, tell), Stop):
         if not isinstance(move, AddEffect):

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 from calib.documents.calibration_documents import by_role
+from calib.documents.diagnosis_documents import data_problem_document
 from calib.monitoring.change_tests import Found
 from calib.monitoring.iso9283 import PoseFigures
 from calib.monitoring.watch import Watched
@@ -81,6 +82,7 @@ def watched_document(w: Watched) -> dict[str, Any]:
         "expected_mm": w.expected_mm,
         "p_unchanged": w.p_unchanged,
         "poses": w.poses,
+        "data_problem": data_problem_document(w.data_problem),
         "explanation": w.headline,
     }
 

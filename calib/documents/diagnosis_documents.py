@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from calib.calibration.held_out import HeldOutTest
+from calib.consistency.data_problem import DataProblem
 from calib.diagnosis.effect_selection import FitStep
 from calib.diagnosis.explanation import noise_told
 from calib.diagnosis.findings import Learned
@@ -59,6 +60,20 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "explanation": diagnosis.summary(),
         "learned": _learned(diagnosis.learned),
         "noise": _noise(noise_told(diagnosis)),
+        "data_problem": data_problem_document(diagnosis.data_problem),
+    }
+
+
+def data_problem_document(problem: DataProblem | None) -> dict[str, Any] | None:
+    """What is wrong with the data or the table, and the mend; null where nothing is."""
+    if problem is None:
+        return None
+    return {
+        "kind": problem.kind,
+        "joints": problem.joints,
+        "mend": problem.mend,
+        "rmse_mm": {"now": problem.now_mm, "then": problem.then_mm},
+        "words": problem.words,
     }
 
 

@@ -4,7 +4,7 @@ The new points are predicted by the earlier fit. What they are off by has the co
 fit's parameters and scanner frame are known only so well) and of the noise that the earlier fit left. Each kind of
 change is held against it by generalised least squares, twice: with the scanner where it was, which tells *whether*
 anything changed, and with the scanner's place free, which tells what of it the arm must answer for. Nothing is blamed
-on the arm that a moved scanner explains.
+on the arm that a moved scanner explains, and nothing on the cell that a sheet in another order or unit does.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.calibration.result import Calibration
+from calib.consistency.data_problem import DataProblem
 from calib.dataset.dataset import Dataset
 from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
@@ -40,6 +41,7 @@ from calib.monitoring.kinds import (
     kind_words_of,
     size_words,
 )
+from calib.monitoring.sheet import found_of, sheet_problem
 
 MOST = 3  # changes of the arm that are told
 
@@ -61,6 +63,7 @@ class Watched(Documented, Viewed):
     p_unchanged: float
     poses: int
     when: str = ""  # the date that the dataset tells
+    data_problem: DataProblem | None = None  # what is wrong with the sheet; then nothing is said of the cell
 
     @property
     def rmse_mm(self) -> float:
@@ -83,6 +86,8 @@ class Watched(Documented, Viewed):
     @property
     def told(self) -> tuple[str, ...]:
         """What changed, a phrase each."""
+        if self.data_problem is not None:
+            return (self.data_problem.words,)
         return tuple(_words(change) for change in self.changes)
 
     @property
@@ -149,7 +154,8 @@ def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> Wa
         )
     cell = Cell.of(base, new, scanner_moved=scanner_moved)
     p_unchanged = cell.p_unchanged
-    changes = _changes(cell, alarmed=p_unchanged < ALARM)
+    problem = sheet_problem(base, new)
+    changes = _changes(cell, alarmed=p_unchanged < ALARM) if problem is None else (found_of(problem),)
     verdict = "unchanged" if not changes else "unclear" if _mixed(changes) else "changed"
     return Watched(
         name=new.name,
@@ -163,6 +169,7 @@ def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> Wa
         p_unchanged=min(p_unchanged, cell.free.p_noise),
         poses=cell.poses,
         when=new.about.date,
+        data_problem=problem,
     )
 
 

@@ -6,13 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
+from calib.frames import invert, rotvec_from_rotation
 from calib.kinematics.robot import Robot
-from calib.robot_formats.chain.calibrated_origins import with_calibration
-from calib.robot_formats.chain.five_parameters import robot_of
-from calib.robot_formats.origin_yaml import chain_of_yaml, read_origin_yaml, with_yaml_origins
+from calib.robot_formats.chain.calibrated_origins import CalibratedChain, with_calibration
+from calib.robot_formats.chain.serial_chain import SerialChain
+from calib.robot_formats.origin_yaml import OriginYaml, chain_of_yaml, read_origin_yaml, with_yaml_origins
 from calib.robot_formats.robot_file import read_arm, source_links
 from calib.robot_formats.urdf.chain import chain_of_arm
 from calib.robot_formats.urdf.text import with_origins
+
+_LOST_MM, _LOST_RAD = 1e-6, 1e-9
 
 
 @dataclass(frozen=True)
@@ -52,7 +57,7 @@ def calibrated_urdf(
     known_tip, known_base = source_links(calibrated)
     arm = read_arm(template, tip=tip or known_tip, base=base or known_base)
     chain = chain_of_arm(arm)
-    found = with_calibration(chain, robot_of(chain) if nominal is None else nominal, calibrated)
+    found = with_calibration(chain, nominal, calibrated)
     text = with_origins(arm, found.chain, comment)
     notes = []
     if not found.tip_known:
@@ -68,11 +73,24 @@ def calibrated_yaml(template: Path, calibrated: Robot, nominal: Robot | None = N
     """A maker's kinematics file with calibrated numbers; its hash and all else stay. As `calibrated_urdf`."""
     origins = read_origin_yaml(template)
     chain = chain_of_yaml(origins)
-    found = with_calibration(chain, robot_of(chain) if nominal is None else nominal, calibrated)
+    holds_tip = origins.flange is not None
+    found = with_calibration(chain, nominal, calibrated, holds_tip=holds_tip)
     text, changed = with_yaml_origins(origins, found.chain)
-    notes = (
-        ()
-        if origins.flange is not None and found.tip_known
-        else ("the tool is no part of a kinematics file",)
+    return CalibratedFile(text.encode(), changed, _not_in_yaml(origins, chain, found))
+
+
+def _not_in_yaml(origins: OriginYaml, chain: SerialChain, found: CalibratedChain) -> tuple[str, ...]:
+    """What a kinematics file does not hold of the tool or the flange."""
+    if origins.flange is not None and found.tip_known:
+        return ()
+    if not found.tip_known:
+        return ("the tool is no part of a kinematics file",)
+    lost = invert(chain.last_T_tip) @ found.chain.last_T_tip
+    off_mm = float(np.linalg.norm(lost[:3, 3]))
+    turned_rad = float(np.linalg.norm(rotvec_from_rotation(lost[:3, :3])))
+    if off_mm < _LOST_MM and turned_rad < _LOST_RAD:
+        return ()
+    return (
+        f"the calibrated flange is {off_mm:.3g} mm and {np.degrees(turned_rad):.3g} deg off its nominal place on the "
+        "last joint's axis, for which a kinematics file has no number: it is lost",
     )
-    return CalibratedFile(text.encode(), changed, notes)

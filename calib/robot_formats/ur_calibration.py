@@ -32,6 +32,7 @@ MODELS: dict[str, tuple[float, float, float, float, float, float]] = {
     "ur20": (-0.8620, -0.7287, 0.2363, 0.2010, 0.1593, 0.1543),
     "ur30": (-0.6370, -0.5037, 0.2363, 0.2010, 0.1593, 0.1543),
 }
+MODELS |= {"ur7e": MODELS["ur5e"], "ur12e": MODELS["ur10e"]}  # the same arms with more payload
 _ALPHA = (math.pi / 2, 0.0, 0.0, math.pi / 2, -math.pi / 2, 0.0)
 _NAMES = (
     "shoulder_pan_joint",

@@ -146,9 +146,12 @@ def check(
             )
             tied = listed(diagnosis.ambiguous_set, "or")  # the reasons are no part of a check
             words = verdict_text(diagnosis.explanation.verdict, reasons="by inspector diagnose", tied=tied)
-            items.append(CheckItem("diagnosis", None, words, warning=diagnosis.verdict in UNSETTLED))
-            items += _left_by_diagnosis(diagnosis)
-            items += _promise(diagnosis)
+            if diagnosis.data_problem is not None:
+                items.append(CheckItem("data", False, diagnosis.data_problem.words))
+            else:
+                items.append(CheckItem("diagnosis", None, words, warning=diagnosis.verdict in UNSETTLED))
+                items += _left_by_diagnosis(diagnosis)
+                items += _promise(diagnosis)
         except FitError as error:  # no degree of freedom is left: a note, no failure
             items.append(CheckItem("diagnosis", None, f"not tried: {error}"))
     return Check(dataset, tuple(items), calibration, repeats, diagnosis)

@@ -323,7 +323,9 @@ def test_points_of_other_poses_are_told_as_such_and_nothing_is_named() -> None:
     result = diagnose(shifted)
     assert result.missing == ()
     assert result.verdict == "unexplained"
-    assert "the order of the poses" in result.summary()
+    assert result.data_problem is not None
+    assert result.data_problem.kind == "row_order"
+    assert "each point belongs to the joints 1 row above" in result.summary()
     assert implausibility_reason(calibrate(shifted))
     assert not implausibility_reason(calibrate(dataset))
     assert not implausibility_reason(calibrate(simulated(["joint_compliance"], seed=3, sigmas=60.0)))

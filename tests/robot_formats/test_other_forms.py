@@ -96,7 +96,7 @@ def test_a_ur_calibration_needs_its_arms_model(tmp_path: Path) -> None:
         read_robot(path, Reading(model="kuka"))
     with pytest.raises(RobotFileError, match="read as of a ur5, a joint is 178 mm from its nominal place"):
         read_robot(path, Reading(model="ur5"))
-    assert len(MODELS) == 9
+    assert len(MODELS) == 11
 
 
 @pytest.mark.parametrize(

@@ -47,6 +47,8 @@ def verdict_text(verdict: facts.VerdictSentence, *, reasons: str = "above", tied
             )
         case facts.Unexplained(reason="implausible"):
             return f"unexplained{_at_most(verdict.left)}. {capitalised(verdict.doubt)}."
+        case facts.Unexplained(reason="data"):
+            return f"unexplained: the data or the table are wrong, not the arm. {capitalised(verdict.doubt)}."
         case facts.Unexplained():
             begin = (
                 f"{' and '.join(verdict.effects)} {'help' if len(verdict.effects) > 1 else 'helps'}, yet "

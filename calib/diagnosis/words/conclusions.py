@@ -85,8 +85,8 @@ class Unexplained:
     """Something is left that no effect of the catalogue explains."""
 
     effects: tuple[str, ...]  # that help, and are only suspected
-    reason: str  # "implausible", "curves", "fault", "order", "size", "wander", "promise" or "refused"
-    doubt: str  # why points and poses do not belong together, for "implausible"
+    reason: str  # "data", "implausible", "curves", "fault", "order", "size", "wander", "promise" or "refused"
+    doubt: str  # why points and poses do not belong together, for "data" and "implausible"
     left: AtPose | None = None  # the pose that is off the most, without learned curves
     joint: int | None = None  # counted from 1, whose motion shows what is left the most
     held_out: HeldOutTest | None = None  # the test poses against what the model promised

@@ -39,6 +39,13 @@ class ModelFitted:
 
 
 @dataclass(frozen=True)
+class DataWrong:
+    """Joints, points or the robot's table are wrong, so that no effect is looked for."""
+
+    words: str  # what is wrong, by which figures, and the mend
+
+
+@dataclass(frozen=True)
 class FittedValue:
     """A parameter as it was fitted."""
 
@@ -201,6 +208,7 @@ ResidualSentence = (
 )
 Reason = (
     ModelFitted
+    | DataWrong
     | ToolShift
     | EffectFound
     | CurvesLearned

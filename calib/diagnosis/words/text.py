@@ -56,6 +56,8 @@ def reason_text(reason: facts.Reason) -> str:
     match reason:
         case facts.ModelFitted():
             return _model_fitted(reason)
+        case facts.DataWrong(words):
+            return f"{capitalised(words)}. Signs, order, units, rows and tables come before any effect: none is named."
         case facts.ToolShift():
             return f"{capitalised(reason.words)}."
         case facts.EffectFound():

@@ -1,11 +1,21 @@
 """Where the joints of a user's own chain stand once the five-parameter table of its arm is calibrated.
 
-J_i is the frame of joint i at zero, F_i frame i of the table, both in the base frame. Nominally F_(i-1) and J_i share
-axis i, so N_i = F_(i-1)^-1 J_i is a turn about it and a slide along it, and it is kept: with the calibrated table
+J_i is the frame of joint i at zero, F_i frame i of the table, both in the base frame. Where the table before the
+calibration is known, F_(i-1) and J_i share axis i there, so N_i = F_(i-1)^-1 J_i is a turn about it and a slide along
+it, and it is kept: with the calibrated table
 
     J_i' = F_(i-1)' Rz(theta_i' - theta_i) N_i        before_T_joint_i' = J_(i-1)'^-1 J_i'
 
 The change of theta_i turns the link behind joint i, so that an error of one joint's zero changes one origin.
+
+A table that came in another form, as a controller's calibration does, has its frames elsewhere on the same axes. What
+it fixes of a joint is the axis, a line at zero: where the frame stands on that line, and how it is turned about it,
+changes no motion as long as the frames behind make up for it. So each frame is put where the chain has its link: joint
+by joint, what the chain's own origin gives behind the joint before is moved onto the calibrated axis by the least shift
+and the least turn, and turned about it until the next axis lies where the chain has it. The last joint is turned about
+its axis until the tip sits on it as the chain has it.
+
+Where the file has no place for the tip, the last joint is turned and shifted along its axis to bring it there.
 """
 
 from __future__ import annotations
@@ -15,12 +25,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.array_types import Array, BoolArray
-from calib.frames import best_fit_rotation, invert, make_transform, rotation_from_rpy
-from calib.kinematics.robot import Robot
-from calib.robot_formats.chain.five_parameters import frames_at_zero
+from calib.frames import best_fit_rotation, invert, make_transform, rotation_from_rpy, skew
+from calib.kinematics.robot import PARAMETER_KINDS, Robot
+from calib.robot_formats.chain.five_parameters import frames_at_zero, robot_of
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain, axis_frame
 
+_THETA = PARAMETER_KINDS.index("theta")
 _SAME_MM, _SAME_RAD = 1e-3, 1e-6
+_STEEP = 0.5  # sine of the angle between two axes above which the direction of the next one tells how a link is turned
+_TELLS_MM = 10.0  # distance of two axes above which the place of the next one does
 
 
 @dataclass(frozen=True)
@@ -33,28 +46,119 @@ class CalibratedChain:
     )
 
 
-def with_calibration(chain: SerialChain, nominal: Robot, calibrated: Robot) -> CalibratedChain:
+def with_calibration(
+    chain: SerialChain, nominal: Robot | None, calibrated: Robot, *, holds_tip: bool = True
+) -> CalibratedChain:
     """The chain with the places of its joints as calibrated: same joints, same axes in their own frames.
+
+    nominal: the robot whose table was calibrated; None: the chain as it is, and the table may have been made otherwise.
+    holds_tip: whether the chain's file has a place for the tip on the last joint; else that joint brings it there.
 
     Raises RobotFileError where the nominal robot is not the chain's arm: joints in number or kind, an axis.
     """
-    _require_same_joints(chain, nominal)
-    frames, after = frames_at_zero(nominal), frames_at_zero(calibrated)
-    robot_T_chain = _base(chain, frames, nominal)
+    before_calibration = robot_of(chain) if nominal is None else nominal
+    _require_same_joints(chain, before_calibration)
+    frames, after = frames_at_zero(before_calibration), frames_at_zero(calibrated)
+    robot_T_chain = _base(chain, frames, before_calibration)
     at_zero = robot_T_chain @ chain.at_zero
-    joints, before = [], robot_T_chain
+    frames_T_joints = [invert(frame) @ joint for frame, joint in zip(frames[:-2], at_zero[:-1], strict=True)]
     for i, joint in enumerate(chain.joints):
-        frame_T_joint = invert(frames[i]) @ at_zero[i]
-        _require_axis(chain, nominal, i, frame_T_joint @ axis_frame(joint))
-        turn_rad = calibrated.joints[i].theta_rad - nominal.joints[i].theta_rad
-        base_T_joint = (
-            after[i] @ make_transform(rotation_from_rpy([0.0, 0.0, turn_rad]), np.zeros(3)) @ frame_T_joint
+        _require_axis(chain, before_calibration, i, frames_T_joints[i] @ axis_frame(joint))
+    if nominal is None:
+        _require_same_joints(chain, calibrated)
+        places = _by_lines(chain, robot_T_chain, after[:-2])
+    else:
+        turns_rad = calibrated.table[:-1, _THETA] - nominal.table[:-1, _THETA]
+        places = [
+            frame @ _about_axis(turn_rad) @ frame_T_joint
+            for frame, turn_rad, frame_T_joint in zip(after[:-2], turns_rad, frames_T_joints, strict=True)
+        ]
+    tip_known = bool(_is_near(frames[-1], at_zero[-1]))
+    if tip_known and (nominal is None or not holds_tip):
+        last = axis_frame(chain.joints[-1])
+        turn_rad, slide_mm = _last_motion(
+            invert(places[-1] @ last) @ after[-1], invert(last) @ chain.last_T_tip
         )
+        places[-1] = places[-1] @ last @ _about_axis(turn_rad, 0.0 if holds_tip else slide_mm) @ invert(last)
+    joints, before = [], robot_T_chain
+    for joint, base_T_joint in zip(chain.joints, places, strict=True):
         joints.append(replace(joint, before_T_joint=invert(before) @ base_T_joint))
         before = base_T_joint
-    tip_known = bool(_is_near(frames[-1], at_zero[-1]))
     last_T_tip = invert(before) @ after[-1] if tip_known else chain.last_T_tip
     return CalibratedChain(replace(chain, joints=tuple(joints), last_T_tip=last_T_tip), tip_known)
+
+
+def _by_lines(chain: SerialChain, base_T_chain: Array, lines: Array) -> list[Array]:
+    """(4, 4) of each joint at zero, its axis on the calibrated one, as near to the chain's own place as it can be.
+
+    The last is not turned about its axis yet. lines  # (n, 4, 4) whose z axes are the calibrated ones
+    """
+    own = [joint.before_T_joint @ axis_frame(joint) for joint in chain.joints]
+    out: list[Array] = []
+    before = base_T_chain
+    for i, joint in enumerate(chain.joints):
+        axis = _moved_to_line(before @ own[i], lines[i], slides=not joint.is_revolute)
+        joint_T_axis = axis_frame(joint)
+        if i + 1 < len(own):
+            both_turn = joint.is_revolute and chain.joints[i + 1].is_revolute
+            expected = invert(joint_T_axis) @ own[i + 1]
+            turn_rad = _azimuth(invert(axis) @ lines[i + 1], expected, both_turn=both_turn)
+            axis = axis @ _about_axis(turn_rad)
+        before = axis @ invert(joint_T_axis)
+        out.append(before)
+    return out
+
+
+def _about_axis(turn_rad: float, slide_mm: float = 0.0) -> Array:
+    """(4, 4) a turn about z and a slide along it."""
+    return make_transform(rotation_from_rpy([0.0, 0.0, turn_rad]), [0.0, 0.0, slide_mm])
+
+
+def _moved_to_line(frame: Array, line: Array, *, slides: bool) -> Array:
+    """A frame (4, 4) moved until its z axis lies on that of another, by the least turn and the least shift.
+
+    The axis of a joint that slides has a direction only.
+    """
+    along = line[:3, 2]
+    turn = _least_turn_between(frame[:3, 2], along) @ frame[:3, :3]
+    off_mm = frame[:3, 3] - line[:3, 3]
+    place = frame[:3, 3] if slides else line[:3, 3] + along * (along @ off_mm)
+    return make_transform(turn, place)
+
+
+def _least_turn_between(one: Array, other: Array) -> Array:
+    """(3, 3) that turns a unit vector (3,) onto another, not its opposite."""
+    across, cosine = np.cross(one, other), float(one @ other)
+    cross = skew(across)
+    return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + cosine))
+
+
+def _azimuth(axis_T_line: Array, nominal: Array, *, both_turn: bool) -> float:
+    """The turn about an axis after which the next one lies as nominally: by its direction, else by its place.
+
+    Both (4, 4) with the next axis along z. 0 where the two axes are one line and nothing tells it.
+    """
+    direction, expected = axis_T_line[:2, 2], nominal[:2, 2]
+    if np.hypot(*expected) < _STEEP:
+        if not both_turn:
+            return 0.0
+        # The next axis where it passes nearest to the frame's own height, as nominally.
+        rise_mm = (nominal[2, 3] - axis_T_line[2, 3]) / axis_T_line[2, 2]
+        direction, expected = axis_T_line[:2, 3] + rise_mm * direction, nominal[:2, 3]
+        if np.hypot(*expected) < _TELLS_MM or np.hypot(*direction) < _TELLS_MM:
+            return 0.0
+    return _wrapped(float(np.arctan2(direction[1], direction[0]) - np.arctan2(expected[1], expected[0])))
+
+
+def _last_motion(axis_T_tip: Array, nominal: Array) -> tuple[float, float]:
+    """The turn (rad) about the last axis and the slide (mm) along it after which the tip sits on it as nominally."""
+    turned = axis_T_tip[:3, :3] @ nominal[:3, :3].T
+    turn_rad = float(np.arctan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]))
+    return turn_rad, float(axis_T_tip[2, 3] - nominal[2, 3])
+
+
+def _wrapped(angle_rad: float) -> float:
+    return float((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def _require_same_joints(chain: SerialChain, robot: Robot) -> None:

@@ -32,8 +32,8 @@ Row = tuple[float, float, float, float, float]
 def robot_of(chain: SerialChain, near_mm: Sequence[ArrayLike] | None = None) -> Robot:
     """The robot with a chain's kinematics: same joint values, same base frame; the end of the tool row is the tip.
 
-    `near_mm`: n - 1 points (3,) in the base frame at zero; frame i then stands on its axis where it is closest to point
-    i, in place of the common normal.
+    `near_mm`: n - 1 points (3,) in the base frame at zero; a frame that has no common normal then stands on its axis
+    where it is closest to point i, in place of the joint's own origin.
     """
     at_zero = chain.at_zero
     axes = [frame @ axis_frame(joint) for frame, joint in zip(at_zero[:-1], chain.joints, strict=True)]
@@ -120,7 +120,7 @@ def _row(origin_mm: Array, along: Array, close_to_mm: Array | None) -> Row:
     origin_mm, along  # (3,) a point on the next axis and its unit vector, in the frame
     """
     across = float(np.hypot(along[0], along[1]))
-    if close_to_mm is None and across > _STEEP:
+    if across > _STEEP:
         foot = origin_mm - along * (origin_mm[:2] @ along[:2]) / across**2
         theta = _least_turn(np.arctan2(along[0], -along[1]))
     else:

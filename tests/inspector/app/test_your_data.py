@@ -105,7 +105,7 @@ def test_a_zip_becomes_a_dataset_that_is_open_listed_and_found_again(
         send(page, "my cell.zip", packed(given))
         page.wait(open_button)
         said = plain(page)
-        for part in ("achsen.csv", "joint 3, deg, other way round", "x, m", "misses the points by"):
+        for part in ("achsen.csv", "joint 3, deg, other way round", "x, m", "the error falls from"):
             assert part in said
         assert not other.has(OPEN)  # the window is the page's own
         assert page.value("Name") == "my_cell"

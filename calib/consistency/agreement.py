@@ -1,0 +1,134 @@
+"""How well a nominal arm and measured points belong together, wherever the scanner stands and the tool ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calib.array_types import Array, IndexArray
+from calib.dataset.dataset import Dataset
+from calib.frames import apply, best_fit_transform
+from calib.kinematics.chain import forward
+from calib.kinematics.robot import Robot
+
+LEAST_POSES = 16  # nine numbers are fitted; with fewer poses than this anything seems to agree
+_MOST_POSES = 150  # a share of a large table says the same
+_TURNS = 6  # of frame and tool point, each fitted beside the other
+_HOPELESS = 0.4  # of the points' spread that is left after two turns: nothing agrees there
+_TOOL_REACH = 1.0  # of the points' spread that a tool point may be off
+_FEWEST_IN_GROUP = 4  # poses that were measured from one place; a frame takes three
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Poses that were measured once each, all of one target, each from one of several places of the scanner."""
+
+    q: Array  # (N, n) rad, mm
+    points_mm: Array  # (N, 3)
+    group: IndexArray = field(
+        default_factory=lambda: np.zeros(0, dtype=np.int64)
+    )  # (N,) the place; (0,): one for all
+
+    @property
+    def groups(self) -> tuple[IndexArray, ...]:
+        """The rows of each place of the scanner."""
+        if len(self.group) != len(self.q):
+            return (np.arange(len(self.q)),)
+        return tuple(np.flatnonzero(self.group == name) for name in np.unique(self.group))
+
+    @property
+    def spread_mm(self) -> float:
+        """Root mean square distance of the points from the middle of those of their place."""
+        return float(np.sqrt(np.mean(np.sum(self.away_mm**2, axis=1))))
+
+    @property
+    def away_mm(self) -> Array:
+        """(N, 3) the points from the middle of those of their place."""
+        out = np.empty_like(self.points_mm)
+        for rows in self.groups:
+            out[rows] = self.points_mm[rows] - self.points_mm[rows].mean(axis=0)
+        return out
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether it can tell anything."""
+        return len(self.q) >= LEAST_POSES and self.spread_mm > 0.0
+
+
+def sample_of(q: Array, points_mm: Array) -> Sample:
+    """The poses with finite values, thinned evenly. q: (N, n), points_mm: (N, 3), beside each other."""
+    known = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(points_mm).all(axis=1))
+    known = thinned(known)
+    return Sample(q[known], points_mm[known])
+
+
+def thinned(rows: IndexArray) -> IndexArray:
+    """Some of many rows, evenly."""
+    if len(rows) <= _MOST_POSES:
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, _MOST_POSES).astype(int)]
+
+
+def points_of_poses(dataset: Dataset) -> tuple[IndexArray, Array]:
+    """The poses (K,) at which the most measured target was seen, and its first point at each (K, 3), mm."""
+    assert dataset.points is not None
+    points = dataset.points
+    names, counts = np.unique(points.target, return_counts=True)
+    rows = np.flatnonzero(points.target == names[np.argmax(counts)])
+    poses, first = np.unique(points.pose[rows], return_index=True)
+    return poses, points.xyz_mm[rows[first]]
+
+
+def training_sample(dataset: Dataset) -> Sample | None:
+    """The training poses, without those of places that were measured from only a few times; None where none are left.
+
+    Only of an arm whose tool is measured from the room.
+    """
+    if dataset.points is None or dataset.robot.carries_scanner:
+        return None
+    poses, points_mm = points_of_poses(dataset)
+    train = ~dataset.poses.is_test[poses]
+    poses, points_mm = poses[train], points_mm[train]
+    setup = dataset.poses.setup[poses]
+    names, group, counts = np.unique(setup, return_inverse=True, return_counts=True)
+    rows = thinned(np.flatnonzero(counts[group] >= _FEWEST_IN_GROUP))
+    # Thinning may leave a place with too few.
+    rows = rows[np.bincount(group[rows], minlength=len(names))[group[rows]] >= _FEWEST_IN_GROUP]
+    if not len(rows):
+        return None
+    return Sample(dataset.poses.q[poses[rows]], points_mm[rows], group[rows])
+
+
+def misfit_mm(robot: Robot, sample: Sample) -> float:
+    """Root mean square distance that is left between the nominal arm's tool and the points of a sample.
+
+    The scanner's frames and the tool's point, which users know least, are fitted in turn, each in closed form: minimise
+    over R, s of each place and over t the sum of |R (p_i + A_i t) + s - m_i|^2, with p_i and A_i the nominal tool's
+    place and attitude.
+    """
+    ends = forward(robot.table, sample.q, robot.is_revolute, robot.base_T_first).base_T_frame[:, -1]
+    place, attitude = ends[:, :3, 3], ends[:, :3, :3]
+    groups, away, spread = sample.groups, sample.away_mm, sample.spread_mm
+    place_away, attitude_away = np.empty_like(place), np.empty_like(attitude)
+    for rows in groups:
+        place_away[rows] = place[rows] - place[rows].mean(axis=0)
+        attitude_away[rows] = attitude[rows] - attitude[rows].mean(axis=0)
+    steps = attitude_away.reshape(-1, 3)
+    inverse = np.linalg.pinv(steps.T @ steps, rcond=1e-9, hermitian=True) @ steps.T
+    offset, best = np.zeros(3), np.inf
+    seen, off = np.empty_like(away), np.empty_like(away)
+    for turn in range(_TURNS):
+        if turn == 2 and best > _HOPELESS * spread:
+            break
+        mine = place + attitude @ offset
+        for rows in groups:
+            frame = best_fit_transform(mine[rows], sample.points_mm[rows])
+            off[rows] = apply(frame, mine[rows]) - sample.points_mm[rows]
+            seen[rows] = away[rows] @ frame[:3, :3]  # in the arm's frame
+        best = min(best, float(np.sqrt(np.mean(np.sum(off**2, axis=1)))))
+        offset = inverse @ (seen - place_away).ravel()
+        length = float(np.linalg.norm(offset))
+        if length > _TOOL_REACH * spread:
+            offset = offset * (_TOOL_REACH * spread / length)
+    return best

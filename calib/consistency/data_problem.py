@@ -1,0 +1,405 @@
+"""Whether the sheet of joints and points, or the robot's table, is the mistake: tested before any physics.
+
+A joint that counts the other way, columns or rows in another order, another unit, a sister type's table: each is a
+hypothesis with as many parameters as the fit has, so the fits are compared by their log evidence alone. The nominal arm
+and the points, in closed form, tell which hypotheses are worth a fit. One is believed at once where the fit leaves more
+than any effect of an arm makes, and the hypothesis a small part of it. Below that an effect may look like a mistake: a
+turned last joint whose tool is near its axis makes of the points what a wobble of that axis does. Such a hypothesis
+stays open until effects were looked for, and is believed where it makes one of them superfluous.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.calibration.evaluation import Evaluation
+from calib.calibration.result import Calibration, is_declared
+from calib.consistency.agreement import Sample, misfit_mm, points_of_poses, training_sample
+from calib.consistency.hypotheses import (
+    JOINT_SIGN,
+    JOINT_ZERO,
+    ROBOT_TABLE,
+    ROW_ORDER,
+    Hypothesis,
+    column_names,
+    of_matching,
+    of_reading,
+    of_shifts,
+    of_sister_tables,
+    of_units,
+)
+from calib.consistency.joint_reading import likely_readings, simple_readings
+from calib.consistency.row_matching import matched_rows
+from calib.dataset.dataset import Dataset
+from calib.errors import CalibError
+from calib.kinematics.chain import target_points
+from calib.kinematics.robot import Robot
+
+QUIET = 1.15  # residual sigma over the declared one, up to which a fit leaves nothing to ask about
+BEYOND_EFFECTS = 0.003  # of the length of the arm's links: what no effect leaves of it, 3D
+MIN_GAIN = 20.0  # log evidence over the data as they are
+LEAST_FACTOR = 3.0  # by which what is left has to fall
+REACHES_NOISE = 1.3  # residual sigma over the declared one
+MIN_TABLE_GAIN = 50.0  # the same of a table, which leaves no less where a fit has bent the given one into it
+_BENT = 6.0  # tolerances: a link that a fit has changed by more may be of another type
+_NOT_WORSE = 1.2  # times the misfit of the nominal arm, up to which a hypothesis is fitted
+_BETTER = 0.8  # the same of one that changes several things
+_OFF_SCALE = 2.0  # by which the points' spread and the nominal arm's differ only where units are wrong
+_MOST_TURNED = 2  # joints whose turn may look like an effect
+_MOST_FITS = 14
+_NEAR_ENOUGH = 1.5  # times what the data leave as they are, up to which a turned joint stays open
+_FREEDOM = 4.0  # degrees of freedom at least
+MIN_LEAD = 4.0  # log evidence over the effects that were found, where it makes one of them superfluous
+CHOICE = 4.4  # log of what an effect may be chosen from, some thirty families of a scale that is fitted to the data
+NOT_NOISIER = 1.1  # times the noise that those effects leave, which it may leave without that one
+_SLACK = 0.03  # share of the most log evidence that a simpler hypothesis may lack
+_AS_GOOD = 3.0  # log evidence by which another hypothesis may be behind and still be as good
+
+Refit = Callable[[Dataset], Calibration]
+
+
+@dataclass(frozen=True)
+class DataProblem:
+    """What is wrong with the data or the table, what it explains, and how to mend it."""
+
+    hypothesis: Hypothesis
+    mended: Dataset
+    now_mm: float  # 3D RMSE of all points by the fit; of units and tables by the arm as delivered
+    then_mm: float
+    gain: float  # in log evidence
+    rivals: tuple[Hypothesis, ...] = ()  # as simple and as good
+    beside: tuple[str, ...] = ()  # effects in both fits
+    instead_of: str = ""  # an effect that would have to be there where the data are right
+
+    @property
+    def kind(self) -> str:
+        """joint_sign, joint_order, joint_zero, units, robot_table or row_order."""
+        return self.hypothesis.kind
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Counted from 1, where joints are at fault."""
+        return self.hypothesis.joints
+
+    @property
+    def mend(self) -> str:
+        """What to do."""
+        others = "".join(f", or {rival.mend}" for rival in self.rivals[:2])
+        return f"{self.hypothesis.mend}{others}"
+
+    @property
+    def found(self) -> str:
+        """What is wrong, a clause."""
+        others = "".join(f", or {rival.found}" for rival in self.rivals[:2])
+        return f"{self.hypothesis.found}{others}{': these poses do not tell which' if self.rivals else ''}"
+
+    @property
+    def words(self) -> str:
+        """What is wrong, by which figures, and the mend, in a sentence."""
+        beside = f" beside {' and '.join(self.beside)}" if self.beside else ""
+        instead = f" (as the data stand, only {self.instead_of} brings that)" if self.instead_of else ""
+        return (
+            f"{self.found}: {self.hypothesis.then} the error falls from {self.now_mm:.3g} to {self.then_mm:.3g} mm"
+            f"{beside}{instead}; {self.mend}"
+        )
+
+
+@dataclass(frozen=True)
+class Suspicions:
+    """What a fit of the geometry says of the data: a problem, or turned joints that may look like an effect."""
+
+    problem: DataProblem | None
+    open: tuple[Hypothesis, ...] = ()
+    likeliest: DataProblem | None = (
+        None  # of those that are open, where it says clearly more than the data as they are
+    )
+
+
+def is_quiet(now: Calibration) -> bool:
+    """Whether a fit leaves what the declared noise does, and no link is bent out of its type: nothing to ask about."""
+    return is_declared(now.dataset) and now.fit.noise < QUIET and not _is_bent(now)
+
+
+def suspicions(now: Calibration, refit: Refit, names: Sequence[str] = ()) -> Suspicions:
+    """What is wrong with the data of a fit of the geometry, and what stays open.
+
+    now: the fit of the links, and of what is taken as present.
+    refit: the same fit of another dataset.
+    names: (n,) of the joints' columns as the user knows them; those of poses.csv where there are none.
+    """
+    dataset = now.dataset
+    sample = training_sample(dataset)
+    if sample is not None and _is_off_scale(dataset.robot, sample):
+        found = _units_problem(now, refit, sample)
+        if found is not None:
+            return Suspicions(found)
+    of_one_place = sample is not None and not sample.spread_mm > 0.0
+    if is_quiet(now) or not _is_judged(now) or of_one_place:
+        return Suspicions(None)
+    tried = _Tried(now, refit)
+    names = names or column_names(dataset.robot)
+    simple = tuple(of_reading(r, names) for r in simple_readings(dataset.robot.is_revolute))
+    if sample is None:
+        tried.fit_all([h for h in simple if h.edits == 1])
+        return tried.judged()
+    as_it_is = misfit_mm(dataset.robot, sample)
+    if not tried.beyond_effects:
+        turned = [h for h in simple if _turns_joints(h) and h.edits <= _MOST_TURNED]
+        tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, turned))
+        if _is_bent(now):
+            tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, of_sister_tables(dataset.robot)))
+        return tried.judged()
+    units, tables = of_units(dataset.robot, sample), of_sister_tables(dataset.robot)
+    tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, [*simple, *units]))
+    tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, tables))
+    tried.fit_all(_worth_a_fit(dataset, sample, as_it_is, of_shifts(dataset)))
+    if tried.judged().problem is None:
+        tried.fit_all(of_reading(r, names) for r in likely_readings(dataset.robot, sample))
+    if tried.judged().problem is None:
+        tried.fit_all(_by_matching(dataset))
+    return tried.judged()
+
+
+def _is_off_scale(robot: Robot, sample: Sample) -> bool:
+    """Whether the points spread by another factor than the nominal arm's, as no arm's errors make them."""
+    mine = replace(sample, points_mm=target_points(robot, sample.q)).spread_mm
+    return mine > 0.0 and sample.spread_mm > 0.0 and abs(np.log(sample.spread_mm / mine)) > np.log(_OFF_SCALE)
+
+
+def _units_problem(now: Calibration, refit: Refit, sample: Sample) -> DataProblem | None:
+    """Other units, where the arm then describes the points as an arm does and its links stay what they are.
+
+    A fit of points in another unit may leave nothing at all, by links without length: what it leaves says nothing.
+    """
+    best: DataProblem | None = None
+    for hypothesis in of_units(now.dataset.robot, sample):
+        try:
+            fit = refit(hypothesis.of_dataset(now.dataset))
+        except (CalibError, np.linalg.LinAlgError):  # such data cannot be fitted at all
+            continue
+        train = fit.after.train
+        if train is None or is_beyond_effects(train.rmse_mm, now.dataset.robot) or _is_bent(fit):
+            continue
+        problem = DataProblem(hypothesis, fit.dataset, error_mm(now.before), error_mm(fit.after), np.inf)
+        if best is None or problem.then_mm < best.then_mm:
+            best = problem
+    return best
+
+
+@dataclass(frozen=True)
+class Beside:
+    """A model of effects that is fitted to the data as they are and mended."""
+
+    effects: tuple[str, ...]  # in the model
+    without: str  # the effect that was found and is not in it; "" where all are
+    fit: Callable[[Dataset], Calibration]
+
+
+def weighed(
+    now: Calibration, open_hypotheses: Sequence[Hypothesis], models: Sequence[Beside]
+) -> DataProblem | None:
+    """An open hypothesis that says clearly more than the effects which were found to explain the data as they are.
+
+    It makes one of them superfluous, or takes away most of what they leave.
+
+    now: the last fit, its effects in it.
+    """
+    if not _is_judged(now):
+        return None
+    best: DataProblem | None = None
+    for hypothesis in open_hypotheses:
+        mended = hypothesis.of_dataset(now.dataset)
+        for model in models:
+            least, most_noise = MIN_LEAD, NOT_NOISIER * now.fit.noise
+            if not model.without:
+                reached = REACHES_NOISE if is_declared(now.dataset) else 0.0
+                least, most_noise = (
+                    MIN_GAIN,
+                    max(now.fit.noise / LEAST_FACTOR, min(reached, 0.9 * now.fit.noise)),
+                )
+            try:
+                fit = model.fit(mended)
+            except (CalibError, np.linalg.LinAlgError):  # such data cannot be fitted at all
+                continue
+            if not _is_judged(fit) or fit.fit.noise > most_noise:
+                continue
+            gain = log_evidence(fit) - log_evidence(now) + (CHOICE if model.without else 0.0)
+            if gain > least and (best is None or gain > best.gain):
+                as_it_is = error_mm(model.fit(now.dataset).after)
+                best = DataProblem(
+                    hypothesis, mended, as_it_is, error_mm(fit.after), gain, (), model.effects, model.without
+                )
+    return best
+
+
+def log_evidence(fitted: Calibration) -> float:
+    """Laplace's log evidence of a fit at the noise that it shows, beside a constant of the data.
+
+    -n log s - (|r|^2 / s^2 + |z|^2) / 2 + log det(C / C_prior) / 2 with n rows beyond the frames, the residual r in
+    declared sigmas, s its sigma, z the parameters in tolerances and C their covariance.
+    """
+    fit = fitted.fit
+    scales = fitted.model.scales
+    z = fit.x / scales
+    cost = fit.iterations[-1].cost
+    freedom = fit.degrees_of_freedom
+    count = freedom + _determined(fitted)
+    scaled = fit.covariance / np.outer(scales, scales)
+    volume = 0.5 * float(np.linalg.slogdet(scaled)[1]) if fitted.options.prior else 0.0
+    held = float(z @ z) if fitted.options.prior else 0.0
+    return -count * float(np.log(fit.noise)) - 0.5 * (cost / fit.noise**2 + held) + volume
+
+
+def _determined(fitted: Calibration) -> float:
+    """How many parameters the data determine: those that the rows are spent on."""
+    scaled = np.diag(fitted.fit.covariance) / fitted.model.scales**2
+    return float(np.sum(1.0 - np.minimum(scaled, 1.0))) if fitted.options.prior else float(fitted.fit.rank)
+
+
+def is_beyond_effects(error_mm: float, robot: Robot) -> bool:
+    """Whether a 3D error is larger than any effect of an arm makes, by the length of its links and slides."""
+    slides = [abs((joint.max or 0.0) - (joint.min or 0.0)) for joint in robot.joints if not joint.is_revolute]
+    return error_mm > BEYOND_EFFECTS * float(np.sum(np.abs(robot.table[:, [0, 2]])) + sum(slides))
+
+
+def error_mm(errors: Evaluation) -> float:
+    """3D RMSE of all measured points: those at fault may be of training or of test poses."""
+    return float(np.sqrt(np.mean(np.sum(errors.error_mm**2, axis=1))))
+
+
+def _is_judged(fitted: Calibration) -> bool:
+    return bool(
+        np.isfinite(fitted.fit.noise) and fitted.fit.noise > 0.0 and fitted.fit.degrees_of_freedom > _FREEDOM
+    )
+
+
+def _is_bent(now: Calibration) -> bool:
+    """Whether a fit has changed a length or an angle of a link, the tool's apart, as no manufacture does."""
+    z = np.abs(now.fit.x / now.model.scales)
+    names = [p.name for p in now.fit.parameters]
+    own = np.array(
+        [name in now.model.geometry_names and not name.endswith("TCP") for name in names], dtype=bool
+    )
+    return bool(own.any() and z[own].max() > _BENT)
+
+
+def _worth_a_fit(
+    dataset: Dataset, sample: Sample, as_it_is_mm: float, hypotheses: Iterable[Hypothesis]
+) -> list[Hypothesis]:
+    """Those that bring the nominal arm about as near to the points as it is, or nearer; the best and the simplest."""
+    found: list[tuple[float, Hypothesis]] = []
+    for hypothesis in hypotheses:
+        robot, of_it = hypothesis.robot or dataset.robot, hypothesis.of_sample(sample, dataset.robot)
+        if hypothesis.rows:
+            seen = training_sample(hypothesis.of_dataset(dataset))
+            if seen is None:
+                continue
+            of_it = seen
+        misfit = misfit_mm(robot, of_it) / of_it.spread_mm
+        most = _NOT_WORSE if hypothesis.edits == 1 else _BETTER
+        if misfit < most * as_it_is_mm / sample.spread_mm:
+            found.append((misfit, hypothesis))
+    found.sort(key=lambda pair: pair[0])
+    likely = found[: 2 * _MOST_FITS]
+    likely.sort(key=lambda pair: (pair[1].edits, pair[0]))
+    chosen = [hypothesis for _, hypothesis in likely[:_MOST_FITS]]
+    best = [hypothesis for _, hypothesis in found[:2] if hypothesis not in chosen]
+    return [*best, *chosen]
+
+
+def _by_matching(dataset: Dataset) -> list[Hypothesis]:
+    """Rows in no order at all, of points that were measured from one place."""
+    poses, points_mm = points_of_poses(dataset)
+    if len(set(dataset.poses.setup[poses].tolist())) != 1:
+        return []
+    source = matched_rows(target_points(dataset.robot, dataset.poses.q[poses]), points_mm)
+    if source is None or np.array_equal(source, np.arange(len(source))):
+        return []
+    return [of_matching(dataset, poses, poses[source])]
+
+
+class _Tried:
+    """Fits of hypotheses, and what they say against the data as they are."""
+
+    def __init__(self, now: Calibration, refit: Refit) -> None:
+        self.now, self.refit = now, refit
+        self.evidence = log_evidence(now)
+        train = now.after.train
+        self.beyond_effects = train is not None and is_beyond_effects(train.rmse_mm, now.dataset.robot)
+        self.fits: dict[Hypothesis, Calibration] = {}
+
+    def fit_all(self, hypotheses: Iterable[Hypothesis]) -> None:
+        for hypothesis in hypotheses:
+            try:
+                fitted = self.refit(hypothesis.of_dataset(self.now.dataset))
+            except (CalibError, np.linalg.LinAlgError):  # such data cannot be fitted at all
+                continue
+            if _is_judged(fitted):
+                self.fits[hypothesis] = fitted
+
+    def judged(self) -> Suspicions:
+        """The simplest of the believed ones that say the most; those that are neither believed nor excluded."""
+        believed = [h for h in self.fits if self._is_believed(h)]
+        if not believed:
+            return self._undecided()
+        most = max(map(self._gain, believed))
+        enough = [h for h in believed if self._gain(h) > most - max(_AS_GOOD, _SLACK * most)]
+        simplest = min(map(_rank, enough))
+        good = sorted((h for h in enough if _rank(h) == simplest), key=self._gain, reverse=True)
+        best = good[0]
+        as_good = tuple(h for h in good[1:] if self._gain(h) > self._gain(best) - _AS_GOOD)
+        return Suspicions(self._problem(best, as_good))
+
+    def _undecided(self) -> Suspicions:
+        """Where no hypothesis is believed."""
+        still_open = tuple(h for h in self.fits if self._is_open(h))
+        best = max(still_open, key=self._gain, default=None)
+        if best is None or self._gain(best) <= MIN_GAIN:
+            return Suspicions(None, still_open)
+        return Suspicions(None, still_open, self._problem(best))
+
+    def _problem(self, hypothesis: Hypothesis, rivals: tuple[Hypothesis, ...] = ()) -> DataProblem:
+        fits = (self.now, self.fits[hypothesis])
+        now_mm, then_mm = (error_mm(f.before if hypothesis.kind == ROBOT_TABLE else f.after) for f in fits)
+        mended = hypothesis.of_dataset(self.now.dataset)
+        return DataProblem(hypothesis, mended, now_mm, then_mm, self._gain(hypothesis), rivals)
+
+    def _gain(self, hypothesis: Hypothesis) -> float:
+        fitted = self.fits[hypothesis]
+        # Of fewer points each counts as much as one of all.
+        share = self.now.fit.rows / fitted.fit.rows
+        return share * log_evidence(fitted) - self.evidence - _cost(hypothesis)
+
+    def _is_believed(self, hypothesis: Hypothesis) -> bool:
+        now, then = self.now.fit.noise, self.fits[hypothesis].fit.noise
+        gain = self._gain(hypothesis)
+        if hypothesis.kind == ROBOT_TABLE and gain > MIN_TABLE_GAIN and then < 1.05 * now:
+            return True
+        return self.beyond_effects and gain > MIN_GAIN and now > LEAST_FACTOR * then
+
+    def _is_open(self, hypothesis: Hypothesis) -> bool:
+        return (
+            _turns_joints(hypothesis) and self.fits[hypothesis].fit.noise < _NEAR_ENOUGH * self.now.fit.noise
+        )
+
+
+def _turns_joints(hypothesis: Hypothesis) -> bool:
+    """Whether it changes the signs of joints and nothing else."""
+    reading = hypothesis.reading
+    return hypothesis.kind == JOINT_SIGN and reading is not None and not any(reading.offsets_rad)
+
+
+def _rank(hypothesis: Hypothesis) -> tuple[int, bool]:
+    """The less it changes the likelier; another zero is rarer than a turned joint, which may look the same."""
+    return hypothesis.edits, hypothesis.kind == JOINT_ZERO
+
+
+def _cost(hypothesis: Hypothesis) -> float:
+    """Log of how many hypotheses of its kind there are: of all orders of the rows many fit a little."""
+    if hypothesis.kind != ROW_ORDER or hypothesis.edits < 2:
+        return 0.0
+    moved = sum(row != k for k, row in enumerate(hypothesis.rows))
+    return float(np.sum(np.log(np.arange(1, moved + 1)))) + 2.0 * moved

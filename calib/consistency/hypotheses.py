@@ -1,0 +1,287 @@
+"""What may be wrong with a sheet of joints and points, or with a robot's table: each a change of a dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from math import degrees
+
+import numpy as np
+
+from calib.array_types import Array, BoolArray, IndexArray
+from calib.consistency.agreement import Sample
+from calib.consistency.joint_reading import JointReading
+from calib.dataset.dataset import Dataset, Points, Poses
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.kinematics.chain import target_points
+from calib.kinematics.robot import Robot
+from calib.options import BUILTIN_ROBOTS
+from calib.robot_formats.chain.five_parameters import robot_of
+from calib.robot_formats.ur_calibration import MODELS, chain_of_standard, nominal_rows
+
+JOINT_SIGN, JOINT_ORDER, JOINT_ZERO = "joint_sign", "joint_order", "joint_zero"
+UNITS, ROBOT_TABLE, ROW_ORDER = "units", "robot_table", "row_order"
+
+_LENGTHS = {"inch": 25.4, "m": 1000.0, "cm": 10.0}  # that a file may be in where mm are expected
+_SHIFTS = (1, -1, 2, -2, 3, -3)  # rows by which a sheet may be out of step
+_NOT_THERE = -1
+_NAMED_ROWS = 6  # that a sentence tells one by one
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """One thing that may be wrong. What is left at its default is as the dataset has it."""
+
+    kind: str
+    found: str  # a clause: "joint 6 turns the other way than robot.toml says"
+    then: str  # "with q6 negated"
+    mend: str  # what to do
+    joints: tuple[int, ...] = ()  # counted from 1
+    reading: JointReading | None = None
+    angle_scale: float = 1.0
+    slide_scale: float = 1.0
+    points_scale: float = 1.0
+    robot: Robot | None = None
+    rows: tuple[int, ...] = ()  # (N,) the row of joints that belongs to each pose; -1: none
+    edits: int = 1  # how many things it changes: of two that say as much the simpler one is taken
+
+    def of_sample(self, sample: Sample, robot: Robot) -> Sample:
+        """The sample as it would be, where neither rows nor the robot are in question."""
+        q = self._joints_of(sample.q, robot.is_revolute)
+        return replace(sample, q=q, points_mm=sample.points_mm * self.points_scale)
+
+    def of_dataset(self, dataset: Dataset) -> Dataset:
+        """The dataset as it would be with this mended."""
+        poses, points, robot = dataset.poses, dataset.points, self.robot or dataset.robot
+        if robot is not dataset.robot:
+            robot = replace(
+                robot, targets=dataset.robot.targets, carries_scanner=dataset.robot.carries_scanner
+            )
+        if self.rows:
+            poses, points = _reordered(poses, points, np.array(self.rows))
+        poses = self._poses(poses, robot.is_revolute)
+        if points is not None and self.points_scale != 1.0:
+            points = _scaled(points, self.points_scale)
+        scanner, sigma_mm = dataset.scanner, dataset.scanner.point_sigma_mm
+        if sigma_mm is not None:
+            scanner = replace(scanner, point_sigma_mm=sigma_mm * self.points_scale)
+        return replace(dataset, poses=poses, points=points, robot=robot, scanner=scanner)
+
+    def _joints_of(self, q: Array, is_revolute: BoolArray) -> Array:
+        q = q * np.where(is_revolute, self.angle_scale, self.slide_scale)
+        return q if self.reading is None else self.reading.of(q)
+
+    def _poses(self, poses: Poses, is_revolute: BoolArray) -> Poses:
+        q = self._joints_of(poses.q, is_revolute)
+        if q is poses.q or np.array_equal(q, poses.q):
+            return poses
+        approach = poses.approach
+        if approach is not None and self.reading is not None:
+            approach = approach[:, list(self.reading.order)] * np.array(self.reading.signs)
+        return replace(poses, q=q, approach=approach, came_from=np.zeros((0, 0)))
+
+
+def _scaled(points: Points, scale: float) -> Points:
+    covariance = points.covariance_mm2
+    return replace(
+        points,
+        xyz_mm=points.xyz_mm * scale,
+        covariance_mm2=None if covariance is None else covariance * scale**2,
+    )
+
+
+def _reordered(poses: Poses, points: Points | None, rows: IndexArray) -> tuple[Poses, Points | None]:
+    """Poses with the joints of other rows; those without any keep theirs and lose their points."""
+    known = rows != _NOT_THERE
+    source = np.where(known, rows, np.arange(len(rows)))
+    approach = None if poses.approach is None else poses.approach[source]
+    poses = replace(poses, q=poses.q[source], approach=approach, came_from=np.zeros((0, 0)))
+    return poses, None if points is None else points.select(known[points.pose])
+
+
+# ---- joints --------------------------------------------------------------------------------------------------------
+
+
+def of_reading(reading: JointReading, names: Sequence[str]) -> Hypothesis:
+    """Signs, order and zeros of the joints' columns. names  # (n,) of the columns as the user has them"""
+    turned = [k for k, sign in enumerate(reading.signs) if sign < 0]
+    moved = [k for k, column in enumerate(reading.order) if column != k]
+    zeros = [k for k, offset in enumerate(reading.offsets_rad) if offset]
+    found, then, mend = [], [], []
+    if turned:
+        those = [names[reading.order[k]] for k in turned]
+        turn = "turn" if len(turned) > 1 else "turns"
+        found.append(f"{_joints_words(turned)} {turn} the other way than robot.toml says")
+        then.append(f"{_and(those)} negated")
+        mend.append(f"negate column{'s' if len(those) > 1 else ''} {_and(those)}")
+    if moved:
+        asked = [names[k] for k in moved]
+        given = [names[reading.order[k]] for k in moved]
+        backwards = reading.order == tuple(reversed(range(len(names))))
+        found.append(
+            "the joints stand backwards" if backwards else f"the columns {_and(asked)} have changed places"
+        )
+        then.append("the columns put back")
+        mend.append(f"take {', '.join(f'{b} for {a}' for a, b in zip(asked, given, strict=True))}")
+    for k in zeros:
+        by = degrees(reading.offsets_rad[k])
+        found.append(f"joint {k + 1} is counted from {-by:+.0f} deg")
+        then.append(f"{by:+.0f} deg added to {names[reading.order[k]]}")
+        mend.append(f"add {by:+.0f} deg to column {names[reading.order[k]]}")
+    kind = JOINT_ORDER if moved else JOINT_SIGN if turned else JOINT_ZERO
+    return Hypothesis(
+        kind,
+        _and(found),
+        f"with {_and(then)}",
+        _and(mend),
+        reading.joints,
+        reading=reading,
+        edits=reading.edits,
+    )
+
+
+def column_names(robot: Robot) -> tuple[str, ...]:
+    """q1_deg q2_deg ... q4_mm: what poses.csv calls the joints' columns."""
+    return tuple(f"q{k + 1}_{'deg' if turns else 'mm'}" for k, turns in enumerate(robot.is_revolute))
+
+
+def _joints_words(joints: Sequence[int]) -> str:
+    numbers = [str(k + 1) for k in joints]
+    return f"joint{'s' if len(numbers) > 1 else ''} {_and(numbers)}"
+
+
+def _and(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+# ---- units ---------------------------------------------------------------------------------------------------------
+
+
+def of_units(robot: Robot, sample: Sample) -> Iterator[Hypothesis]:
+    """Points, angles and slides in other units than their columns say; the points' by how far they spread."""
+    turns = robot.is_revolute
+    deg = np.pi / 180.0
+    angles = {
+        1.0: ("", "", ""),
+        1.0 / deg: ("the joints' angles are in radians", "read as radians", "name the columns q1_rad ..."),
+        deg: ("the joints' angles are in degrees", "read as degrees", "name the columns q1_deg ..."),
+    }
+    slides = {1.0: ("", "", "")}
+    if not turns.all():
+        slides |= {
+            scale: (
+                f"the slides are in {unit}",
+                f"the slides read in {unit}",
+                f"multiply the slides by {scale:g}",
+            )
+            for unit, scale in _LENGTHS.items()
+        }
+    lengths: dict[float, tuple[str, str, str]] = {1.0: ("", "", "")}
+    for unit, scale in _LENGTHS.items():
+        lengths[scale] = (
+            f"the points are in {unit}", f"the points read in {unit}", f"multiply x, y and z by {scale:g}"
+        )  # fmt: skip
+        lengths[1.0 / scale] = (
+            f"the lengths of robot.toml are in {unit}",
+            f"the lengths of robot.toml read in {unit}",
+            f"multiply the lengths of robot.toml by {scale:g}, or the points by {1.0 / scale:.4g} if they are wrong",
+        )
+    for angle, angle_words in angles.items() if turns.any() else [(1.0, angles[1.0])]:
+        for slide, slide_words in slides.items():
+            q = sample.q * np.where(turns, angle, slide)
+            spread = replace(sample, points_mm=target_points(robot, q)).spread_mm
+            if not spread > 0.0:
+                continue
+            length = min(lengths, key=lambda scale: abs(np.log(scale * sample.spread_mm / spread)))
+            said = [words for words in (angle_words, slide_words, lengths[length]) if words[0]]
+            if said:
+                found, then, mend = (_and(list(words)) for words in zip(*said, strict=True))
+                yield Hypothesis(
+                    UNITS, found, f"with {then}", mend,
+                    angle_scale=angle, slide_scale=slide, points_scale=length, edits=len(said),
+                )  # fmt: skip
+
+
+# ---- rows ----------------------------------------------------------------------------------------------------------
+
+
+def of_shifts(dataset: Dataset) -> Iterator[Hypothesis]:
+    """The joints' rows out of step with the points by a few rows, or upside down."""
+    count = len(dataset.poses)
+    place = np.arange(count)
+    for by in _SHIFTS:
+        rows = np.where((place + by >= 0) & (place + by < count), place + by, _NOT_THERE)
+        where, number = ("below" if by > 0 else "above"), abs(by)
+        lines = "line" if number == 1 else f"{number} lines"
+        yield Hypothesis(
+            ROW_ORDER,
+            f"the rows of points and joints are out of step: each point belongs to the joints {number} "
+            f"row{'s' if number > 1 else ''} {where}",
+            f"with the joints moved by {number} row{'s' if number > 1 else ''}",
+            f"move the columns of joints {'up' if by > 0 else 'down'} by {'one ' if number == 1 else ''}{lines}, and "
+            "look for the row that is missing",
+            rows=tuple(map(int, rows)),
+        )
+    yield Hypothesis(
+        ROW_ORDER,
+        "the rows of points stand in the opposite order of the joints",
+        "with the joints' rows turned upside down",
+        "turn the order of the points' rows, or of the joints'",
+        rows=tuple(map(int, place[::-1])),
+    )
+
+
+def of_matching(dataset: Dataset, poses: IndexArray, source: IndexArray) -> Hypothesis:
+    """Points that belong to the joints of other rows, by where they lie. poses, source  # (K,) indices of poses"""
+    rows = np.arange(len(dataset.poses))
+    rows[poses] = source
+    wrong = [dataset.poses.ids[i] for i in poses[poses != source]]
+    more = f" and {len(wrong) - _NAMED_ROWS} more" if len(wrong) > _NAMED_ROWS else ""
+    named = f"{', '.join(wrong[:_NAMED_ROWS])}{more}"
+    pairs = ", ".join(
+        f"{dataset.poses.ids[i]} has the joints of {dataset.poses.ids[k]}"
+        for i, k in zip(poses, source, strict=True)
+        if i != k
+    )
+    which = pairs if len(wrong) <= _NAMED_ROWS else named
+    return Hypothesis(
+        ROW_ORDER,
+        f"the points of {len(wrong)} of {len(poses)} poses belong to the joints of other rows ({which})",
+        "with each point given to the joints that reach it",
+        "put the rows of points and joints into one order; a column that names the pose in both tables keeps them so",
+        rows=tuple(map(int, rows)),
+        edits=2,
+    )
+
+
+# ---- tables --------------------------------------------------------------------------------------------------------
+
+
+def of_sister_tables(robot: Robot) -> Iterator[Hypothesis]:
+    """The tables of other arms with as many joints of the same kinds: a sister type's is easily taken by mistake."""
+    for name, other in known_tables():
+        alike = np.array_equal(other.is_revolute, robot.is_revolute)
+        if alike and not np.allclose(other.table[:-1], robot.table[:-1], atol=1e-6):
+            yield Hypothesis(
+                ROBOT_TABLE,
+                f"the links are those of a {name}, not those of robot.toml ({robot.name})",
+                f"with the table of the {name}",
+                f"give the table of the {name} as robot.toml, with your tool",
+                robot=other,
+            )
+
+
+@cache
+def known_tables() -> tuple[tuple[str, Robot], ...]:
+    """Arms whose tables come with the package, by name."""
+    names: dict[tuple[float, ...], list[str]] = {}
+    for model, lengths in MODELS.items():
+        names.setdefault(lengths, []).append(
+            f"{model.removesuffix('e').upper()}{'e' if model.endswith('e') else ''}"
+        )
+    universal = [
+        (" or ".join(named), robot_of(chain_of_standard(nominal_rows(named[0]), named[0])))
+        for named in names.values()
+    ]
+    return (*universal, *((builtin_robot(name).name, builtin_robot(name)) for name in BUILTIN_ROBOTS))

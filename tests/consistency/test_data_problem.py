@@ -1,0 +1,290 @@
+"""Wrong sheets and tables of many arms: each is found and told with its mend, and no effect is taken for one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.calibration.calibrate import calibrate
+from calib.consistency.data_problem import DataProblem, suspicions
+from calib.consistency.hypotheses import known_tables
+from calib.consistency.row_matching import matched_rows
+from calib.dataset.dataset import Dataset
+from calib.dataset.files.folder import load_dataset, write_dataset
+from calib.dataset.files.robot_toml import builtin_robot
+from calib.diagnosis.diagnose import diagnose
+from calib.frames import apply, make_transform, rotation_from_rotvec
+from calib.kinematics.robot import Joint, Robot, Tool
+from calib.monitoring.watch import watch
+from calib.simulation.simulate import simulate_dataset
+from calib.simulation.truth.arm_sampling import SIMULATED_EFFECTS, Tolerances
+from inspector.cli.parser import main
+
+ROOT = Path(__file__).parents[2]
+SHARED = ROOT.parent / "shared" / "data"
+HALF = 0.5 * np.pi
+ARMS = {
+    "rb5": builtin_robot("rb5"),
+    "panda": builtin_robot("panda"),
+    "scara": Robot(
+        "scara",
+        (
+            Joint(325.0, 0.0, 0.0, 0.0, 0.0, name="J1"),
+            Joint(275.0, np.pi, 0.0, 0.0, 0.0, name="J2"),
+            Joint(0.0, 0.0, 0.0, 0.0, 0.0, name="J3", type="prismatic", min=0.0, max=210.0),
+            Joint(0.0, 0.0, 0.0, 0.0, 0.0, name="J4"),
+        ),
+        Tool(40.0, 0.0, 50.0, 0.0, 0.0),
+    ),
+    "gantry": Robot(
+        "gantry",
+        (
+            Joint(0.0, -HALF, 0.0, 0.0, 0.0, name="X", type="prismatic", min=0.0, max=900.0),
+            Joint(0.0, HALF, 0.0, HALF, 0.0, name="Y", type="prismatic", min=0.0, max=700.0),
+            Joint(0.0, 0.0, 0.0, 0.0, 0.0, name="Z", type="prismatic", min=0.0, max=400.0),
+            Joint(0.0, HALF, 0.0, 0.0, 0.0, name="C"),
+            Joint(0.0, 0.0, 100.0, 0.0, 0.0, name="A"),
+        ),
+        Tool(60.0, 0.0, 50.0, 0.0, 0.0),
+    ),
+}
+TABLES = dict(known_tables())
+
+
+def simulated(
+    arm: str, seed: int = 0, *, poses: int = 40, effect: tuple[str, float] | None = None
+) -> Dataset:
+    return simulate_dataset(
+        ARMS[arm],
+        rng=np.random.default_rng(seed),
+        poses=poses,
+        effects=[effect] if effect else [],
+        tolerances=Tolerances(0.5, 0.2),
+    ).dataset
+
+
+def with_joints(dataset: Dataset, q: np.ndarray) -> Dataset:
+    return replace(dataset, poses=replace(dataset.poses, q=q, came_from=np.zeros((0, 0))))
+
+
+def turned(dataset: Dataset, *joints: int) -> Dataset:
+    signs = np.ones(dataset.robot.n_joints)
+    signs[[joint - 1 for joint in joints]] = -1.0
+    return with_joints(dataset, dataset.poses.q * signs)
+
+
+def with_points(dataset: Dataset, scale: float) -> Dataset:
+    assert dataset.points is not None
+    return replace(dataset, points=replace(dataset.points, xyz_mm=scale * dataset.points.xyz_mm))
+
+
+def problem_of(dataset: Dataset) -> DataProblem:
+    found = suspicions(calibrate(dataset), calibrate).problem
+    assert found is not None
+    return found
+
+
+def two_rows(dataset: Dataset) -> Dataset:
+    rows = np.arange(len(dataset.poses))
+    rows[[3, 11]] = rows[[11, 3]]
+    return with_joints(dataset, dataset.poses.q[rows])
+
+
+SHEETS: dict[str, tuple[Callable[[Dataset], Dataset], str, str]] = {
+    "permuted": (
+        lambda d: with_joints(d, d.poses.q[np.random.default_rng(1).permutation(len(d.poses))]),
+        "row_order",
+        "one order",
+    ),
+    "shifted": (
+        lambda d: with_joints(d, np.roll(d.poses.q, 1, axis=0)),
+        "row_order",
+        "move the columns of joints",
+    ),
+    "two rows changed places": (two_rows, "row_order", "p04 has the joints of p12"),
+    "upside down": (lambda d: with_joints(d, d.poses.q[::-1]), "row_order", "turn the order"),
+    "inch": (lambda d: with_points(d, 1.0 / 25.4), "units", "multiply x, y and z by 25.4"),
+    "metres": (lambda d: with_points(d, 1e-3), "units", "multiply x, y and z by 1000"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("sheet", SHEETS)
+def test_rows_and_units_are_told_with_their_mend(arm: str, sheet: str) -> None:
+    change, kind, mend = SHEETS[sheet]
+    given = simulated(arm, effect=("joint_scale", 5.0))
+    found = problem_of(change(given))
+    assert found.kind == kind
+    assert mend in found.words
+    assert found.then_mm < 0.1 * found.now_mm
+    again = calibrate(found.mended)
+    assert again.sigma_mm == pytest.approx(calibrate(given).sigma_mm, rel=0.3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arm", ARMS)
+def test_turned_joints_are_told_or_left_open_with_all_that_makes_the_same_of_the_points(arm: str) -> None:
+    """A last joint with its tool near its axis stays open for the effects; three slides mirror each other."""
+    given = simulated(arm)
+    for joint in range(1, given.robot.n_joints + 1):
+        data = turned(given, joint)
+        found = suspicions(calibrate(data), calibrate)
+        shown = found.open if found.problem is None else (found.problem.hypothesis, *found.problem.rivals)
+        assert (joint,) in {hypothesis.joints for hypothesis in shown}
+        assert found.problem is not None or joint == given.robot.n_joints
+    found = suspicions(calibrate(turned(given, 1, 2)), calibrate)
+    assert found.problem is not None
+    assert found.problem.kind == "joint_sign"
+    assert calibrate(found.problem.mended).fit.noise < 1.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("arm", "columns"), [("rb5", (2, 3)), ("rb5", (5, 6)), ("panda", (4, 5)), ("gantry", (1, 2))]
+)
+def test_columns_that_changed_places_are_told(arm: str, columns: tuple[int, int]) -> None:
+    given = simulated(arm)
+    order = list(range(given.robot.n_joints))
+    a, b = columns[0] - 1, columns[1] - 1
+    order[a], order[b] = b, a
+    found = problem_of(with_joints(given, given.poses.q[:, order]))
+    assert (found.kind, found.joints) == ("joint_order", columns)
+    assert "have changed places" in found.words
+
+
+@pytest.mark.slow
+def test_angles_in_another_unit_are_told() -> None:
+    given = simulated("rb5")
+    found = problem_of(with_joints(given, np.radians(given.poses.q)))
+    assert (found.kind, "in radians" in found.words) == ("units", True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("true", "given"),
+    [("UR5", "UR5e or UR7e"), ("UR5", "UR10"), ("UR16e", "UR10e or UR12e"), ("UR3e", "UR5e or UR7e")],
+)
+def test_a_sister_types_table_is_told_by_its_name(true: str, given: str) -> None:
+    data = simulate_dataset(TABLES[true], rng=np.random.default_rng(2), poses=40).dataset
+    found = problem_of(replace(data, robot=TABLES[given]))
+    assert found.kind == "robot_table"
+    assert f"the links are those of a {true}, not those of robot.toml" in found.words
+    assert found.then_mm < 0.5 * found.now_mm
+
+
+@pytest.mark.slow
+def test_a_turned_joint_is_told_of_few_poses_in_a_narrow_range() -> None:
+    arm = ARMS["rb5"]
+    ranges = [(-40.0, 0.0), (20.0, 60.0), (40.0, 90.0), (-30.0, 30.0), (50.0, 100.0), (-60.0, 60.0)]
+    joints = [
+        replace(joint, min=np.radians(low), max=np.radians(high))
+        for joint, (low, high) in zip(arm.joints, ranges, strict=True)
+    ]
+    given = simulate_dataset(
+        replace(arm, joints=tuple(joints)), rng=np.random.default_rng(3), poses=22
+    ).dataset
+    for joint in (1, 2, 3, 4, 5):
+        found = problem_of(turned(given, joint))
+        shown = {hypothesis.joints for hypothesis in (found.hypothesis, *found.rivals)}
+        assert (joint,) in shown, (joint, found.words)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["hidden_effect_a", "hidden_effect_c"])
+def test_a_turned_last_joint_is_no_wobbling_axis(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = load_dataset(ROOT / "sample_data" / name)
+    folder = tmp_path / name
+    write_dataset(turned(data, 6), folder)
+    assert main(["diagnose", str(folder), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["verdict"], told["missing"], told["suspected"]) == ("unexplained", [], [])
+    problem = told["data_problem"]
+    assert (problem["kind"], problem["joints"]) == ("joint_sign", [6])
+    assert "negate column q6_deg" in problem["mend"]
+    assert problem["rmse_mm"]["then"] < 0.7 * problem["rmse_mm"]["now"]
+    assert told["explanation"].startswith("Joint 6 turns the other way than robot.toml says")
+    assert main(["check", str(folder)]) == 1
+    assert "FAIL  data: joint 6 turns the other way" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_an_arm_with_a_wobbling_last_axis_keeps_its_wobble() -> None:
+    for seed in range(4):
+        found = diagnose(simulated("rb5", seed, poses=64, effect=("axis_wobble", 6.0)))
+        assert found.data_problem is None
+
+
+@pytest.mark.slow
+def test_no_effect_is_taken_for_wrong_data() -> None:
+    """Every effect that can be simulated, of half a sigma to fifteen; the thorough run counts many more."""
+    rng = np.random.default_rng(7)
+    for effect in sorted(set(SIMULATED_EFFECTS) - {"scanner_scale"}):
+        arm = "panda" if effect == "joint_coupling" else "rb5"
+        size = float(np.exp(rng.uniform(np.log(0.5), np.log(15.0))))
+        data = simulated(arm, int(rng.integers(1000)), effect=(effect, size))
+        assert suspicions(calibrate(data), calibrate).problem is None, (effect, size)
+
+
+@pytest.mark.thorough
+def test_hundreds_of_effects_are_never_taken_for_wrong_data() -> None:
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        effect = (
+            str(rng.choice(sorted(set(SIMULATED_EFFECTS) - {"scanner_scale"}))) if seed % 3 else "axis_wobble"
+        )
+        size = float(np.exp(rng.uniform(np.log(0.5), np.log(15.0))))
+        data = simulated("rb5", seed, poses=int(rng.choice([24, 40, 64])), effect=(effect, size))
+        assert diagnose(data).data_problem is None, (seed, effect, size)
+
+
+REAL = sorted(SHARED.glob("*/dataset.toml")) if SHARED.is_dir() else []
+SAMPLES = sorted((ROOT / "sample_data").glob("*/points.csv"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", [*SAMPLES, *REAL], ids=lambda path: path.parent.name)
+def test_right_data_of_real_and_sample_arms_are_right(path: Path) -> None:
+    data = load_dataset(path.parent)
+    assert suspicions(calibrate(data), calibrate).problem is None
+
+
+@pytest.mark.slow
+def test_a_sheet_of_check_poses_in_another_order_is_no_noise(tmp_path: Path) -> None:
+    base = calibrate(simulated("rb5", 5, poses=64))
+    new = simulated("rb5", 5, poses=64)
+    assert new.points is not None
+    some = np.arange(8)
+    new = replace(new, poses=new.poses.select(some), points=new.points.select(np.isin(new.points.pose, some)))
+    assert watch(base, new).data_problem is None
+    order = np.random.default_rng(0).permutation(8)
+    seen = watch(base, with_joints(new, new.poses.q[order]))
+    assert [(change.what, change.unit) for change in seen.changes] == [("pose_order", "poses")]
+    assert seen.verdict == "changed"
+    assert "belong to the joints of other rows" in seen.headline
+    seen = watch(base, turned(new, 3))
+    assert [(change.what, change.joint) for change in seen.changes] == [("joint_sign", 3)]
+    assert "negate column q3_deg" in seen.headline
+    seen = watch(base, with_points(new, 1e-3))
+    assert [change.what for change in seen.changes] == ["units"]
+
+
+@pytest.mark.parametrize("count", [5, 40])
+def test_points_find_the_joints_that_reach_them(count: int) -> None:
+    rng = np.random.default_rng(count)
+    arm_mm = rng.uniform(-500.0, 500.0, (count, 3)) * [1.0, 0.7, 0.4]
+    source = rng.permutation(count)
+    frame = make_transform(rotation_from_rotvec(np.array([2.0, 1.0, -1.5])), [300.0, 20.0, 900.0])
+    seen_mm = apply(frame, arm_mm[source]) + rng.normal(scale=1.0, size=(count, 3))
+    found = matched_rows(arm_mm, seen_mm)
+    assert found is not None
+    assert found.tolist() == source.tolist()
+    if count > 6:
+        assert matched_rows(arm_mm, rng.uniform(-500.0, 500.0, (count, 3))) is None

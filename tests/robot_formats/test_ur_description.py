@@ -1,0 +1,195 @@
+"""A controller's calibration in a stock ROS description: links near their places, the flange as the controller has it.
+
+The description is written by hand as the ROS xacro does it: base, base_link_inertia turned by half a turn, six joints
+about z at the origins of the YAML, the flange and tool0 on wrist_3. The controller's law is standard Denavit-Hartenberg
+with theta = q + delta_theta, d, a and alpha of nominal table and deltas.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from calib.robot_formats.robot_file import Reading, read_robot
+from calib.robot_formats.ur_calibration import MODELS, nominal_rows
+from inspector.cli.parser import main
+from tests.support.robot_texts import DELTAS, FAR_DELTAS, conf_of
+
+LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+HALF = math.pi / 2
+
+
+def stock_yaml(model: str) -> str:
+    """default_kinematics.yaml of ur_description: the nominal origins, metres and radians."""
+    a2, a3, d1, d4, d5, d6 = MODELS[model]
+    blocks = {
+        "shoulder": (0, 0, d1, 0, 0, 0),
+        "upper_arm": (0, 0, 0, HALF, 0, 0),
+        "forearm": (a2, 0, 0, 0, 0, 0),
+        "wrist_1": (a3, 0, d4, 0, 0, 0),
+        "wrist_2": (0, -d5, 0, HALF, 0, 0),
+        "wrist_3": (0, d6, 0, HALF, math.pi, math.pi),
+    }
+    lines = ["kinematics:"]
+    for name, values in blocks.items():
+        lines.append(f"  {name}:")
+        lines += [
+            f"    {key}: {value!r}"
+            for key, value in zip(("x", "y", "z", "roll", "pitch", "yaw"), values, strict=True)
+        ]
+    return "\n".join([*lines, "  hash: calib_12788084448423163542", ""])
+
+
+def origin(xyz: tuple[float, ...], rpy: tuple[float, ...]) -> np.ndarray:
+    out = np.eye(4)
+    out[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()  # about fixed axes, as URDF has it
+    out[:3, 3] = 1e3 * np.array(xyz)
+    return out
+
+
+def described(text: str, q: np.ndarray) -> np.ndarray:
+    """(N, 7, 4, 4) at q (N, 6): base_link_T_link of the six links, and base_T_tool0 as the controller counts it."""
+    blocks = yaml.safe_load(text)["kinematics"]
+    at, out = origin((0, 0, 0), (0, 0, math.pi)), []  # base_link -> base_link_inertia
+    for name, values in zip(LINKS, q.T, strict=True):
+        b = blocks[name]
+        turned = np.zeros((len(q), 4, 4))
+        turned[:, 0, 0] = turned[:, 1, 1] = np.cos(values)
+        turned[:, 1, 0], turned[:, 0, 1] = np.sin(values), -np.sin(values)
+        turned[:, 2, 2] = turned[:, 3, 3] = 1.0
+        at = at @ origin((b["x"], b["y"], b["z"]), (b["roll"], b["pitch"], b["yaw"])) @ turned
+        out.append(at)
+    tool0 = at @ origin((0, 0, 0), (0, -HALF, -HALF)) @ origin((0, 0, 0), (HALF, 0, HALF))
+    base = origin((0, 0, 0), (0, 0, math.pi))  # base_link -> base, the controller's frame
+    return np.stack([*out, np.linalg.inv(base) @ tool0], axis=1)
+
+
+def controllers(model: str, deltas: dict[str, list[float]], q: np.ndarray) -> np.ndarray:
+    """(N, 4, 4) base_T_flange by the controller's law; extended precision, as d may be of a kilometre."""
+    out = np.broadcast_to(np.eye(4, dtype=np.longdouble), (len(q), 4, 4))
+    added = np.column_stack([deltas[f"delta_{key}"] for key in ("theta", "a", "d", "alpha")])
+    rows = (nominal_rows(model) + added * [1, 1e3, 1e3, 1]).astype(np.longdouble)
+    for (theta, a, d, alpha), values in zip(rows, q.T, strict=True):
+        c, s, ca, sa = np.cos(theta + values), np.sin(theta + values), np.cos(alpha), np.sin(alpha)
+        none, one = np.zeros_like(c), np.ones_like(c)
+        row = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s],
+               [none, sa * one, ca * one, d * one], [none, none, none, one]]  # fmt: skip
+        out = np.einsum("nij,jkn->nik", out, np.array(row, dtype=np.longdouble))
+    return out.astype(float)
+
+
+def drawn(rng: np.random.Generator, *, mm: float = 0.4, mrad: float = 1.1) -> dict[str, list[float]]:
+    """Deltas of a real size; the controller's last row has no a and no alpha of its own."""
+    out = {f"delta_{key}": rng.uniform(-1e-3 * mrad, 1e-3 * mrad, 6) for key in ("theta", "alpha")}
+    out |= {f"delta_{key}": rng.uniform(-1e-3 * mm, 1e-3 * mm, 6) for key in ("a", "d")}
+    out["delta_a"][5] = out["delta_alpha"][5] = 0.0
+    return {key: values.tolist() for key, values in out.items()}
+
+
+def converted(tmp_path: Path, model: str, deltas: dict[str, list[float]]) -> str:
+    conf, template, out = tmp_path / "calibration.conf", tmp_path / "stock.yaml", tmp_path / "out.yaml"
+    conf.write_text(conf_of(deltas))
+    template.write_text(stock_yaml(model))
+    command = ["convert", str(conf), str(out), "--model", model, "--template", str(template), "--force"]
+    assert main(command) == 0
+    return out.read_text()
+
+
+def compared(text: str, model: str, deltas: dict[str, list[float]]) -> tuple[float, float, float, float]:
+    """The most that the flange is off (mm, rad), and a link's frame from its nominal place (mm, rad), at 1000 poses."""
+    q = np.random.default_rng(1).uniform(-math.pi, math.pi, (1000, 6))
+    links, true, nominal = described(text, q), controllers(model, deltas, q), described(stock_yaml(model), q)
+    flange = np.linalg.norm(links[:, 6, :3, 3] - true[:, :3, 3], axis=-1).max()
+    attitude = np.abs(links[:, 6, :3, :3] - true[:, :3, :3]).max()
+    place = np.linalg.norm(links[:, :6, :3, 3] - nominal[:, :6, :3, 3], axis=-1).max()
+    trace = np.einsum("nkij,nkij->nk", links[:, :6, :3, :3], nominal[:, :6, :3, :3])
+    turn = np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0)).max()
+    return float(flange), float(attitude), float(place), float(turn)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", MODELS)
+def test_a_calibration_keeps_the_flange_and_the_links_near_their_places(
+    tmp_path: Path, model: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for seed in range(5):
+        deltas = drawn(np.random.default_rng(seed))
+        text = converted(tmp_path, model, deltas)
+        flange, attitude, place, turn = compared(text, model, deltas)
+        assert flange < 1e-6
+        assert attitude < 1e-9
+        assert place < 6.0
+        assert math.degrees(turn) < 0.5  # six angles of a milliradian add up along the arm
+        blocks, stock = (yaml.safe_load(t)["kinematics"] for t in (text, stock_yaml(model)))
+        for name in LINKS:
+            mine, theirs = blocks[name], stock[name]
+            assert max(abs(mine[key] - theirs[key]) for key in "xyz") < 2e-3
+            both = (
+                Rotation.from_euler("xyz", [b[key] for key in ("roll", "pitch", "yaw")])
+                for b in (mine, theirs)
+            )
+            assert (next(both).inv() * next(both)).magnitude() < math.radians(0.2)
+        assert "calib_12788084448423163542" in text
+    assert "not on the axis" not in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("deltas", [DELTAS, *FAR_DELTAS], ids=["small", "far", "farther"])
+def test_a_published_calibration_with_lengths_of_metres_has_its_links_near_their_places(
+    tmp_path: Path, deltas: dict[str, list[float]]
+) -> None:
+    flange, attitude, place, turn = compared(converted(tmp_path, "ur10", deltas), "ur10", deltas)
+    assert flange < 1e-6
+    assert attitude < 1e-9
+    assert place < 15.0
+    assert math.degrees(turn) < 1.5
+
+
+def test_what_a_kinematics_file_cannot_hold_of_the_flange_is_told_with_its_size(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    deltas = drawn(np.random.default_rng(0))
+    deltas["delta_a"][5], deltas["delta_alpha"][5] = 0.0003, 0.001
+    text = converted(tmp_path, "ur10e", deltas)
+    said = capsys.readouterr().out
+    assert "0.3 mm and 0.0573 deg off" in said
+    flange, *_ = compared(text, "ur10e", deltas)
+    assert flange == pytest.approx(0.3, abs=1e-6)
+
+
+def test_the_table_of_a_calibration_has_small_angles(tmp_path: Path) -> None:
+    for seed, model in enumerate(MODELS):
+        path = tmp_path / "calibration.conf"
+        path.write_text(conf_of(drawn(np.random.default_rng(seed))))
+        table = read_robot(path, Reading(model=model)).robot.table
+        assert np.degrees(np.abs(table[:, [3, 4]]).max()) < 0.5
+
+
+@pytest.mark.slow
+def test_mujoco_finds_the_flange_of_a_converted_description_where_the_controller_has_it(
+    tmp_path: Path,
+) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    deltas = drawn(np.random.default_rng(9))
+    blocks = yaml.safe_load(converted(tmp_path, "ur5e", deltas))["kinematics"]
+    bodies = "".join(
+        f'<body pos="{b["x"]!r} {b["y"]!r} {b["z"]!r}" euler="{b["roll"]!r} {b["pitch"]!r} {b["yaw"]!r}">'
+        '<joint axis="0 0 1"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+        for b in (blocks[name] for name in LINKS)
+    )
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler angle="radian" eulerseq="XYZ"/><worldbody>{bodies}<site name="flange"/>{"</body>" * 6}'
+        "</worldbody></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    for q in np.random.default_rng(2).uniform(-math.pi, math.pi, (50, 6)):
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        true = controllers("ur5e", deltas, q[None])[0]
+        assert np.abs(1e3 * data.site("flange").xpos - true[:3, 3]).max() < 1e-6
+        assert np.abs(data.site("flange").xmat.reshape(3, 3) - true[:3, :3]).max() < 1e-9
