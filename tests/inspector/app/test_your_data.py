@@ -151,9 +151,11 @@ def test_a_column_is_corrected(app: App, given: dict[str, bytes], tmp_path: Path
         page.wait(open_button)
         assert page.value("A3") == "joint 3, deg, other way round"
         page.set("A3", "joint 3, deg")
-        shows(page, "would fit better")
+        shows(page, "turns the other way than robot.toml says: with")
         page.set("A3", "joint 3, deg, other way round")
-        page.wait(lambda p: "would fit better" not in plain(p) and open_button(p))
+        page.wait(
+            lambda p: "turns the other way than robot.toml says: with" not in plain(p) and open_button(p)
+        )
         page.set("A2", "joint 1, deg")
         shows(page, "both stand for q1")
         page.set("A2", "joint 2, deg")
