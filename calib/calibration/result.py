@@ -87,7 +87,8 @@ class Calibration(Documented, Viewed):
         if self.residual != "pose":
             return None
         before, after = (
-            evaluate_orientations(self.model, x, self.dataset) for x in (0.0 * self.fit.x, self.fit.x)
+            evaluate_orientations(self.model, x, self.dataset)
+            for x in (self.model.delivered(self.fit.x), self.fit.x)
         )
         return before, after
 
@@ -101,7 +102,7 @@ class Calibration(Documented, Viewed):
     @property
     def tool_shift(self) -> ToolShift | None:
         """The tool point, where it is far from where robot.toml has it."""
-        return None if self.model.tool_found is None else tool_shift(self.dataset.robot, self.robot.table)
+        return None if self.model.tool_found is None else tool_shift(self.dataset.robot, self.robot)
 
     @cached_property
     def room_words(self) -> str:

@@ -42,6 +42,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "rank": fit.rank,
         **by_role(calibration.after),
         "before": by_role(calibration.before),
+        **found_tool_document(calibration),
         "attitudes": calibration.orientation_errors
         and dict(zip(("before", "after"), map(asdict, calibration.orientation_errors), strict=True)),
         "faces_named": calibration.faces_named or None,
@@ -63,6 +64,15 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "outliers": calibration.outliers,
         "left_out": calibration.fitted_dataset.left_out,
         "warnings": calibration.warnings,
+    }
+
+
+def found_tool_document(calibration: Calibration) -> dict[str, Any]:
+    """Where the tool point was found, mm in the last joint's frame and from the tip; None where robot.toml has it."""
+    shift = calibration.tool_shift
+    return {
+        "tool_found_mm": None if shift is None else shift.point_mm,
+        "tool_found_in_tip_mm": None if shift is None else shift.in_tip_mm,
     }
 
 

@@ -126,7 +126,7 @@ class FittedModel:
         return self.before_and_after(dataset)[1]
 
     def before_and_after(self, dataset: Dataset) -> tuple[Evaluation, Evaluation]:
-        """The nominal robot's errors at a dataset's points, and the model's, as it is.
+        """The errors of the arm as delivered at a dataset's points, and the model's, as it is.
 
         Each setup's scanner frame is fitted to the setup's training poses, as in every evaluation; nothing else is. The
         poses of another dataset than the model was fitted to count as later than all of that one's.
@@ -144,7 +144,7 @@ class FittedModel:
         self.require_conditions(dataset.poses)
         if self.source.files and not self.is_fitted_to(dataset):  # another day: what changed has changed
             dataset = replace(dataset, poses=dataset.poses.measured_later())
-        before, after = evaluate_all(self.model, [np.zeros(len(self.x)), self.x], dataset)
+        before, after = evaluate_all(self.model, [self.model.delivered(self.x), self.x], dataset)
         return before, after
 
     def require_same_arm(self, dataset: Dataset) -> None:

@@ -75,6 +75,6 @@ class ModelDocument(msgspec.Struct, frozen=True):
     before: SavedErrors
     after: SavedErrors
     loads_table: tuple[Row, ...] | None = None  # at whose links gravity's loads are worked out
-    found_tool_row: Row | None = None  # of robot, where its own has the tool point far off
+    found_tool_mm: Row | None = None  # in the last joint's frame, where robot has the tool point far off
     sigma_mm: NotNegative | None = None
     scanner_T_flange: dict[str, Any] = {}  # in place of scanner_T_base where the arm carries the scanner

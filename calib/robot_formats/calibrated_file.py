@@ -9,10 +9,11 @@ from pathlib import Path
 from calib.kinematics.robot import Robot
 from calib.robot_formats.chain.calibrated_origins import with_calibration
 from calib.robot_formats.chain.five_parameters import robot_of
+from calib.robot_formats.chain.serial_chain import SerialChain
 from calib.robot_formats.origin_yaml import chain_of_yaml, read_origin_yaml, with_yaml_origins
 from calib.robot_formats.robot_file import read_arm, source_links
 from calib.robot_formats.urdf.chain import chain_of_arm
-from calib.robot_formats.urdf.text import with_origins
+from calib.robot_formats.urdf.text import TOOL_POINT_LINK, with_origins
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,8 @@ def calibrated_urdf(
         )
     elif not text.tip_written:
         notes.append(f"no fixed joint holds link {arm.tip}, so its place on the last joint stays as it was")
+    if found.chain.tool_point_mm is not None:
+        notes.append(f"link {TOOL_POINT_LINK} on {arm.tip} is the measured point, {_place(found.chain)} from it")
     return CalibratedFile(text.content, text.changed, tuple(notes))
 
 
@@ -70,9 +73,17 @@ def calibrated_yaml(template: Path, calibrated: Robot, nominal: Robot | None = N
     chain = chain_of_yaml(origins)
     found = with_calibration(chain, robot_of(chain) if nominal is None else nominal, calibrated)
     text, changed = with_yaml_origins(origins, found.chain)
-    notes = (
-        ()
-        if origins.flange is not None and found.tip_known
-        else ("the tool is no part of a kinematics file",)
-    )
-    return CalibratedFile(text.encode(), changed, notes)
+    notes = []
+    if origins.flange is None or not found.tip_known:
+        notes.append("the tool is no part of a kinematics file")
+    if found.chain.tool_point_mm is not None:
+        notes.append(
+            f"the measured point is no part of a kinematics file: it is {_place(found.chain)} from the last of its frames"
+        )
+    return CalibratedFile(text.encode(), changed, tuple(notes))
+
+
+def _place(chain: SerialChain) -> str:
+    """ "50.1, -29.5, 119.8 mm"."""
+    assert chain.tool_point_mm is not None
+    return f"{', '.join(f'{value:.4g}' for value in chain.tool_point_mm)} mm"

@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.array_types import Array, BoolArray
-from calib.frames import best_fit_rotation, invert, make_transform, rotation_from_rpy
+from calib.frames import apply, best_fit_rotation, invert, make_transform, rotation_from_rpy
 from calib.kinematics.robot import Robot
-from calib.robot_formats.chain.five_parameters import frames_at_zero
+from calib.robot_formats.chain.five_parameters import frames_at_zero, vector
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain, axis_frame
 
 _SAME_MM, _SAME_RAD = 1e-3, 1e-6
@@ -54,7 +54,15 @@ def with_calibration(chain: SerialChain, nominal: Robot, calibrated: Robot) -> C
         before = base_T_joint
     tip_known = bool(_is_near(frames[-1], at_zero[-1]))
     last_T_tip = invert(before) @ after[-1] if tip_known else chain.last_T_tip
-    return CalibratedChain(replace(chain, joints=tuple(joints), last_T_tip=last_T_tip), tip_known)
+    own = calibrated.own_tool_point
+    tip_T_frame = invert(before @ last_T_tip) @ after[-2]
+    found = replace(
+        chain,
+        joints=tuple(joints),
+        last_T_tip=last_T_tip,
+        tool_point_mm=None if own is None else vector(apply(tip_T_frame, own.xyz_mm)),
+    )
+    return CalibratedChain(found, tip_known)
 
 
 def _require_same_joints(chain: SerialChain, robot: Robot) -> None:

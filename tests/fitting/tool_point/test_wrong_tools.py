@@ -19,7 +19,7 @@ from calib.dataset.files.folder import write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_named
-from calib.fitting.tool_point.placement import tool_point, with_tool_point
+from calib.kinematics.tool_point import tool_point, with_tool_point
 from calib.kinematics.robot import Robot, Target
 from calib.models.model_file import load_model, save_model
 from calib.options import FitOptions
