@@ -58,7 +58,9 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
             }
             for c in identifiable_combinations(calibration)
         ],
-        "tool": asdict(tool_rows(calibration.dataset, residual=calibration.residual)),
+        "tool": asdict(
+            tool_rows(calibration.dataset, residual=calibration.residual, model=calibration.model)
+        ),
         "correlated": [asdict(pair) for pair in correlated_pairs(calibration)],
         "stands": stands_document(calibration),
         "outliers": calibration.outliers,

@@ -2,7 +2,7 @@
 
 Far is what the tolerances of the last two rows do not allow. A prior that is weighed by the residual holds a parameter
 the harder the worse the fit is, so a tool that is off by 80 mm would hold itself where robot.toml has it. Far is, too,
-what the rows reach only by turning the tip: one point tells nothing of its attitude.
+what the rows reach only by turning the tip as far: one point tells nothing of its attitude.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from calib.fitting.fit import Fit
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations
 from calib.fitting.tool_point.placement import (
+    angles_behind_last_axis,
     free_directions,
     tip_turn_rad,
     tolerance_covariance,
@@ -60,7 +61,9 @@ def fitted_tool_point(model: Model, fit: Fit, links: LinkErrors, held: Collectio
 def turning_tool_point(model: Model, fit: Fit, links: LinkErrors, held: Collection[str]) -> Robot | None:
     """The nominal arm with the tool point where a fit has it by turning the tip; None where it hardly turns it."""
     calibrated = model.calibrated_robot(fit.x)
-    if free_directions(links.robot, held).shape[1] < 3 or tip_turn_rad(links.robot, calibrated) <= TOLERANCE_RAD:
+    tolerance_rad = max(links.tolerances.get(name, TOLERANCE_RAD) for name in angles_behind_last_axis(links.robot))
+    turned = tip_turn_rad(links.robot, calibrated) > _FAR * tolerance_rad
+    if free_directions(links.robot, held).shape[1] < 3 or not turned:
         return None
     return with_own_tool_point(links.robot, tool_point_in_nominal(links.robot, calibrated))
 

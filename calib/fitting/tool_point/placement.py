@@ -110,8 +110,19 @@ def held_behind_tool_point(robot: Robot, observed: Observations) -> tuple[str, .
     if own is None or own.name not in observed.targets:
         return ()
     further = [t for t in robot.targets if t is not own and t.joint is None and t.name in observed.targets]
-    rows = 1 if further else _ROWS_BEHIND
-    return robot.parameter_names[-rows * len(PARAMETER_KINDS) :]
+    names = behind_last_axis(robot)
+    return names[-len(PARAMETER_KINDS) :] if further else names
+
+
+def behind_last_axis(robot: Robot) -> tuple[str, ...]:
+    """The parameters of what lies behind the last joint's axis: of its row and of the tool's."""
+    return robot.parameter_names[-_ROWS_BEHIND * len(PARAMETER_KINDS) :]
+
+
+def angles_behind_last_axis(robot: Robot) -> tuple[str, ...]:
+    """Those of them that turn the tip, the last joint's zero apart."""
+    zero = f"theta{robot.n_joints}"
+    return tuple(n for n in behind_last_axis(robot) if n.startswith(("alpha", "beta", "theta")) and n != zero)
 
 
 def with_found_tool(
