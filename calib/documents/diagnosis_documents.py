@@ -11,7 +11,7 @@ from calib.diagnosis.findings import Learned
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.noise_text import NoiseShaped, noise_text
 from calib.diagnosis.words.phrases import fault_text
-from calib.documents.calibration_documents import stands_document
+from calib.documents.calibration_documents import found_tool_document, stands_document
 from calib.effects.catalogue import descriptions
 from calib.screening.candidates import Candidate
 from calib.screening.fault_models import JointFault
@@ -25,6 +25,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "dataset": diagnosis.calibration.dataset.name,
         "stands": stands_document(diagnosis.calibration),
         "left_out": diagnosis.calibration.fitted_dataset.left_out,
+        **found_tool_document(diagnosis.calibration),
         "worse_than_nominal": diagnosis.calibration.worse_than_nominal or None,
         "verdict": diagnosis.verdict,
         "missing": diagnosis.missing,

@@ -39,8 +39,8 @@ class ToolShift:
         from_tip = ", ".join(f"{value:.1f}" for value in self.in_tip_mm)
         return (
             f"the tool point is {self.off_mm:.1f} mm from where robot.toml has it (in the last joint's frame: "
-            f"x {x:.1f}, y {y:.1f}, z {z:.1f} mm; from the tip: {from_tip} mm); it is kept as a point of its own, and "
-            "the tip keeps the place and attitude that robot.toml gives it, of which the measured points tell nothing"
+            f"x {x:.1f}, y {y:.1f}, z {z:.1f} mm; from the tip: {from_tip} mm); it is a point of its own, and the tip "
+            "stays where robot.toml has it: the measured points tell neither its place nor its attitude"
         )
 
 
