@@ -162,17 +162,20 @@ def correction_document(correction: Correction, ids: Sequence[str]) -> dict[str,
     """What `correct --json` prints: each target with its errors, and those that cannot be reached with the reason."""
     commanded = correction.robot.commands_of(correction.q)
     targets = [
-        {"pose": pose, **row, "q": q}
+        {"pose": pose, **row, "q": q if row["reached"] else None}
         for pose, row, q in zip(ids, correction.to_frame().to_dict(orient="records"), commanded, strict=True)
     ]
+    missed = [(pose, why) for pose, why in zip(ids, correction.reasons, strict=True) if why]
+    outside = correction.is_outside
     return {
         "what": correction.what,
+        "reached": int(correction.reached.sum()),
+        "not_reached": [{"pose": pose, "why": why} for pose, why in missed],
+        "largest_move_deg": correction.largest_move_deg,
+        "outside": None if outside is None else [pose for pose, is_out in zip(ids, outside, strict=True) if is_out],
+        "attitude": correction.attitude_words or None,
         "as_after_last_pose": correction.changed,
         "q_units": ["rad" if turns else "mm" for turns in correction.robot.is_revolute],
         "targets": targets,
-        "unreached": [
-            {"pose": target["pose"], "reason": target["reason"]}
-            for target in targets
-            if not target["reached"]
-        ],
+        "unreached": [{"pose": pose, "reason": why} for pose, why in missed],
     }

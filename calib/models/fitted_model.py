@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 
@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 from calib.array_types import Array
 from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
 from calib.calibration.result import Calibration
+from calib.calibration.trained_range import TrainedRange
+from calib.compensation.attitude import FitKnowledge
 from calib.compensation.target_correction import Correction, corrected_joints, needed_columns, plain_poses
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.files.fingerprint import fingerprint
@@ -60,6 +62,7 @@ class FittedModel:
     after: RoleErrors
     sigma_mm: float  # residual of one coordinate; nan without degrees of freedom
     source: Source
+    trained: TrainedRange | None = None  # of the joints; None in a file that does not say it
 
     @classmethod
     def of(cls, calibration: Calibration) -> FittedModel:
@@ -78,6 +81,7 @@ class FittedModel:
             after=RoleErrors(calibration.after.train, calibration.after.test),
             sigma_mm=calibration.sigma_mm,
             source=_source(dataset, calibration.outliers),
+            trained=TrainedRange.of(dataset, calibration.outliers),
         )
 
     @property
@@ -112,6 +116,7 @@ class FittedModel:
         conditions: Poses | None = None,
         what: str | None = None,
         nominal: Robot | None = None,
+        ids: Sequence[str] | None = None,
     ) -> Correction:
         """`calib.corrected_joints` for this model: joint vectors with which the arm goes where the nominal one would.
 
@@ -119,7 +124,13 @@ class FittedModel:
         """
         self.require_conditions(conditions)
         robot = nominal or self.model.robot
-        return corrected_joints(robot, self.model, q_nominal, x=self.x, conditions=conditions, what=what)
+        open_ended = np.where(np.isfinite(self.sigma), 0.0, self.model.scales**2)
+        covariance = self.covariance + np.diag(open_ended)  # what no point tells is known by its tolerance alone
+        full_poses = self.options.residual == "pose"
+        known = FitKnowledge(covariance, frozenset(self.options.held), full_poses, self.trained)
+        return corrected_joints(
+            robot, self.model, q_nominal, x=self.x, conditions=conditions, what=what, known=known, ids=ids
+        )
 
     def evaluate(self, dataset: Dataset) -> Evaluation:
         """Hold the model, as it is, against a dataset's points; raises as `before_and_after`."""

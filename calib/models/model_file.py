@@ -18,6 +18,7 @@ import pandas as pd
 
 from calib.array_types import Array
 from calib.calibration.evaluation import Figures
+from calib.calibration.trained_range import TrainedRange
 from calib.calibration.result import Calibration
 from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Poses
@@ -76,6 +77,7 @@ def model_text(fitted: FittedModel) -> str:
         "table": fitted.robot.table,
         "loads_table": None if model.loads_of is None else model.loads_of.table,
         "found_tool_mm": None if model.tool_found is None else tool_point_of(model.tool_found),
+        "trained": None if fitted.trained is None else dataclasses.asdict(fitted.trained),
         "effects": [member_document(effect) for effect in model.effects],
         "held": sorted(model.held),
         "parameters": [
@@ -142,7 +144,17 @@ def load_model(path: str | Path, effects_file: str | Path | None = None) -> Fitt
             document.program_version,
             document.dataset.left_out,
         ),
+        trained=_trained(file, document, robot),
     )
+
+
+def _trained(file: JsonFile, document: ModelDocument, robot: Robot) -> TrainedRange | None:
+    if document.trained is None:
+        return None
+    low, high = document.trained.low, document.trained.high
+    if not len(low) == len(high) == robot.n_joints or any(a > b for a, b in zip(low, high, strict=True)):
+        file.fail(["trained"], f"{list(low)} to {list(high)}", f"a range of each of {robot.n_joints} joints is needed")
+    return TrainedRange(low, high)
 
 
 def _robot(file: JsonFile, document: ModelDocument) -> Robot:
