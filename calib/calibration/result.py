@@ -10,6 +10,7 @@ import pandas as pd
 
 from calib.array_types import Array
 from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
+from calib.calibration.trained_range import TrainedRange
 from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations, orientation_lines
 from calib.dataset.dataset import Dataset
 from calib.dataset.stands import ShotCount, without_poses
@@ -98,6 +99,19 @@ class Calibration(Documented, Viewed):
         points = self.dataset.points
         orientations = None if points is None else points.orientations
         return orientations.labelled_by if self.residual == "pose" and orientations is not None else ""
+
+    @cached_property
+    def trained(self) -> TrainedRange:
+        """The joint ranges of the poses that were fitted."""
+        return TrainedRange.of(self.dataset, self.outliers)
+
+    @property
+    def outside(self) -> tuple[str, ...]:
+        """The measured poses whose joints leave the ranges that were trained."""
+        poses = self.dataset.poses
+        beyond = self.trained.outside(self.dataset.robot, poses.q)
+        measured = self.after.pose
+        return tuple(poses.ids[i] for i in np.flatnonzero(beyond) if i in measured)
 
     @property
     def tool_shift(self) -> ToolShift | None:

@@ -154,6 +154,7 @@ def saved_model_document(
         "before": by_role(before),
         **by_role(after),
         "poses": after.to_frame(dataset).to_dict(orient="records"),
+        "outside": fitted.outside(dataset),
         "notes": after.notes,
     }
 

@@ -53,6 +53,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
             {"q": pose.q, "separation_mm": pose.separation_mm} for pose in diagnosis.discriminating_poses
         ],
         "explanation": diagnosis.summary(),
+        "outside": diagnosis.calibration.outside,
         "learned": _learned(diagnosis.learned),
         "noise": _noise(noise_told(diagnosis)),
     }

@@ -81,7 +81,7 @@ class FittedModel:
             after=RoleErrors(calibration.after.train, calibration.after.test),
             sigma_mm=calibration.sigma_mm,
             source=_source(dataset, calibration.outliers),
-            trained=TrainedRange.of(dataset, calibration.outliers),
+            trained=calibration.trained,
         )
 
     @property
@@ -195,6 +195,13 @@ class FittedModel:
                 f"the model depends on {', '.join(missing)} through its effects "
                 f"({', '.join(self.model.family_names)}); give it for each pose, as poses.csv does"
             )
+
+    def outside(self, dataset: Dataset) -> tuple[str, ...] | None:
+        """The poses of a dataset whose joints leave the ranges that were trained; None where the model has none."""
+        if self.trained is None:
+            return None
+        beyond = self.trained.outside(self.model.robot, dataset.poses.q)
+        return tuple(dataset.poses.ids[i] for i in np.flatnonzero(beyond))
 
     def is_fitted_to(self, dataset: Dataset) -> bool:
         """Whether the files of a dataset are those that the model was fitted to."""

@@ -61,6 +61,8 @@ class Watched(Documented, Viewed):
     p_unchanged: float
     poses: int
     when: str = ""  # the date that the dataset tells
+    outside: tuple[str, ...] = ()  # check poses whose joints leave the ranges that were trained
+    outside_words: str = ""
 
     @property
     def rmse_mm(self) -> float:
@@ -103,7 +105,7 @@ class Watched(Documented, Viewed):
 
     def summary(self) -> str:
         """The headline, and what these poses could not have seen."""
-        return "\n  ".join([self.headline, *self.unseen_words])
+        return "\n  ".join(filter(None, [self.headline, *self.unseen_words, self.outside_words]))
 
 
 def _words(change: Found) -> str:
@@ -147,7 +149,7 @@ def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> Wa
             f"dataset {new.name}: its scanner is {places[0]}, that of {base.dataset.name} {places[1]}; check with the "
             "scanner where it was"
         )
-    cell = Cell.of(base, new, scanner_moved=scanner_moved)
+    cell, trained = Cell.of(base, new, scanner_moved=scanner_moved), base.trained
     p_unchanged = cell.p_unchanged
     changes = _changes(cell, alarmed=p_unchanged < ALARM)
     verdict = "unchanged" if not changes else "unclear" if _mixed(changes) else "changed"
@@ -163,6 +165,8 @@ def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> Wa
         p_unchanged=min(p_unchanged, cell.free.p_noise),
         poses=cell.poses,
         when=new.about.date,
+        outside=tuple(new.poses.ids[i] for i in np.flatnonzero(trained.outside(new.robot, new.poses.q))),
+        outside_words=trained.words(new.robot, new.poses.q, new.poses.ids),
     )
 
 

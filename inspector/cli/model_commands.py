@@ -33,7 +33,9 @@ def validate_model(options: ValidateOptions, path: Path) -> int:
     for name, was, now in (("train", before.train, after.train), ("test ", before.test, after.test)):
         if was is not None and now is not None:
             lines.append(f"{name} {figures_line(was, now)}")
-    show(options, document, "\n".join([*lines, *after.notes]))
+    if model.trained is not None:
+        lines.append(model.trained.words(dataset.robot, dataset.poses.q, dataset.poses.ids))
+    show(options, document, "\n".join(filter(None, [*lines, *after.notes])))
     return 0
 
 

@@ -104,7 +104,8 @@ def test_real_arms_reach_nearly_every_target(name: str, what: str) -> None:
     held_to_the_truth(result, true)
     assert result.reached.mean() > (0.93 if what == "pose" else 0.99)
     assert np.degrees(np.abs(result.change)).max() <= 3.0 + 1e-9
-    assert all("would have to change by more than 3 deg" in reason for reason in result.reasons if reason)
+    why = ("near singular", "would have to change by more than 3 deg")
+    assert all(any(words in reason for words in why) for reason in result.reasons if reason)
     assert np.median(result.uncorrected_mm) > 0.5
 
 
