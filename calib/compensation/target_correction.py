@@ -46,9 +46,20 @@ from calib.options import CORRECTION_KINDS
 
 POSITION_TOLERANCE_MM = 1e-9
 ORIENTATION_TOLERANCE_RAD = 1e-12
-MAX_CHANGE_RAD, MAX_CHANGE_MM = 6.0 * TOLERANCE_RAD, 50.0  # of a joint from its nominal value: 3 deg, and 3 deg at 1 m
+MAX_CHANGE_RAD, MAX_CHANGE_MM = (
+    6.0 * TOLERANCE_RAD,
+    50.0,
+)  # of a joint from its nominal value: 3 deg, and 3 deg at 1 m
 _ZEROS = 2.0  # times the error of a joint's own zero, where that is more
-_TURN_WEIGHTS = (10.0, 5.0, 3.0, 2.0, 1.0, 0.5, 0.0)  # of a turn of the tool against the joints' motion, one after another
+_TURN_WEIGHTS = (
+    10.0,
+    5.0,
+    3.0,
+    2.0,
+    1.0,
+    0.5,
+    0.0,
+)  # of a turn of the tool against the joints' motion, one after another
 _MOST_OF_BOX = 0.9  # a motion beyond that share is large, and is tried with the next weight
 _SINGULAR = (
     0.02  # smallest over largest singular value of the Jacobian, below which a posture is near singular
@@ -63,7 +74,9 @@ class Correction:
     what: str  # "position" or "pose"
     q_nominal: Array  # (N, n) rad, mm for prismatic joints
     q: Array  # (N, n) corrected; where `reached` is false, the nearest that limits allow
-    reached: BoolArray  # (N,) to 1e-9 mm; where the attitude counts to 1e-12 rad, near singular ones to its sigma
+    reached: (
+        BoolArray  # (N,) to 1e-9 mm; where the attitude counts to 1e-12 rad, near singular ones to its sigma
+    )
     position_error_mm: Array  # (N,) with q
     orientation_error_rad: Array  # (N,) with q; nan where only the position counts
     uncorrected_mm: Array  # (N,) position error with q_nominal
@@ -72,8 +85,12 @@ class Correction:
     changed: tuple[
         str, ...
     ] = ()  # effects that changed the arm as it was measured: it is taken as it was in the end
-    attitude_sigma_rad: Array | None = None  # (N,) how well the fit knows the tool's attitude; None: nobody said
-    is_outside: BoolArray | None = None  # (N,) a joint is beyond the ranges that were trained; None: nobody said
+    attitude_sigma_rad: Array | None = (
+        None  # (N,) how well the fit knows the tool's attitude; None: nobody said
+    )
+    is_outside: BoolArray | None = (
+        None  # (N,) a joint is beyond the ranges that were trained; None: nobody said
+    )
     outside_words: str = ""
 
     @property
@@ -92,7 +109,9 @@ class Correction:
         """How well the tool's attitude is known, and what is claimed of it; "" where nobody said."""
         if self.attitude_sigma_rad is None or not len(self.q):
             return ""
-        known, turn = (1e3 * float(np.sqrt(np.mean(a**2))) for a in (self.attitude_sigma_rad, self.uncorrected_rad))
+        known, turn = (
+            1e3 * float(np.sqrt(np.mean(a**2))) for a in (self.attitude_sigma_rad, self.uncorrected_rad)
+        )
         told = f"the fit knows the tool's attitude to {known:.2g} mrad (sigma), and a correction would turn it by {turn:.2g}"
         if self.what == "pose":
             return told
@@ -259,13 +278,17 @@ def _with_known_attitude(
 def _reached(problem: ToolProblem, q: Array) -> BoolArray:
     error_mm, turn_rad = problem.errors(q)
     reached = error_mm <= POSITION_TOLERANCE_MM
-    return np.asarray(reached & (turn_rad <= ORIENTATION_TOLERANCE_RAD) if problem.with_orientation else reached)
+    return np.asarray(
+        reached & (turn_rad <= ORIENTATION_TOLERANCE_RAD) if problem.with_orientation else reached
+    )
 
 
 def _box(nominal: Robot, model: Model, x: Array, q0: Array) -> tuple[Array, Array]:
     """From where to where joints may go: inside their limits, and no further than a correction of this arm can be."""
     off = np.abs(model.calibrated_robot(x).table - nominal.table)[:-1]
-    zero = np.where(nominal.is_revolute, off[:, PARAMETER_KINDS.index("theta")], off[:, PARAMETER_KINDS.index("d")])
+    zero = np.where(
+        nominal.is_revolute, off[:, PARAMETER_KINDS.index("theta")], off[:, PARAMETER_KINDS.index("d")]
+    )
     change = np.maximum(np.where(nominal.is_revolute, MAX_CHANGE_RAD, MAX_CHANGE_MM), _ZEROS * zero)
     limits = _limits(nominal)
     return np.clip(q0 - change, *limits), np.clip(q0 + change, *limits)

@@ -81,6 +81,7 @@ def watched_document(w: Watched) -> dict[str, Any]:
         "expected_mm": w.expected_mm,
         "p_unchanged": w.p_unchanged,
         "poses": w.poses,
+        "outside": w.outside,
         "explanation": w.headline,
     }
 

@@ -210,7 +210,9 @@ def _further_targets(robot: Robot, measured: Collection[str], residual: str) -> 
     if robot.carries_scanner:
         known = {target.name: target for target in robot.targets if target.in_room}
         return tuple(known.get(name, Target(name, _SOMEWHERE_MM, in_room=True)) for name in sorted(measured))
-    return tuple(t for t in robot.targets if t.name in measured and (residual != "distance" or t.name == "jig"))
+    return tuple(
+        t for t in robot.targets if t.name in measured and (residual != "distance" or t.name == "jig")
+    )
 
 
 def _names_and_units(robot: Robot, targets: tuple[Target, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -125,7 +125,9 @@ class FittedModel:
         self.require_conditions(conditions)
         robot = nominal or self.model.robot
         open_ended = np.where(np.isfinite(self.sigma), 0.0, self.model.scales**2)
-        covariance = self.covariance + np.diag(open_ended)  # what no point tells is known by its tolerance alone
+        covariance = self.covariance + np.diag(
+            open_ended
+        )  # what no point tells is known by its tolerance alone
         full_poses = self.options.residual == "pose"
         known = FitKnowledge(covariance, frozenset(self.options.held), full_poses, self.trained)
         return corrected_joints(

@@ -18,8 +18,8 @@ import pandas as pd
 
 from calib.array_types import Array
 from calib.calibration.evaluation import Figures
-from calib.calibration.trained_range import TrainedRange
 from calib.calibration.result import Calibration
+from calib.calibration.trained_range import TrainedRange
 from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Poses
 from calib.dataset.files.atomic_write import write_text_atomically
@@ -153,7 +153,11 @@ def _trained(file: JsonFile, document: ModelDocument, robot: Robot) -> TrainedRa
         return None
     low, high = document.trained.low, document.trained.high
     if not len(low) == len(high) == robot.n_joints or any(a > b for a, b in zip(low, high, strict=True)):
-        file.fail(["trained"], f"{list(low)} to {list(high)}", f"a range of each of {robot.n_joints} joints is needed")
+        file.fail(
+            ["trained"],
+            f"{list(low)} to {list(high)}",
+            f"a range of each of {robot.n_joints} joints is needed",
+        )
     return TrainedRange(low, high)
 
 

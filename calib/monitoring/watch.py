@@ -89,7 +89,7 @@ class Watched(Documented, Viewed):
 
     @property
     def unseen_words(self) -> tuple[str, ...]:
-        """What these poses could not have seen, a sentence each."""
+        """What these poses could not have seen, and which of them the model is not confirmed at, a sentence each."""
         never = [_detectable_name(d) for d in self.unseen if d.size is None]
         late = [
             f"{_detectable_name(d)} below {size_words(d.size, d.unit)}"
@@ -101,11 +101,13 @@ class Watched(Documented, Viewed):
             out.append(f"never seen by these poses, or taken for the scanner: {', '.join(never)}")
         if late:
             out.append(f"not seen by these poses: {', '.join(late)}")
+        if self.outside_words:
+            out.append(self.outside_words)
         return tuple(out)
 
     def summary(self) -> str:
         """The headline, and what these poses could not have seen."""
-        return "\n  ".join(filter(None, [self.headline, *self.unseen_words, self.outside_words]))
+        return "\n  ".join([self.headline, *self.unseen_words])
 
 
 def _words(change: Found) -> str:

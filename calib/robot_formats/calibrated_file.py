@@ -63,7 +63,9 @@ def calibrated_urdf(
     elif not text.tip_written:
         notes.append(f"no fixed joint holds link {arm.tip}, so its place on the last joint stays as it was")
     if found.chain.tool_point_mm is not None:
-        notes.append(f"link {TOOL_POINT_LINK} on {arm.tip} is the measured point, {_place(found.chain)} from it")
+        notes.append(
+            f"link {TOOL_POINT_LINK} on {arm.tip} is the measured point, {_place(found.chain)} from it"
+        )
     return CalibratedFile(text.content, text.changed, tuple(notes))
 
 

@@ -508,7 +508,10 @@ def test_full_poses_know_the_attitude_that_points_do_not() -> None:
     assert poses.attitude_sigma_rad is not None
     assert points.attitude_sigma_rad is not None
     assert poses.attitude_sigma_rad.max() < 1e-3 < points.attitude_sigma_rad.min()
-    for correction, least in ((poses, 0.85), (points, 0.95)):  # an attitude near a singular wrist takes large turns
+    for correction, least in (
+        (poses, 0.85),
+        (points, 0.95),
+    ):  # an attitude near a singular wrist takes large turns
         assert correction.reached.mean() >= least
         assert np.degrees(np.abs(correction.change[correction.reached])).max() <= 3.0 + 1e-9
     exact = poses.reached & (poses.orientation_error_rad <= 1e-12)

@@ -17,8 +17,8 @@ import pytest
 import calib
 import calib.effects
 import calib.screening.curves
-from calib.calibration.trained_range import TrainedRange
 from calib.calibration.result import Calibration
+from calib.calibration.trained_range import TrainedRange
 from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset

@@ -49,7 +49,9 @@ def load_robot(path: Path) -> Robot:
         if name in {target.name for target in targets}:
             raise table.error("name", f"found {name!r} a second time", "each target needs its own")
         if name == TOOL_POINT and _joint_of(table, len(joints)) is not None:
-            raise table.error("joint", f"found one for {name!r}", "the tool's measured point is on the last link")
+            raise table.error(
+                "joint", f"found one for {name!r}", "the tool's measured point is on the last link"
+            )
         tolerance_mm = table.number("tolerance_mm", TARGET_TOLERANCE_MM, positive=True) or TARGET_TOLERANCE_MM
         targets.append(Target(name, xyz_mm, tolerance_mm, _joint_of(table, len(joints))))
     robot = Robot(

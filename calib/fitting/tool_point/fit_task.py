@@ -74,7 +74,9 @@ class FitTask:
             return first
         confirmed = fitted_tool_point(first.model, first.fit, self.links, held)
         if (found is None) == (confirmed is None):
-            turning = None if found is not None else turning_tool_point(first.model, first.fit, self.links, held)
+            turning = (
+                None if found is not None else turning_tool_point(first.model, first.fit, self.links, held)
+            )
             return first if turning is None else self.fitted(turning)
         second = self.fitted(confirmed)
         if confirmed is not None and fitted_tool_point(second.model, second.fit, self.links, held) is None:

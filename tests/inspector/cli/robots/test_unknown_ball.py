@@ -20,7 +20,10 @@ ARMS = {
 }
 
 
-@pytest.fixture(scope="module", params=[pytest.param("like a UR"), *(pytest.param(n, marks=pytest.mark.slow) for n in list(ARMS)[1:])])
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param("like a UR"), *(pytest.param(n, marks=pytest.mark.slow) for n in list(ARMS)[1:])],
+)
 def cell(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Measured]:
     folder = tmp_path_factory.mktemp("ball")
     seen = unknown_ball.measured(ARMS[request.param], folder)
@@ -52,7 +55,9 @@ def test_the_tip_keeps_its_attitude_and_the_ball_is_a_point_of_its_own(
     assert off_rad < 1.1 * nominal_off_rad
     assert unknown_ball.held_out_mm(arm, seen) < 0.15
     assert unknown_ball.held_out_mm(arm, seen, ball_mm) < 0.15
-    assert document["test"]["rmse_mm"] == pytest.approx(unknown_ball.held_out_mm(arm, seen, ball_mm), rel=0.02)
+    assert document["test"]["rmse_mm"] == pytest.approx(
+        unknown_ball.held_out_mm(arm, seen, ball_mm), rel=0.02
+    )
 
     as_delivered_mm = unknown_ball.held_out_mm(seen.nominal, seen)
     assert document["before"]["test"]["rmse_mm"] == pytest.approx(as_delivered_mm, rel=0.15)
