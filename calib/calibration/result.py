@@ -11,9 +11,9 @@ import pandas as pd
 from calib.array_types import Array
 from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
 from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations, orientation_lines
-from calib.calibration.trained_range import TrainedRange
 from calib.dataset.dataset import Dataset
 from calib.dataset.stands import ShotCount, without_poses
+from calib.dataset.trained_range import TrainedRange
 from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
 from calib.fitting.fit import Fit

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.array_types import Array
-from calib.calibration.trained_range import TrainedRange
 from calib.dataset.dataset import Poses
+from calib.dataset.trained_range import TrainedRange
 from calib.fitting.model import Model
 
 _POSTURES, _SPAN_RAD, _SPAN_MM = 64, 1.0, 100.0  # over which a turn is common: around the targets

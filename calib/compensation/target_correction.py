@@ -112,7 +112,7 @@ class Correction:
         known, turn = (
             1e3 * float(np.sqrt(np.mean(a**2))) for a in (self.attitude_sigma_rad, self.uncorrected_rad)
         )
-        told = f"the fit knows the tool's attitude to {known:.2g} mrad (sigma), and a correction would turn it by {turn:.2g}"
+        told = f"the fit knows the tool's attitude to {known:.2g} mrad (sigma), a correction turns it by {turn:.2g}"
         if self.what == "pose":
             return told
         return f"{told}: the positions are corrected and no attitude is claimed"
@@ -248,7 +248,7 @@ def _what_is_known(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Arr
 
 
 def _at_positions(problem: ToolProblem, q0: Array, box: tuple[Array, Array]) -> Array:
-    """Joint vectors (N, n) that meet the positions; the free motion turns the tool towards its goal where that is cheap.
+    """Joint vectors (N, n) that meet the positions; free motion turns the tool towards its goal where that is cheap.
 
     A turn of the tool counts so much more than a motion of the joints as keeps these small: near a singular posture a
     small turn would take a large motion, and counts less and less.

@@ -42,8 +42,8 @@ class ToolRows:
         """A line."""
         if self.point:
             return (
-                f"tool: the measured point is one of its own, {', '.join(self.point)} in the last joint's frame; how the "
-                f"tip sits behind the last joint's axis is not known, as {_ATTITUDE['position']}: "
+                f"tool: the measured point is one of its own, {', '.join(self.point)} in the last joint's frame; how "
+                f"the tip sits behind the last joint's axis is not known, as {_ATTITUDE['position']}: "
                 f"{', '.join(self.unseen)} stay as in robot.toml"
             )
         parts = []

@@ -7,8 +7,8 @@ left, rows and columns both in millimetres (`InverseProblem`), a step is
 
 by the singular values of J. The second term makes a redundant arm move the least from q0; a damped step (mu > 0:
 Levenberg 1944; Nakamura and Hanafusa 1986) leaves it out. A preference (`Preference`) is what else is to be small
-beside that motion: with its derivative S and what is left of it, r, the free motion minimises |q0 - q|^2 + |r|^2. Joints that press against their box are held there and the
-others step anew. Two rules say how much is damped:
+beside that motion: with its derivative S and what is left of it, r, the free motion minimises |q0 - q|^2 + |r|^2.
+Joints that press against their box are held there and the others step anew. Two rules say how much is damped:
 
 * `FROM_NEARBY`: mu is 0 while full steps lower |e|; where one does not, it is refused and mu is raised.
 * `FROM_ANYWHERE`: from a random start, which |e| may have to rise to leave: mu is constant and every step is taken.
@@ -33,8 +33,8 @@ _FIRST_DAMPING, _LAST_DAMPING = 1e-8, 1e4  # shares of the largest squared singu
 
 
 Preference = Callable[[Array, IndexArray], tuple[Array, Array]]
-"""Of the goals `rows` (K,) at q (K, n): what is left of what is preferred (K, s), and its derivative (K, s, n), in units
-of a joint's scaled motion."""
+"""Of the goals `rows` (K,) at q (K, n): what is left of what is preferred (K, s), and its derivative by the scaled
+joints (K, s, n); both are weighed against a joint's scaled motion."""
 
 
 class InverseProblem(Protocol):

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 from calib.array_types import Array
 from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
 from calib.calibration.result import Calibration
-from calib.calibration.trained_range import TrainedRange
 from calib.compensation.attitude import FitKnowledge
 from calib.compensation.target_correction import Correction, corrected_joints, needed_columns, plain_poses
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.files.fingerprint import fingerprint
 from calib.dataset.stands import without_poses
+from calib.dataset.trained_range import TrainedRange
 from calib.errors import FitError
 from calib.fitting.model import Model
 from calib.kinematics.robot import Robot

@@ -19,11 +19,11 @@ import pandas as pd
 from calib.array_types import Array
 from calib.calibration.evaluation import Figures
 from calib.calibration.result import Calibration
-from calib.calibration.trained_range import TrainedRange
 from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Poses
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.robot_checks import refuse_beyond
+from calib.dataset.trained_range import TrainedRange
 from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Effect
 from calib.effects.state import RobotState, Seen

@@ -80,7 +80,7 @@ def calibrated_yaml(template: Path, calibrated: Robot, nominal: Robot | None = N
         notes.append("the tool is no part of a kinematics file")
     if found.chain.tool_point_mm is not None:
         notes.append(
-            f"the measured point is no part of a kinematics file: it is {_place(found.chain)} from the last of its frames"
+            f"the measured point is no part of a kinematics file: it is {_place(found.chain)} from its last frame"
         )
     return CalibratedFile(text.encode(), changed, tuple(notes))
 

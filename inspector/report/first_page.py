@@ -150,8 +150,8 @@ def _compensation(report: Report, told: HeadlineFacts) -> str:
         reached, count = int(correction.reached.sum()), len(correction.reached)
         return (
             f"No table can hold {names}, and corrected joint targets would not bring the arm there: only {reached} of "
-            f"the {count} measured poses are reached by motions that a correction can be. Mend the cause on the arm, and "
-            "calibrate again."
+            f"the {count} measured poses are reached by motions that a correction can be. Mend the cause on the arm, "
+            "and calibrate again."
         )
     return (
         f"Compensate {names}, which no table can hold: correct the joint targets of your programs (inspector correct), "

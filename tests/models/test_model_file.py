@@ -18,11 +18,11 @@ import calib
 import calib.effects
 import calib.screening.curves
 from calib.calibration.result import Calibration
-from calib.calibration.trained_range import TrainedRange
 from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
+from calib.dataset.trained_range import TrainedRange
 from calib.diagnosis.search_space import add_in_turn
 from calib.effects.catalogue import CATALOGUE, effects_for, effects_named
 from calib.effects.catalogue.joints import StrainWave

@@ -176,8 +176,8 @@ def plain_urdf(chain: SerialChain, comment: str = "") -> str:
         before = link
     lines += [*_joint_lines("tool_fixed", "fixed", before, tip, chain.last_T_tip), "  </joint>"]
     if chain.tool_point_mm is not None:
-        names = {*names, *links, base, tip}
-        lines += _tool_point_lines(tip, make_transform(np.eye(3), chain.tool_point_mm), names)
+        taken = {*names, *links, base, tip}
+        lines += _tool_point_lines(tip, make_transform(np.eye(3), chain.tool_point_mm), taken)
     lines += [
         "</robot>",
         "",
