@@ -112,7 +112,8 @@ class Correction:
         known, turn = (
             1e3 * float(np.sqrt(np.mean(a**2))) for a in (self.attitude_sigma_rad, self.uncorrected_rad)
         )
-        told = f"the fit knows the tool's attitude to {known:.2g} mrad (sigma), a correction turns it by {turn:.2g}"
+        told = f"the fit knows the tool's attitude to {known:.2g} mrad (sigma), "
+        told += f"a correction turns it by {turn:.2g} mrad"
         if self.what == "pose":
             return told
         return f"{told}: the positions are corrected and no attitude is claimed"
