@@ -60,6 +60,7 @@ _TURN_WEIGHTS = (
     0.5,
     0.0,
 )  # of a turn of the tool against the joints' motion, one after another
+_KNOWN = 0.5  # of the turn that a correction makes: a sigma below it knows the turn
 _MOST_OF_BOX = 0.9  # a motion beyond that share is large, and is tried with the next weight
 _SINGULAR = (
     0.02  # smallest over largest singular value of the Jacobian, below which a posture is near singular
@@ -240,12 +241,12 @@ def corrected_joints(
 
 
 def _what_is_known(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Array) -> str:
-    """A pose where six joints or more can meet one, and the attitude is known better than the arm has it anyhow."""
+    """A pose where six joints or more can meet one, and the fit knows its turn: a sigma below half of it, as elsewhere."""
     if nominal.n_joints < 6:
         return "position"
     if sigma_rad is None:
         return "pose"
-    return "pose" if np.mean(sigma_rad**2) < np.mean(uncorrected_rad**2) else "position"
+    return "pose" if np.mean(sigma_rad**2) < _KNOWN**2 * np.mean(uncorrected_rad**2) else "position"
 
 
 def _at_positions(problem: ToolProblem, q0: Array, box: tuple[Array, Array]) -> Array:

@@ -27,7 +27,7 @@ from calib.fitting.tool_point.search import ToolPointProblem, solve_tool_point
 from calib.kinematics.robot import Robot
 from calib.kinematics.tool_point import tool_point_of, with_own_tool_point
 
-_FAR = 4.0  # sigmas
+_FAR = 3.0  # sigmas
 _SYSTEMATIC = 3.0  # sigmas of the search are those of white errors; link errors are not white
 
 
