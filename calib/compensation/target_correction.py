@@ -241,7 +241,7 @@ def corrected_joints(
 
 
 def _what_is_known(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Array) -> str:
-    """A pose where six joints or more can meet one, and the fit knows its turn: a sigma below half of it, as elsewhere."""
+    """A pose where six joints or more can meet one and the fit knows its turn: with a sigma below half of it."""
     if nominal.n_joints < 6:
         return "position"
     if sigma_rad is None:

@@ -16,7 +16,7 @@ from calib.array_types import Array
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import PARAMETER_KINDS, TOOL_POINT, Robot, Target
 
-_NEAR_AXIS_MM = 4.0  # a tool point so near the last joint's axis is taken to be on it
+_ON_AXIS_MM = 1e-9  # where a point has no direction from the last joint's axis
 _A, _D, _THETA = (PARAMETER_KINDS.index(kind) for kind in ("a", "d", "theta"))
 
 
@@ -56,15 +56,14 @@ def ending_at_tool_point(robot: Robot) -> Robot:
 def with_tool_point(robot: Robot, point_mm: Array) -> Robot:
     """The robot with the end of its tool row elsewhere, mm in the last joint's frame; it turns as little as it can.
 
-    p = (a cos theta, a sin theta, d) reaches any point twice, with a and with -a. Near the axis theta has no say and
-    stays as it is: a direction by chance would turn the tool for nothing.
+    p = (a cos theta, a sin theta, d) reaches any point twice, with a and with -a.
     """
     table = robot.table.copy()
     x, y, d = point_mm
     theta = table[-1, _THETA]
     turn = _wrapped(np.arctan2(y, x) - theta)
     turn -= np.copysign(np.pi, turn) if abs(turn) > 0.5 * np.pi else 0.0
-    if np.hypot(x, y) > _NEAR_AXIS_MM:
+    if np.hypot(x, y) > _ON_AXIS_MM:
         theta += turn
     table[-1, [_A, _D, _THETA]] = x * np.cos(theta) + y * np.sin(theta), d, theta
     return robot.with_table(table)

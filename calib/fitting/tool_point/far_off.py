@@ -2,7 +2,7 @@
 
 Far is what the tolerances of the last two rows do not allow. A prior that is weighed by the residual holds a parameter
 the harder the worse the fit is, so a tool that is off by 80 mm would hold itself where robot.toml has it. Far is, too,
-what the rows reach only by turning the tip as far: one point tells nothing of its attitude.
+what the rows reach only by turning the tip by more than an angle's tolerance: one point tells nothing of its attitude.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def turning_tool_point(model: Model, fit: Fit, links: LinkErrors, held: Collecti
     tolerance_rad = max(
         links.tolerances.get(name, TOLERANCE_RAD) for name in angles_behind_last_axis(links.robot)
     )
-    turned = tip_turn_rad(links.robot, calibrated) > _FAR * tolerance_rad
+    turned = tip_turn_rad(links.robot, calibrated) > tolerance_rad
     if free_directions(links.robot, held).shape[1] < 3 or not turned:
         return None
     return with_own_tool_point(links.robot, tool_point_in_nominal(links.robot, calibrated))

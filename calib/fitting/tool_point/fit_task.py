@@ -72,16 +72,16 @@ class FitTask:
             not self.options.prior
         ):  # then parameters that the data do not know move freely, and the tool with them
             return first
+        settled = first
         confirmed = fitted_tool_point(first.model, first.fit, self.links, held)
-        if (found is None) == (confirmed is None):
-            turning = (
-                None if found is not None else turning_tool_point(first.model, first.fit, self.links, held)
-            )
-            return first if turning is None else self.fitted(turning)
-        second = self.fitted(confirmed)
-        if confirmed is not None and fitted_tool_point(second.model, second.fit, self.links, held) is None:
-            return first
-        return second
+        if (found is None) != (confirmed is None):
+            second = self.fitted(confirmed)
+            if confirmed is None or fitted_tool_point(second.model, second.fit, self.links, held) is not None:
+                settled = second
+        if settled.model.tool_found is None:
+            turning = turning_tool_point(settled.model, settled.fit, self.links, held)
+            settled = settled if turning is None else self.fitted(turning)
+        return settled
 
     def fitted(self, tool_found: Robot | None, before: Fit | None = None) -> Fitted:
         """The fit from where `before` ended, else from the nominal robot, with its tool point where it was found."""

@@ -43,9 +43,10 @@ def test_any_point_is_reached_and_the_row_turns_by_a_quarter_turn_at_most(robot:
         np.testing.assert_array_equal(moved.table[:-1], robot.table[:-1])
 
 
-def test_near_the_axis_theta_stays() -> None:
-    moved = with_tool_point(arm(60.0, 0.4), np.array([1.0, -2.0, 90.0]))
-    assert moved.tool.theta_rad == 0.4
+def test_on_the_axis_theta_stays() -> None:
+    assert with_tool_point(arm(60.0, 0.4), np.array([0.0, 0.0, 90.0])).tool.theta_rad == 0.4
+    near_mm = np.array([1.0, -2.0, 90.0])
+    np.testing.assert_allclose(tool_point(with_tool_point(arm(60.0, 0.4), near_mm).table), near_mm, atol=1e-9)
 
 
 def test_lengths_that_are_held_leave_the_point_their_directions() -> None:

@@ -208,7 +208,7 @@ def test_a_tool_point_within_tolerance_is_told_apart_from_a_turn_of_the_tip() ->
     robot = builtin_robot("rb5")
     beside = with_tool_point(robot, tool_point(robot.table) + np.array([3.0, 3.0, 0.0]))
     result = calibrate(replace(simulated(beside), robot=robot))
-    assert tip_turn_rad(robot, result.robot) <= 4.0 * TOLERANCE_RAD
+    assert tip_turn_rad(robot, result.robot) <= TOLERANCE_RAD
 
 
 def test_a_calibrated_robot_with_a_tool_point_of_its_own_is_read_back_and_fitted(tmp_path: Path) -> None:
