@@ -46,25 +46,15 @@ from calib.options import CORRECTION_KINDS
 
 POSITION_TOLERANCE_MM = 1e-9
 ORIENTATION_TOLERANCE_RAD = 1e-12
-MAX_CHANGE_RAD, MAX_CHANGE_MM = (
-    6.0 * TOLERANCE_RAD,
-    50.0,
-)  # of a joint from its nominal value: 3 deg, and 3 deg at 1 m
+MAX_CHANGE_RAD, MAX_CHANGE_MM = 6.0 * TOLERANCE_RAD * (1.0 - 1e-9), 50.0
+"""How far a joint may go from its nominal value: 3 deg, less what rounding in degrees may add, or 3 deg at 1 m."""
 _ZEROS = 2.0  # times the error of a joint's own zero, where that is more
-_TURN_WEIGHTS = (
-    10.0,
-    5.0,
-    3.0,
-    2.0,
-    1.0,
-    0.5,
-    0.0,
-)  # of a turn of the tool against the joints' motion, one after another
-_KNOWN = 0.5  # of the turn that a correction makes: a sigma below it knows the turn
+_TURN_WEIGHTS = (10.0, 5.0, 3.0, 2.0, 1.0, 0.5, 0.0)
+"""What a turn of the tool counts against the joints' motion, one after another."""
 _MOST_OF_BOX = 0.9  # a motion beyond that share is large, and is tried with the next weight
-_SINGULAR = (
-    0.02  # smallest over largest singular value of the Jacobian, below which a posture is near singular
-)
+_KNOWN = 0.5  # of the turn that a correction makes: a sigma below it knows the turn
+_SINGULAR = 0.02
+"""Smallest over largest singular value of the Jacobian, below which a posture is near singular."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +66,7 @@ class Correction:
     q_nominal: Array  # (N, n) rad, mm for prismatic joints
     q: Array  # (N, n) corrected; where `reached` is false, the nearest that limits allow
     reached: (
-        BoolArray  # (N,) to 1e-9 mm; where the attitude counts to 1e-12 rad, near singular ones to its sigma
+        BoolArray  # (N,) to 1e-9 mm; attitudes that count to 1e-12 rad, near singular ones to their sigma
     )
     position_error_mm: Array  # (N,) with q
     orientation_error_rad: Array  # (N,) with q; nan where only the position counts
@@ -86,11 +76,9 @@ class Correction:
     changed: tuple[
         str, ...
     ] = ()  # effects that changed the arm as it was measured: it is taken as it was in the end
-    attitude_sigma_rad: Array | None = (
-        None  # (N,) how well the fit knows the tool's attitude; None: nobody said
-    )
+    attitude_sigma_rad: Array | None = None  # (N,) how well the fit knows the tool's attitude, if it was said
     is_outside: BoolArray | None = (
-        None  # (N,) a joint is beyond the ranges that were trained; None: nobody said
+        None  # (N,) a joint is beyond the ranges that were trained, if those were said
     )
     outside_words: str = ""
 
