@@ -24,8 +24,9 @@ from calib.fitting.position_residuals import PositionResiduals
 from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.robust import BACK_LEVEL, LEVEL, belonging_points, fit_belonging, resistant_core
 from calib.fitting.tool_point.fit_task import FitTask, Fitted
+from calib.fitting.tool_point.placement import held_behind_tool_point
 from calib.identifiability.structural import fewest_poses, structural_rank
-from calib.kinematics.robot import Robot
+from calib.kinematics.robot import TOOL_POINT, Robot
 from calib.options import FitOptions
 
 MAX_TOLERANCE = 1e6  # mm or rad; `prior=False` is the way to have none
@@ -65,7 +66,8 @@ def calibrate(
     if robot.carries_scanner:
         _require_placed(dataset, observed)
     geometry = geometry_of(robot, observed, options)
-    model = Model(robot, (*geometry, *effects), prior_sigmas=prior_sigmas or {}).hold(options.held)
+    held = (*options.held, *held_behind_tool_point(robot, observed))
+    model = Model(robot, (*geometry, *effects), prior_sigmas=prior_sigmas or {}).hold(held)
     if len(observed.points) < 3:
         raise FitError(
             f"dataset {dataset.name}: {len(observed.points)} training points; a fit needs many more"
@@ -80,21 +82,21 @@ def calibrate(
     task = FitTask(model, geometry, observed, options)
     fitted, kept = _fitted(task, start)
     model, fit = fitted.model, fitted.fit
-    held = sum(len(effect.parameters) for effect in model.effects if is_held_by_prior(effect))
-    _require_equations(dataset, observed, residual, fit.rows - residuals.degrees_spent, fit.rank - held)
+    spared = sum(len(effect.parameters) for effect in model.effects if is_held_by_prior(effect))
+    _require_equations(dataset, observed, residual, fit.rows - residuals.degrees_spent, fit.rank - spared)
     if fit.rank == 0:
         raise FitError(
             f"dataset {dataset.name}: the training poses tell nothing of the arm's parameters; they are all alike, or "
             "the points do not depend on the joints: measure poses that differ"
         )
     outliers = tuple(dataset.poses.ids[i] for i in np.unique(observed.points.pose[~kept]))
-    at_nominal, at_fit = evaluate_all(model, [np.zeros(len(fit.x)), fit.x], given, outliers)
+    as_delivered, at_fit = evaluate_all(model, [model.delivered(fit.x), fit.x], given, outliers)
     return Calibration(
         dataset=given,
         model=model,
         options=options,
         fit=fit,
-        before=at_nominal,
+        before=as_delivered,
         after=at_fit,
         outliers=outliers,
         averaged=None if dataset is given else dataset,
@@ -196,7 +198,7 @@ def geometry_of(robot: Robot, observed: Observations, options: FitOptions) -> tu
     Distances are of the tool point alone and tell nothing of further targets. Raises FitError on a tolerance of no
     parameter.
     """
-    measured = () if options.residual == "distance" else observed.targets
+    measured = {TOOL_POINT} if options.residual == "distance" else observed.targets
     targets = tuple(target for target in robot.targets if target.name in measured)
     offsets = TargetOffsets(targets, options.tolerances)
     names = (*robot.parameter_names, *(p.name for p in offsets.parameters))

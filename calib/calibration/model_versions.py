@@ -14,6 +14,9 @@ from calib.calibration.evaluation import Evaluation, scanner_T_base_of_poses
 from calib.calibration.result import Calibration
 from calib.fitting.model import Model, geometric_model
 from calib.fitting.pose_means import mean_by_pose
+from calib.fitting.tool_point.placement import tool_point_in_nominal
+from calib.kinematics.robot import Robot
+from calib.kinematics.tool_point import with_own_tool_point
 from calib.options import FitOptions
 
 NOMINAL, LINKS, EFFECTS = "nominal", "link errors", "with effects"
@@ -63,7 +66,7 @@ def versions(calibration: Calibration, links: Calibration | None = None) -> tupl
     `links` is the fit of the link errors alone to the same points in the same way, where it is known already; else it
     is made here, as was asked of `calibration`.
     """
-    nominal = geometric_model(calibration.dataset.robot)
+    nominal = geometric_model(as_delivered(calibration))
     at_zero = np.zeros(len(nominal.parameters))
     out = [Version(NOMINAL, nominal, at_zero, calibration.before, calibration)]
     if not calibration.model.family_names:
@@ -71,6 +74,14 @@ def versions(calibration: Calibration, links: Calibration | None = None) -> tupl
     if links is None or not fits_same_points(links, calibration):
         links = calibrate(calibration.dataset, options_for_links(calibration))
     return (*out, fitted_version(LINKS, links), fitted_version(EFFECTS, calibration))
+
+
+def as_delivered(calibration: Calibration) -> Robot:
+    """The robot of robot.toml, with the tool point that was found where that is far off."""
+    robot = calibration.dataset.robot
+    if calibration.model.tool_found is None:
+        return robot
+    return with_own_tool_point(robot, tool_point_in_nominal(robot, calibration.robot))
 
 
 def fits_same_points(one: Calibration, other: Calibration) -> bool:

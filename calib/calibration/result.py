@@ -13,6 +13,7 @@ from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
 from calib.calibration.orientation_errors import OrientationErrors, evaluate_orientations, orientation_lines
 from calib.dataset.dataset import Dataset
 from calib.dataset.stands import ShotCount, without_poses
+from calib.dataset.trained_range import TrainedRange
 from calib.display.shown import Documented, Viewed
 from calib.errors import FitError
 from calib.fitting.fit import Fit
@@ -87,7 +88,8 @@ class Calibration(Documented, Viewed):
         if self.residual != "pose":
             return None
         before, after = (
-            evaluate_orientations(self.model, x, self.dataset) for x in (0.0 * self.fit.x, self.fit.x)
+            evaluate_orientations(self.model, x, self.dataset)
+            for x in (self.model.delivered(self.fit.x), self.fit.x)
         )
         return before, after
 
@@ -98,10 +100,23 @@ class Calibration(Documented, Viewed):
         orientations = None if points is None else points.orientations
         return orientations.labelled_by if self.residual == "pose" and orientations is not None else ""
 
+    @cached_property
+    def trained(self) -> TrainedRange:
+        """The joint ranges of the poses that were fitted."""
+        return TrainedRange.of(self.dataset, self.outliers)
+
+    @property
+    def outside(self) -> tuple[str, ...]:
+        """The measured poses whose joints leave the ranges that were trained."""
+        poses = self.dataset.poses
+        beyond = self.trained.outside(self.dataset.robot, poses.q)
+        measured = self.after.pose
+        return tuple(poses.ids[i] for i in np.flatnonzero(beyond) if i in measured)
+
     @property
     def tool_shift(self) -> ToolShift | None:
         """The tool point, where it is far from where robot.toml has it."""
-        return None if self.model.tool_found is None else tool_shift(self.dataset.robot, self.robot.table)
+        return None if self.model.tool_found is None else tool_shift(self.dataset.robot, self.robot)
 
     @cached_property
     def room_words(self) -> str:

@@ -4,16 +4,21 @@ Robot controllers compute with their own table and cannot load another. So the t
 joint vector q0 find q near it with F(q) = F0(q0), where F0 is the nominal and F the calibrated forward
 map, effects included (`calib.kinematics.inverse`). Redundant arms move the least.
 
-Joints stay inside a box: their limits and a largest change from q0. Near a singular posture a small error would need a
-large turn of the wrist.
+A correction claims what the fit knows. Measured points tell how the last joint's axis lies and not how the tool is
+turned behind it: where the attitude's own sigma (`calib.compensation.attitude`) is not better than what a correction
+would turn, the position of the tool frame alone is met, and the free motion weighs the turn that is left, by its sigma,
+against the joints' motion, by their tolerance. A pose near a singular posture may take large turns of the wrist for a
+small turn of the tool: there the attitude is met as well as it is known.
+
+Joints stay inside a box: their limits and a largest change from q0, six tolerances of an angle or twice the joint's own
+zero error. What needs more is no correction of this arm and is refused.
 
 Targets come after all that was measured: an effect that sets in at a pose, or settles in time, is taken as after the
 last pose, and no joint is still on its way.
 
 Limits: with an unknown scanner frame, link errors that only move or turn the base (d1, theta1, beta1) cannot be
 identified and stay nominal, so corrected targets are right relative to each other, up to one motion of the base common
-to all. Measured points do not depend on the tool's turn about its own point: a corrected orientation is as accurate as
-the fit's last joint frame. A scanner on the flange sees neither the tool nor errors of the last row: they stay nominal.
+to all. A scanner on the flange sees neither the tool nor errors of the last row: they stay nominal.
 """
 
 from __future__ import annotations
@@ -25,25 +30,31 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from calib import frames
 from calib.array_types import Array, BoolArray
 from calib.blas_threads import one_blas_thread
+from calib.compensation.attitude import FitKnowledge
 from calib.compensation.tool_problem import ToolProblem
 from calib.dataset.dataset import Poses
 from calib.effects.effect import family_name
+from calib.effects.link_errors import TOLERANCE_RAD
 from calib.errors import CalibError, FitError
 from calib.fitting.model import Model, geometric_model
 from calib.kinematics import chain as kinematics
 from calib.kinematics.inverse import solve_inverse
-from calib.kinematics.robot import Robot
+from calib.kinematics.robot import PARAMETER_KINDS, Robot
 from calib.options import CORRECTION_KINDS
 
 POSITION_TOLERANCE_MM = 1e-9
 ORIENTATION_TOLERANCE_RAD = 1e-12
-MAX_CHANGE_RAD, MAX_CHANGE_MM = np.radians(15.0), 100.0  # of a joint, from its nominal value
-_SINGULAR = (
-    0.02  # smallest over largest singular value of the Jacobian, below which a posture is near singular
-)
+MAX_CHANGE_RAD, MAX_CHANGE_MM = 6.0 * TOLERANCE_RAD * (1.0 - 1e-9), 50.0
+"""How far a joint may go from its nominal value: 3 deg, less what rounding in degrees may add, or 3 deg at 1 m."""
+_ZEROS = 2.0  # times the error of a joint's own zero, where that is more
+_TURN_WEIGHTS = (10.0, 5.0, 3.0, 2.0, 1.0, 0.5, 0.0)
+"""What a turn of the tool counts against the joints' motion, one after another."""
+_MOST_OF_BOX = 0.9  # a motion beyond that share is large, and is tried with the next weight
+_KNOWN = 0.5  # of the turn that a correction makes: a sigma below it knows the turn
+_SINGULAR = 0.02
+"""Smallest over largest singular value of the Jacobian, below which a posture is near singular."""
 
 
 @dataclass(frozen=True)
@@ -54,34 +65,63 @@ class Correction:
     what: str  # "position" or "pose"
     q_nominal: Array  # (N, n) rad, mm for prismatic joints
     q: Array  # (N, n) corrected; where `reached` is false, the nearest that limits allow
-    reached: BoolArray  # (N,) to 1e-9 mm, and 1e-12 rad where the orientation counts
+    reached: (
+        BoolArray  # (N,) to 1e-9 mm; attitudes that count to 1e-12 rad, near singular ones to their sigma
+    )
     position_error_mm: Array  # (N,) with q
     orientation_error_rad: Array  # (N,) with q; nan where only the position counts
     uncorrected_mm: Array  # (N,) position error with q_nominal
     reasons: tuple[str, ...]  # (N,) why a target is not reached, as text; "" where it is
+    uncorrected_rad: Array  # (N,) turn of the tool with q_nominal, as far as the calibrated arm says
     changed: tuple[
         str, ...
     ] = ()  # effects that changed the arm as it was measured: it is taken as it was in the end
+    attitude_sigma_rad: Array | None = None  # (N,) how well the fit knows the tool's attitude, if it was said
+    is_outside: BoolArray | None = (
+        None  # (N,) a joint is beyond the ranges that were trained, if those were said
+    )
+    outside_words: str = ""
 
     @property
     def change(self) -> Array:
         """(N, n) q - q_nominal: rad, mm for prismatic joints."""
         return self.q - self.q_nominal
 
+    @property
+    def largest_move_deg(self) -> float:
+        """Of a turning joint over the targets that are reached; 0 where there are none."""
+        moved = np.abs(self.change[self.reached][:, self.robot.is_revolute])
+        return float(np.degrees(moved.max(initial=0.0)))
+
+    @property
+    def attitude_words(self) -> str:
+        """How well the tool's attitude is known, and what is claimed of it; "" where nobody said."""
+        if self.attitude_sigma_rad is None or not len(self.q):
+            return ""
+        known, turn = (
+            1e3 * float(np.sqrt(np.mean(a**2))) for a in (self.attitude_sigma_rad, self.uncorrected_rad)
+        )
+        told = f"the fit knows the tool's attitude to {known:.2g} mrad (sigma), "
+        told += f"a correction turns it by {turn:.2g} mrad"
+        if self.what == "pose":
+            return told
+        return f"{told}: the positions are corrected and no attitude is claimed"
+
     def summary(self, ids: Sequence[str] | None = None) -> str:
         """As text, with the targets' names where they have any."""
         if len(self.q) == 0:
             return "no target"
-        turning = self.robot.is_revolute
+        turning, moved = self.robot.is_revolute, np.abs(self.change[self.reached])
         largest = [
-            f"{np.degrees(np.abs(self.change[:, turning]).max()):.3g} deg" if turning.any() else "",
-            f"{np.abs(self.change[:, ~turning]).max():.3g} mm" if not turning.all() else "",
+            f"{np.degrees(moved[:, turning].max(initial=0.0)):.3g} deg" if turning.any() else "",
+            f"{moved[:, ~turning].max(initial=0.0):.3g} mm" if not turning.all() else "",
         ]
         lines = [
             f"{int(self.reached.sum())} of {len(self.q)} targets reached ({self.what}); without correction the arm "
             f"misses them by {self.uncorrected_mm.mean():.3g} mm on average, {self.uncorrected_mm.max():.3g} mm at "
             f"most; largest change of a joint {' and '.join(filter(None, largest))}"
         ]
+        lines += filter(None, [self.attitude_words, self.outside_words])
         if self.changed:
             lines.append(
                 f"the arm is taken as it is after the last measured pose ({', '.join(self.changed)})"
@@ -102,6 +142,10 @@ class Correction:
                 "position_error_mm": self.position_error_mm,
                 "orientation_error_rad": self.orientation_error_rad,
                 "reason": self.reasons,
+                "uncorrected_rad": self.uncorrected_rad,
+                "attitude_sigma_rad": np.full(len(self.q), np.nan)
+                if self.attitude_sigma_rad is None
+                else self.attitude_sigma_rad,
             }
         )
 
@@ -115,6 +159,8 @@ def corrected_joints(
     x: ArrayLike | None = None,
     conditions: Poses | None = None,
     what: str | None = None,
+    known: FitKnowledge | None = None,
+    ids: Sequence[str] | None = None,
 ) -> Correction:
     """Joint vectors that give the calibrated arm the tool frame that the nominal arm has with `q_nominal`.
 
@@ -125,7 +171,9 @@ def corrected_joints(
         x: (P,) the model's fitted parameters; needed with a model.
         conditions: payload, temperature ... of each target, for effects that depend on them; its own q is not used.
         what: "pose" (position and orientation of the tool frame) or "position" alone; where None, a pose for six
-            joints and more.
+            joints and more, unless the fit is known to know the attitude no better than the correction would turn it.
+        known: what the fit of the calibrated arm knows; None: it is taken as exact.
+        ids: names of the targets, for what is told of them.
 
     Raises:
         FitError: joint vectors of the wrong shape or not finite, arms that differ in their joints, or a model
@@ -134,34 +182,32 @@ def corrected_joints(
     model, x = _model(calibrated, x)
     q0 = np.array(q_nominal, dtype=float)
     _check(nominal, model, q0, conditions)
-    if what is None:
-        what = "pose" if nominal.n_joints >= 6 else "position"
-    if what not in CORRECTION_KINDS:
+    if what not in (None, *CORRECTION_KINDS):
         raise FitError(f"cannot correct {what!r}; there are {' and '.join(CORRECTION_KINDS)}")
     conditions = plain_poses(q0) if conditions is None else replace(conditions, q=q0).measured_later()
     first = nominal.base_T_first
     goal = kinematics.forward(nominal.table, q0, nominal.is_revolute, first).base_T_frame[:, -1]
-    if model.tool_found is not None:  # its row may be turned to reach the point: that turns no tool
-        found = model.tool_found.table
-        turned = kinematics.forward(found, q0, nominal.is_revolute, first).base_T_frame[:, -1]
-        goal = frames.make_transform(turned[:, :3, :3], goal[:, :3, 3])
-    problem = ToolProblem(model, x, conditions, goal, what == "pose")
-    change = np.where(nominal.is_revolute, MAX_CHANGE_RAD, MAX_CHANGE_MM)
-    limits = _limits(nominal)
-    low, high = np.clip(q0 - change, *limits), np.clip(q0 + change, *limits)
-    q = solve_inverse(problem, q0, low, high)
+    problem = ToolProblem(model, x, conditions, goal, False)
+    uncorrected_mm, uncorrected_rad = problem.errors(q0)
+    sigma_rad = None if known is None or not len(q0) else known.attitude_sigma_rad(model, x, conditions)
+    what = what or _what_is_known(nominal, sigma_rad, uncorrected_rad)
+    problem = replace(problem, with_orientation=what == "pose")
+    box = _box(nominal, model, x, q0)
+    q = solve_inverse(problem, q0, *box) if what == "pose" else _at_positions(problem, q0, box)
+    reached = _reached(problem, q)
+    if sigma_rad is not None and what == "pose":
+        q, reached = _with_known_attitude(problem, q0, q, box, sigma_rad, reached)
     error_mm, turn_rad = problem.errors(q)
-    reached = error_mm <= POSITION_TOLERANCE_MM
-    if problem.with_orientation:
-        reached &= turn_rad <= ORIENTATION_TOLERANCE_RAD
     everyone = np.arange(len(q))
     spectrum = np.linalg.svd(problem.linearise(q, everyone)[1], compute_uv=False)
     singular = spectrum[:, -1] < _SINGULAR * spectrum[:, 0]
     reasons = []
     for i in everyone:
         missed = f"{error_mm[i]:.3g} mm" + (f" and {turn_rad[i]:.3g} rad" if what == "pose" else "")
-        words = _reason(nominal, q[i], q0[i], (low[i], high[i]), missed, bool(singular[i]))
+        words = _reason(nominal, q[i], q0[i], (box[0][i], box[1][i]), missed, bool(singular[i]))
         reasons.append("" if reached[i] else words)
+    trained = None if known is None else known.trained
+    names = [f"target {i + 1}" for i in everyone] if ids is None else ids
     return Correction(
         robot=nominal,
         what=what,
@@ -169,13 +215,73 @@ def corrected_joints(
         q=q,
         reached=reached,
         position_error_mm=error_mm,
-        orientation_error_rad=turn_rad,
-        uncorrected_mm=problem.errors(q0)[0],
+        orientation_error_rad=turn_rad if what == "pose" else np.full(len(q), np.nan),
+        uncorrected_mm=uncorrected_mm,
+        uncorrected_rad=uncorrected_rad,
         reasons=tuple(reasons),
         changed=tuple(
             dict.fromkeys(family_name(e) for e in model.added_effects if getattr(e, "changes_arm", False))
         ),
+        attitude_sigma_rad=sigma_rad,
+        is_outside=None if trained is None else trained.outside(nominal, q0),
+        outside_words="" if trained is None else trained.words(nominal, q0, names),
     )
+
+
+def _what_is_known(nominal: Robot, sigma_rad: Array | None, uncorrected_rad: Array) -> str:
+    """A pose where six joints or more can meet one and the fit knows its turn: with a sigma below half of it."""
+    if nominal.n_joints < 6:
+        return "position"
+    if sigma_rad is None:
+        return "pose"
+    return "pose" if np.mean(sigma_rad**2) < _KNOWN**2 * np.mean(uncorrected_rad**2) else "position"
+
+
+def _at_positions(problem: ToolProblem, q0: Array, box: tuple[Array, Array]) -> Array:
+    """Joint vectors (N, n) that meet the positions; free motion turns the tool towards its goal where that is cheap.
+
+    A turn of the tool counts so much more than a motion of the joints as keeps these small: near a singular posture a
+    small turn would take a large motion, and counts less and less.
+    """
+    q, open_ = q0.copy(), np.arange(len(q0))
+    for weight in _TURN_WEIGHTS:
+        if not len(open_):
+            break
+        part = problem.of(open_)
+        low, high = box[0][open_], box[1][open_]
+        q[open_] = solve_inverse(part, q0[open_], low, high, prefer=part.attitude_left(weight))
+        room = _MOST_OF_BOX * np.maximum(high - q0[open_], q0[open_] - low)
+        open_ = open_[~_reached(part, q[open_]) | (np.abs(q[open_] - q0[open_]) > room).any(axis=1)]
+    return q
+
+
+def _with_known_attitude(
+    problem: ToolProblem, q0: Array, q: Array, box: tuple[Array, Array], sigma_rad: Array, reached: BoolArray
+) -> tuple[Array, BoolArray]:
+    """Targets whose attitude cannot be met exactly by small motions: met to its sigma, their position exactly."""
+    near = _at_positions(replace(problem, with_orientation=False), q0, box)
+    error_mm, turn_rad = problem.errors(near)
+    met = ~reached & (error_mm <= POSITION_TOLERANCE_MM) & (turn_rad <= sigma_rad)
+    return np.where(met[:, None], near, q), reached | met
+
+
+def _reached(problem: ToolProblem, q: Array) -> BoolArray:
+    error_mm, turn_rad = problem.errors(q)
+    reached = error_mm <= POSITION_TOLERANCE_MM
+    return np.asarray(
+        reached & (turn_rad <= ORIENTATION_TOLERANCE_RAD) if problem.with_orientation else reached
+    )
+
+
+def _box(nominal: Robot, model: Model, x: Array, q0: Array) -> tuple[Array, Array]:
+    """From where to where joints may go: inside their limits, and no further than a correction of this arm can be."""
+    off = np.abs(model.calibrated_robot(x).table - nominal.table)[:-1]
+    zero = np.where(
+        nominal.is_revolute, off[:, PARAMETER_KINDS.index("theta")], off[:, PARAMETER_KINDS.index("d")]
+    )
+    change = np.maximum(np.where(nominal.is_revolute, MAX_CHANGE_RAD, MAX_CHANGE_MM), _ZEROS * zero)
+    limits = _limits(nominal)
+    return np.clip(q0 - change, *limits), np.clip(q0 + change, *limits)
 
 
 def needed_columns(model: Model, x: ArrayLike, poses: Poses) -> tuple[str, ...]:

@@ -85,14 +85,15 @@ def require_conditions(targets: Targets, needed: Sequence[str], families: Sequen
 
 
 def corrected_table(targets: Targets, correction: Correction) -> str:
-    """The table with corrected joints as CSV text; `reached` says which targets the arm can reach."""
+    """The table with corrected joints as CSV text; `reached` says which targets are, the joints of others are empty."""
     robot = correction.robot
     cells = targets.file.cells.copy()
     commanded = robot.commands_of(correction.q)
     for k, column in enumerate(found_joint_columns(targets.file, robot)):
         q = commanded[:, k]
         cells[column] = [
-            repr(degrees(v) if column.endswith("_deg") else in_unit_of(column, float(v))) for v in q
+            repr(degrees(v) if column.endswith("_deg") else in_unit_of(column, float(v))) if reached else ""
+            for v, reached in zip(q, correction.reached, strict=True)
         ]
     cells["reached"] = ["true" if reached else "false" for reached in correction.reached]
     return frame_csv(cells)

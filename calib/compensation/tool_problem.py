@@ -18,6 +18,7 @@ from calib.dataset.dataset import Poses
 from calib.effects.state import RobotState
 from calib.fitting.model import Model
 from calib.kinematics import chain as kinematics
+from calib.kinematics.inverse import Preference
 
 
 @dataclass(frozen=True)
@@ -70,12 +71,25 @@ class ToolProblem:
             jacobian = np.concatenate([jacobian, self.length_mm * (turn @ axes)], axis=1)
         return self._error(self._tool(state, turn), rows), jacobian * self.joint_units
 
+    def of(self, rows: IndexArray) -> ToolProblem:
+        """The same for some of the goals."""
+        return replace(self, goal=self.goal[rows], conditions=self.conditions.select(rows))
+
+    def attitude_left(self, weight: float) -> Preference | None:
+        """The tool's turn that is left, times a weight: what the free motion of a position may lessen; None for 0."""
+
+        def left(q: Array, rows: IndexArray) -> tuple[Array, Array]:
+            state, turn = self._state(q, rows)
+            axes = turn @ kinematics.joint_jacobian(state.chain, self.model.robot.is_revolute)[1]
+            turned = _turn_vector(self._tool(state, turn), self.goal[rows])
+            return weight * turned, weight * axes * self.joint_units
+
+        return left if weight > 0.0 else None
+
     def errors(self, q: Array) -> tuple[Array, Array]:
-        """Position error (N,) mm and angle between orientations (N,) rad, nan where they do not count."""
+        """Position error (N,) mm and angle between orientations (N,) rad, whether these count or not."""
         at = self._tool(*self._state(q, np.arange(len(q))))
         position = np.linalg.norm(self.goal[:, :3, 3] - at[:, :3, 3], axis=1)
-        if not self.with_orientation:
-            return position, np.full(len(q), np.nan)
         sine = np.linalg.norm(_turn_vector(at, self.goal), axis=1)
         cosine = 0.5 * (np.einsum("nij,nij->n", at[:, :3, :3], self.goal[:, :3, :3]) - 1.0)
         return position, np.arctan2(sine, cosine)

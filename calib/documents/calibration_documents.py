@@ -42,6 +42,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
         "rank": fit.rank,
         **by_role(calibration.after),
         "before": by_role(calibration.before),
+        **found_tool_document(calibration),
         "attitudes": calibration.orientation_errors
         and dict(zip(("before", "after"), map(asdict, calibration.orientation_errors), strict=True)),
         "faces_named": calibration.faces_named or None,
@@ -57,12 +58,23 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
             }
             for c in identifiable_combinations(calibration)
         ],
-        "tool": asdict(tool_rows(calibration.dataset, residual=calibration.residual)),
+        "tool": asdict(
+            tool_rows(calibration.dataset, residual=calibration.residual, model=calibration.model)
+        ),
         "correlated": [asdict(pair) for pair in correlated_pairs(calibration)],
         "stands": stands_document(calibration),
         "outliers": calibration.outliers,
         "left_out": calibration.fitted_dataset.left_out,
         "warnings": calibration.warnings,
+    }
+
+
+def found_tool_document(calibration: Calibration) -> dict[str, Any]:
+    """Where the tool point was found, mm in the last joint's frame and from the tip; None where robot.toml has it."""
+    shift = calibration.tool_shift
+    return {
+        "tool_found_mm": None if shift is None else shift.point_mm,
+        "tool_found_in_tip_mm": None if shift is None else shift.in_tip_mm,
     }
 
 
@@ -142,6 +154,7 @@ def saved_model_document(
         "before": by_role(before),
         **by_role(after),
         "poses": after.to_frame(dataset).to_dict(orient="records"),
+        "outside": fitted.outside(dataset),
         "notes": after.notes,
     }
 
@@ -150,17 +163,22 @@ def correction_document(correction: Correction, ids: Sequence[str]) -> dict[str,
     """What `correct --json` prints: each target with its errors, and those that cannot be reached with the reason."""
     commanded = correction.robot.commands_of(correction.q)
     targets = [
-        {"pose": pose, **row, "q": q}
+        {"pose": pose, **row, "q": q if row["reached"] else None}
         for pose, row, q in zip(ids, correction.to_frame().to_dict(orient="records"), commanded, strict=True)
     ]
+    missed = [(pose, why) for pose, why in zip(ids, correction.reasons, strict=True) if why]
+    outside = correction.is_outside
     return {
         "what": correction.what,
+        "reached": int(correction.reached.sum()),
+        "not_reached": [{"pose": pose, "why": why} for pose, why in missed],
+        "largest_move_deg": correction.largest_move_deg,
+        "outside": None
+        if outside is None
+        else [pose for pose, is_out in zip(ids, outside, strict=True) if is_out],
+        "attitude": correction.attitude_words or None,
         "as_after_last_pose": correction.changed,
         "q_units": ["rad" if turns else "mm" for turns in correction.robot.is_revolute],
         "targets": targets,
-        "unreached": [
-            {"pose": target["pose"], "reason": target["reason"]}
-            for target in targets
-            if not target["reached"]
-        ],
+        "unreached": [{"pose": pose, "reason": why} for pose, why in missed],
     }

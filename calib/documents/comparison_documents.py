@@ -83,6 +83,7 @@ def watched_document(w: Watched) -> dict[str, Any]:
         "p_unchanged": w.p_unchanged,
         "poses": w.poses,
         "data_problem": data_problem_document(w.data_problem),
+        "outside": w.outside,
         "explanation": w.headline,
     }
 

@@ -13,7 +13,7 @@ from calib.diagnosis.findings import Learned
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.words.noise_text import NoiseShaped, noise_text
 from calib.diagnosis.words.phrases import fault_text
-from calib.documents.calibration_documents import stands_document
+from calib.documents.calibration_documents import found_tool_document, stands_document
 from calib.effects.catalogue import descriptions
 from calib.screening.candidates import Candidate
 from calib.screening.fault_models import JointFault
@@ -27,6 +27,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "dataset": diagnosis.calibration.dataset.name,
         "stands": stands_document(diagnosis.calibration),
         "left_out": diagnosis.calibration.fitted_dataset.left_out,
+        **found_tool_document(diagnosis.calibration),
         "worse_than_nominal": diagnosis.calibration.worse_than_nominal or None,
         "verdict": diagnosis.verdict,
         "missing": diagnosis.missing,
@@ -58,6 +59,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> dict[str, Any]:
             {"q": pose.q, "separation_mm": pose.separation_mm} for pose in diagnosis.discriminating_poses
         ],
         "explanation": diagnosis.summary(),
+        "outside": diagnosis.calibration.outside,
         "learned": _learned(diagnosis.learned),
         "noise": _noise(noise_told(diagnosis)),
         "data_problem": data_problem_document(diagnosis.data_problem),

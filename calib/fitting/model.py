@@ -26,12 +26,12 @@ from calib.effects.effect import (
     moves_one_joint,
     state_derivative,
 )
-from calib.effects.link_errors import LinkErrors
+from calib.effects.link_errors import LinkErrors, target_parameter_names
 from calib.effects.seen_from_flange import room_target, room_target_by_state, room_turn_by_state
 from calib.effects.state import RobotState, Seen
 from calib.errors import FitError
 from calib.kinematics import chain as kinematics
-from calib.kinematics.robot import Robot
+from calib.kinematics.robot import TOOL_POINT, Robot
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,8 @@ class Model:
     loads_of: Robot | None = None
     """At whose links gravity's loads are worked out; None: at those of the state itself."""
     tool_found: Robot | None = None
-    """The nominal robot with its tool point where the points have it, where robot.toml has it far off."""
+    """The nominal robot with its tool point where the points have it, where robot.toml has it far off: a point of its
+    own, the target "jig"."""
     _loaded: list[RobotState] = field(default_factory=list, init=False, compare=False, repr=False)
 
     @cached_property
@@ -71,6 +72,13 @@ class Model:
     def placed_robot(self) -> Robot:
         """The robot by which the scanner is placed before a fit: the nominal one, its tool point where it was found."""
         return self.robot if self.tool_found is None else self.tool_found
+
+    def delivered(self, x: ArrayLike) -> Array:
+        """(P,) the parameters of the arm as delivered: zero, but for a found tool point, which is where x has it."""
+        own = None if self.tool_found is None else self.robot.own_tool_point
+        names = () if own is None else target_parameter_names(own)
+        is_place = np.array([p.name in names for p in self.parameters], dtype=bool)
+        return np.where(is_place, np.asarray(x, dtype=float), 0.0)
 
     @property
     def at_tool(self) -> Model:
@@ -204,7 +212,7 @@ def point_by_state(state: RobotState, target: str = "jig") -> tuple[Array, Array
     if state.robot.carries_scanner:
         return room_target_by_state(state, target)
     chain_mm = _target_mm(state, target)
-    if target == "jig":
+    if _is_row_end(state, target):
         by_table = kinematics.point_jacobian(state.chain, chain_mm)  # (N, 3, n + 1, 5)
     else:  # fixed to a link, not to the tool row
         by_table = kinematics.link_point_jacobian(state.chain, chain_mm, state.robot.target(target).joint)
@@ -258,10 +266,15 @@ def place_of_target(state: RobotState, target: str = "jig") -> Array:
 
 
 def _target_mm(state: RobotState, target: str) -> Array:
-    if target == "jig":
+    if _is_row_end(state, target):
         return state.chain.target_mm
     link = state.chain.base_T_link(state.robot.target(target).joint)
     return link[:, :3, :3] @ state.target_offsets_mm[target] + link[:, :3, 3]
+
+
+def _is_row_end(state: RobotState, target: str) -> bool:
+    """Whether a target is the end of the tool's row, which has no point of its own."""
+    return target == TOOL_POINT and target not in state.target_offsets_mm
 
 
 def effect_columns(by_state: Array, effect: Effect, state: RobotState, values: Array) -> Array:

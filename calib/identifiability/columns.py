@@ -47,7 +47,7 @@ def columns_of(
         points_mm, columns = _columns_of_targets(chain, targets, of_target)
     setups = [np.flatnonzero(setup == name) for name in np.unique(setup)]
     if residual == "distance":
-        distances = [_distance_columns(chain.target_mm[rows], columns[rows]) for rows in setups]
+        distances = [_distance_columns(points_mm[rows], columns[rows]) for rows in setups]
         return np.concatenate(distances), np.linalg.norm(columns, axis=(0, 1))
     absorbed = []
     if not frame_known or residual == "pairs":

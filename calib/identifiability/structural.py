@@ -132,7 +132,8 @@ def structural_rank(robot: Robot, *, residual: str = "position", measured: Colle
     targets = _further_targets(robot, measured, residual)
     of_target = None
     if targets and not robot.carries_scanner:
-        seen = [*([-1] if "jig" in measured else []), *range(len(targets))]
+        row_end = "jig" in measured and all(target.name != "jig" for target in targets)
+        seen = [*([-1] if row_end else []), *range(len(targets))]
         of_target = np.tile(seen, poses)
         q = np.repeat(q, len(seen), axis=0)
     if robot.carries_scanner:
@@ -209,14 +210,16 @@ def _measured_targets(dataset: Dataset) -> set[str]:
 
 
 def _further_targets(robot: Robot, measured: Collection[str], residual: str) -> tuple[Target, ...]:
-    """Those whose places are unknown in a fit: distances are of the tool's end alone.
+    """Those whose places are unknown in a fit: distances are of the tool point alone.
 
     Targets in the room that were not found yet stand somewhere, off the axes of the arm.
     """
     if robot.carries_scanner:
         known = {target.name: target for target in robot.targets if target.in_room}
         return tuple(known.get(name, Target(name, _SOMEWHERE_MM, in_room=True)) for name in sorted(measured))
-    return () if residual == "distance" else tuple(t for t in robot.targets if t.name in measured)
+    return tuple(
+        t for t in robot.targets if t.name in measured and (residual != "distance" or t.name == "jig")
+    )
 
 
 def _names_and_units(robot: Robot, targets: tuple[Target, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -10,6 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from calib.dataset.dataset import Dataset
+from calib.effects.link_errors import target_parameter_names
+from calib.fitting.model import Model
+from calib.fitting.tool_point.placement import behind_last_axis
 from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import redundancy
 
@@ -32,10 +35,17 @@ class ToolRows:
     unseen: tuple[str, ...]  # move nothing that is measured, and stay as robot.toml has them
     residual: str
     on_flange: bool = False  # the arm carries the scanner
+    point: tuple[str, ...] = ()  # where the measured point is one of its own, not the end of the row
 
     @property
     def words(self) -> str:
         """A line."""
+        if self.point:
+            return (
+                f"tool: the measured point is one of its own, {', '.join(self.point)} in the last joint's frame; how "
+                f"the tip sits behind the last joint's axis is not known, as {_ATTITUDE['position']}: "
+                f"{', '.join(self.unseen)} stay as in robot.toml"
+            )
         parts = []
         if self.known:
             parts.append(f"known each alone: {', '.join(self.known)}")
@@ -48,8 +58,12 @@ class ToolRows:
         return f"tool: {'; '.join(parts)}"
 
 
-def tool_rows(dataset: Dataset, *, residual: str = "position") -> ToolRows:
-    """What the dataset's training poses can tell of the tool row, for the nominal robot."""
+def tool_rows(dataset: Dataset, *, residual: str = "position", model: Model | None = None) -> ToolRows:
+    """What the dataset's training poses can tell of the tool row, for the nominal robot, or as a model has its tool."""
+    own = None if model is None else model.robot.own_tool_point
+    if model is not None and own is not None:
+        unseen = tuple(name for name in behind_last_axis(model.robot) if name in model.held)
+        return ToolRows((), {}, unseen, residual, point=target_parameter_names(own))
     rows = rows_of_tool(redundancy(dataset, residual=residual), residual)
     return replace(rows, on_flange=dataset.robot.carries_scanner)
 

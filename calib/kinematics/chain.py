@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.array_types import Array
+from calib.frames import apply
 from calib.kinematics.robot import Robot
 
 
@@ -175,8 +176,14 @@ def joint_jacobian(chain: Chain, is_revolute: ArrayLike) -> tuple[Array, Array]:
 
 
 def target_points(robot: Robot, q: ArrayLike) -> Array:
-    """The tool point (N, 3), mm in the base frame, at joint vectors q (N, n)."""
-    return forward(robot.table, q, robot.is_revolute, robot.base_T_first).target_mm
+    """The measured point of the tool (N, 3), mm in the base frame, at joint vectors q (N, n)."""
+    return tool_points(robot, forward(robot.table, q, robot.is_revolute, robot.base_T_first))
+
+
+def tool_points(robot: Robot, chain: Chain) -> Array:
+    """The measured point of the tool (N, 3), mm in the base frame, at the poses of a forward pass."""
+    own = robot.own_tool_point
+    return chain.target_mm if own is None else apply(chain.base_T_flange, np.array(own.xyz_mm))
 
 
 def target_jacobian(robot: Robot, q: ArrayLike) -> Array:

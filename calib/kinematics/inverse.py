@@ -6,8 +6,9 @@ left, rows and columns both in millimetres (`InverseProblem`), a step is
     dq = J^T (J J^T + mu)^(-1) e + (1 - J^+ J) (q0 - q)
 
 by the singular values of J. The second term makes a redundant arm move the least from q0; a damped step (mu > 0:
-Levenberg 1944; Nakamura and Hanafusa 1986) leaves it out. Joints that press against their box are held there and the
-others step anew. Two rules say how much is damped:
+Levenberg 1944; Nakamura and Hanafusa 1986) leaves it out. A preference (`Preference`) is what else is to be small
+beside that motion: with its derivative S and what is left of it, r, the free motion minimises |q0 - q|^2 + |r|^2.
+Joints that press against their box are held there and the others step anew. Two rules say how much is damped:
 
 * `FROM_NEARBY`: mu is 0 while full steps lower |e|; where one does not, it is refused and mu is raised.
 * `FROM_ANYWHERE`: from a random start, which |e| may have to rise to leave: mu is constant and every step is taken.
@@ -17,6 +18,7 @@ J may leave out terms that change slowly with q: that costs an iteration or two 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -28,6 +30,11 @@ _EXACT_MM = 1e-10  # an error below this may rise again in rounding
 _SETTLED = 1e-12  # no joint moves by more (scaled): done
 _NULL = 1e-10  # singular values below this share of the largest give no direction
 _FIRST_DAMPING, _LAST_DAMPING = 1e-8, 1e4  # shares of the largest squared singular value
+
+
+Preference = Callable[[Array, IndexArray], tuple[Array, Array]]
+"""Of the goals `rows` (K,) at q (K, n): what is left of what is preferred (K, s), and its derivative by the scaled
+joints (K, s, n); both are weighed against a joint's scaled motion."""
 
 
 class InverseProblem(Protocol):
@@ -61,10 +68,16 @@ FROM_ANYWHERE = StepRule(iterations=60, constant_damping_mm2=25.0, longest_step=
 
 
 def solve_inverse(
-    problem: InverseProblem, start: Array, low: Array, high: Array, rule: StepRule = FROM_NEARBY
+    problem: InverseProblem,
+    start: Array,
+    low: Array,
+    high: Array,
+    rule: StepRule = FROM_NEARBY,
+    prefer: Preference | None = None,
 ) -> Array:
     """Joint vectors (N, n) from `low` to `high` (N, n), near `start` (N, n), with the least error.
 
+    `prefer`: what a redundant arm makes small with its free motion, beside that motion itself.
     Where a goal cannot be met the result is the closest approach that was found; ask the problem how close.
     """
     units = problem.joint_units
@@ -83,7 +96,8 @@ def solve_inverse(
         if rule.by_normal_equations:
             step = _damped_by_normal_equations(jacobian, error, rule.constant_damping_mm2)
         else:
-            step = _step(jacobian, error, to_start, damped, at <= low[active], at >= high[active])
+            wanted = None if prefer is None else prefer(at, active)
+            step = _step(jacobian, error, to_start, damped, at <= low[active], at >= high[active], wanted)
         longest = np.abs(step).max(axis=1, keepdims=True)
         step = step * np.minimum(1.0, rule.longest_step / np.maximum(longest, 1e-12))
         trial = np.clip(at + step * units, low[active], high[active])
@@ -108,11 +122,15 @@ def _step(
     damping: tuple[Array, float],
     at_low: BoolArray,
     at_high: BoolArray,
+    wanted: tuple[Array, Array] | None = None,
 ) -> Array:
     """Scaled steps (K, n); joints at an end of their box that would press outward are held and the rest steps anew."""
     held = np.zeros_like(at_low)
     for _ in range(jacobian.shape[2]):
-        step = _damped(jacobian * ~held[:, None], error, to_start, damping) * ~held
+        if wanted is None:
+            step = _damped(jacobian * ~held[:, None], error, to_start, damping) * ~held
+        else:
+            step = _preferring(jacobian, error, to_start, damping, wanted, ~held) * ~held
         pressing = ((step < 0.0) & at_low) | ((step > 0.0) & at_high)
         if not pressing.any():
             break
@@ -133,6 +151,29 @@ def _damped(jacobian: Array, error: Array, to_start: Array, damping: tuple[Array
     along = gain * np.einsum("kir,ki->kr", u, error)
     back = np.where(keep, np.einsum("krn,kn->kr", vt, to_start), 0.0)
     return to_start + np.einsum("krn,kr->kn", vt, along - back)
+
+
+def _preferring(
+    jacobian: Array,
+    error: Array,
+    to_start: Array,
+    damping: tuple[Array, float],
+    wanted: tuple[Array, Array],
+    free: BoolArray,
+) -> Array:
+    """As `_damped`, with the free motion in the metric W = 1 + S^T S: (K, n), of the joints that are free (K, n).
+
+    By W = L L^T the motion y = L^T dq counts evenly, and W^-1 (to_start + S^T r) is where it would go by itself.
+    """
+    left, derivative = wanted
+    derivative = derivative * free[:, None]
+    metric = np.eye(jacobian.shape[2]) + np.swapaxes(derivative, 1, 2) @ derivative
+    inverse = np.linalg.inv(np.linalg.cholesky(metric))  # L^-1
+    undamped = (damping[0] + damping[1] == 0.0)[:, None]
+    pull = (to_start + np.where(undamped, np.einsum("ksn,ks->kn", derivative, left), 0.0)) * free
+    across = (jacobian * free[:, None]) @ np.swapaxes(inverse, 1, 2)
+    motion = _damped(across, error, np.einsum("kmn,kn->km", inverse, pull), damping)
+    return np.asarray(np.einsum("knm,kn->km", inverse, motion))
 
 
 def _damped_by_normal_equations(jacobian: Array, error: Array, constant_mm2: float) -> Array:

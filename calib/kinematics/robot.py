@@ -85,6 +85,8 @@ class Tool(Link):
     extra: Mapping[str, Any] = field(default_factory=dict)
 
 
+TOOL_POINT = "jig"
+"""What the measured point of the tool is called among the targets: the end of the tool's row, unless it is one."""
 TARGET_TOLERANCE_MM = 0.5
 """How far a target's coordinate may be off where robot.toml does not say it: the default prior's sigma."""
 
@@ -152,6 +154,11 @@ class Robot:
     def base_T_first(self) -> Array:
         """(4, 4) from the frame in which the first row starts to the base frame."""
         return self.base.transform
+
+    @property
+    def own_tool_point(self) -> Target | None:
+        """The tool's measured point as a point of its own on the last link; None where the tool's row ends there."""
+        return next((t for t in self.targets if t.name == TOOL_POINT and not t.in_room), None)
 
     def target(self, name: str) -> Target:
         """A further target by its name."""

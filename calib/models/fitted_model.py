@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 
@@ -12,11 +12,13 @@ from numpy.typing import ArrayLike
 from calib.array_types import Array
 from calib.calibration.evaluation import Evaluation, Figures, evaluate_all
 from calib.calibration.result import Calibration
+from calib.compensation.attitude import FitKnowledge
 from calib.compensation.target_correction import Correction, corrected_joints, needed_columns, plain_poses
 from calib.dataset.dataset import Dataset, Poses
 from calib.dataset.files.fingerprint import fingerprint
 from calib.dataset.input_names import CONDITIONS, quantity_of
 from calib.dataset.stands import without_poses
+from calib.dataset.trained_range import TrainedRange
 from calib.errors import FitError
 from calib.fitting.model import Model
 from calib.kinematics.robot import Robot
@@ -61,6 +63,7 @@ class FittedModel:
     after: RoleErrors
     sigma_mm: float  # residual of one coordinate; nan without degrees of freedom
     source: Source
+    trained: TrainedRange | None = None  # of the joints; None in a file that does not say it
 
     @classmethod
     def of(cls, calibration: Calibration) -> FittedModel:
@@ -79,6 +82,7 @@ class FittedModel:
             after=RoleErrors(calibration.after.train, calibration.after.test),
             sigma_mm=calibration.sigma_mm,
             source=_source(dataset, calibration.outliers),
+            trained=calibration.trained,
         )
 
     @property
@@ -113,6 +117,7 @@ class FittedModel:
         conditions: Poses | None = None,
         what: str | None = None,
         nominal: Robot | None = None,
+        ids: Sequence[str] | None = None,
     ) -> Correction:
         """`calib.corrected_joints` for this model: joint vectors with which the arm goes where the nominal one would.
 
@@ -120,14 +125,22 @@ class FittedModel:
         """
         self.require_conditions(conditions)
         robot = nominal or self.model.robot
-        return corrected_joints(robot, self.model, q_nominal, x=self.x, conditions=conditions, what=what)
+        open_ended = np.where(np.isfinite(self.sigma), 0.0, self.model.scales**2)
+        covariance = self.covariance + np.diag(
+            open_ended
+        )  # what no point tells is known by its tolerance alone
+        full_poses = self.options.residual == "pose"
+        known = FitKnowledge(covariance, frozenset(self.options.held), full_poses, self.trained)
+        return corrected_joints(
+            robot, self.model, q_nominal, x=self.x, conditions=conditions, what=what, known=known, ids=ids
+        )
 
     def evaluate(self, dataset: Dataset) -> Evaluation:
         """Hold the model, as it is, against a dataset's points; raises as `before_and_after`."""
         return self.before_and_after(dataset)[1]
 
     def before_and_after(self, dataset: Dataset) -> tuple[Evaluation, Evaluation]:
-        """The nominal robot's errors at a dataset's points, and the model's, as it is.
+        """The errors of the arm as delivered at a dataset's points, and the model's, as it is.
 
         Each setup's scanner frame is fitted to the setup's training poses, as in every evaluation; nothing else is. The
         poses of another dataset than the model was fitted to count as later than all of that one's.
@@ -145,7 +158,7 @@ class FittedModel:
         self.require_conditions(dataset.poses)
         if self.source.files and not self.is_fitted_to(dataset):  # another day: what changed has changed
             dataset = replace(dataset, poses=dataset.poses.measured_later())
-        before, after = evaluate_all(self.model, [np.zeros(len(self.x)), self.x], dataset)
+        before, after = evaluate_all(self.model, [self.model.delivered(self.x), self.x], dataset)
         return before, after
 
     def require_same_arm(self, dataset: Dataset) -> None:
@@ -185,6 +198,13 @@ class FittedModel:
                 f"the model depends on {', '.join(missing)} through its effects "
                 f"({', '.join(self.model.family_names)}); give it for each pose, as poses.csv does"
             )
+
+    def outside(self, dataset: Dataset) -> tuple[str, ...] | None:
+        """The poses of a dataset whose joints leave the ranges that were trained; None where the model has none."""
+        if self.trained is None:
+            return None
+        beyond = self.trained.outside(self.model.robot, dataset.poses.q)
+        return tuple(dataset.poses.ids[i] for i in np.flatnonzero(beyond))
 
     def is_fitted_to(self, dataset: Dataset) -> bool:
         """Whether the files of a dataset are those that the model was fitted to."""

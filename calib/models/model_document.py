@@ -58,6 +58,13 @@ class SavedSource(msgspec.Struct, frozen=True):
     left_out: tuple[Text, ...] = ()  # poses that the fit did not see, as asked or because they stand out
 
 
+class SavedRange(msgspec.Struct, frozen=True):
+    """The least and largest value of each joint, rad or mm."""
+
+    low: Row
+    high: Row
+
+
 class ModelDocument(msgspec.Struct, frozen=True):
     """The whole file, beside its format and version."""
 
@@ -75,6 +82,7 @@ class ModelDocument(msgspec.Struct, frozen=True):
     before: SavedErrors
     after: SavedErrors
     loads_table: tuple[Row, ...] | None = None  # at whose links gravity's loads are worked out
-    found_tool_row: Row | None = None  # of robot, where its own has the tool point far off
+    found_tool_mm: Row | None = None  # in the last joint's frame, where robot has the tool point far off
+    trained: SavedRange | None = None  # of the joints at the training poses
     sigma_mm: NotNegative | None = None
     scanner_T_flange: dict[str, Any] = {}  # in place of scanner_T_base where the arm carries the scanner

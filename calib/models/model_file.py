@@ -23,12 +23,14 @@ from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Poses
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.robot_checks import refuse_beyond
+from calib.dataset.trained_range import TrainedRange
 from calib.effects.catalogue.user_file import load_effects
 from calib.effects.effect import Effect
 from calib.effects.state import RobotState, Seen
 from calib.errors import CalibError, ModelFileError
 from calib.fitting.model import Model
 from calib.kinematics.robot import Robot
+from calib.kinematics.tool_point import tool_point_of, with_own_tool_point
 from calib.models.effect_fields import member_document, member_from
 from calib.models.fitted_model import FittedModel, RoleErrors, Source
 from calib.models.model_document import ModelDocument, Row, SavedErrors, SavedFigures
@@ -74,7 +76,8 @@ def model_text(fitted: FittedModel) -> str:
         "robot": msgspec.to_builtins(model.robot),
         "table": fitted.robot.table,
         "loads_table": None if model.loads_of is None else model.loads_of.table,
-        "found_tool_row": None if model.tool_found is None else model.tool_found.tool.row,
+        "found_tool_mm": None if model.tool_found is None else tool_point_of(model.tool_found),
+        "trained": None if fitted.trained is None else dataclasses.asdict(fitted.trained),
         "effects": [member_document(effect) for effect in model.effects],
         "held": sorted(model.held),
         "parameters": [
@@ -141,7 +144,21 @@ def load_model(path: str | Path, effects_file: str | Path | None = None) -> Fitt
             document.program_version,
             document.dataset.left_out,
         ),
+        trained=_trained(file, document, robot),
     )
+
+
+def _trained(file: JsonFile, document: ModelDocument, robot: Robot) -> TrainedRange | None:
+    if document.trained is None:
+        return None
+    low, high = document.trained.low, document.trained.high
+    if not len(low) == len(high) == robot.n_joints or any(a > b for a, b in zip(low, high, strict=True)):
+        file.fail(
+            ["trained"],
+            f"{list(low)} to {list(high)}",
+            f"a range of each of {robot.n_joints} joints is needed",
+        )
+    return TrainedRange(low, high)
 
 
 def _robot(file: JsonFile, document: ModelDocument) -> Robot:
@@ -176,9 +193,10 @@ def _model(
         loads = robot.with_table(_table(file, "loads_table", document.loads_table, robot))
     sigmas = {parameter.name: parameter.prior_sigma for parameter in document.parameters}
     found_tool = None
-    if document.found_tool_row is not None:
-        rows = (*robot.table[:-1].tolist(), document.found_tool_row)
-        found_tool = robot.with_table(_table(file, "found_tool_row", rows, robot))
+    if document.found_tool_mm is not None:
+        if len(document.found_tool_mm) != 3:
+            file.fail(["found_tool_mm"], f"{len(document.found_tool_mm)} numbers", "x, y and z are needed")
+        found_tool = with_own_tool_point(robot, document.found_tool_mm)
     model = Model(robot, tuple(effects), frozenset(document.held), sigmas, loads, found_tool)
     found = [p.name for p in document.parameters]
     if len(set(found)) < len(found):

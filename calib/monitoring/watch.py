@@ -64,6 +64,8 @@ class Watched(Documented, Viewed):
     poses: int
     when: str = ""  # the date that the dataset tells
     data_problem: DataProblem | None = None  # what is wrong with the sheet; then nothing is said of the cell
+    outside: tuple[str, ...] = ()  # check poses whose joints leave the ranges that were trained
+    outside_words: str = ""
 
     @property
     def rmse_mm(self) -> float:
@@ -92,7 +94,7 @@ class Watched(Documented, Viewed):
 
     @property
     def unseen_words(self) -> tuple[str, ...]:
-        """What these poses could not have seen, a sentence each."""
+        """What these poses could not have seen, and which of them the model is not confirmed at, a sentence each."""
         never = [_detectable_name(d) for d in self.unseen if d.size is None]
         late = [
             f"{_detectable_name(d)} below {size_words(d.size, d.unit)}"
@@ -104,6 +106,8 @@ class Watched(Documented, Viewed):
             out.append(f"never seen by these poses, or taken for the scanner: {', '.join(never)}")
         if late:
             out.append(f"not seen by these poses: {', '.join(late)}")
+        if self.outside_words:
+            out.append(self.outside_words)
         return tuple(out)
 
     def summary(self) -> str:
@@ -152,7 +156,7 @@ def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> Wa
             f"dataset {new.name}: its scanner is {places[0]}, that of {base.dataset.name} {places[1]}; check with the "
             "scanner where it was"
         )
-    cell = Cell.of(base, new, scanner_moved=scanner_moved)
+    cell, trained = Cell.of(base, new, scanner_moved=scanner_moved), base.trained
     p_unchanged = cell.p_unchanged
     problem = sheet_problem(base, new)
     changes = _changes(cell, alarmed=p_unchanged < ALARM) if problem is None else (found_of(problem),)
@@ -170,6 +174,8 @@ def watch(base: Calibration, new: Dataset, *, scanner_moved: bool = False) -> Wa
         poses=cell.poses,
         when=new.about.date,
         data_problem=problem,
+        outside=tuple(new.poses.ids[i] for i in np.flatnonzero(trained.outside(new.robot, new.poses.q))),
+        outside_words=trained.words(new.robot, new.poses.q, new.poses.ids),
     )
 
 

@@ -15,7 +15,7 @@ from calib.robot_formats.chain.serial_chain import SerialChain
 from calib.robot_formats.origin_yaml import OriginYaml, chain_of_yaml, read_origin_yaml, with_yaml_origins
 from calib.robot_formats.robot_file import read_arm, source_links
 from calib.robot_formats.urdf.chain import chain_of_arm
-from calib.robot_formats.urdf.text import with_origins
+from calib.robot_formats.urdf.text import TOOL_POINT_LINK, with_origins
 
 _LOST_MM, _LOST_RAD = 1e-6, 1e-9
 
@@ -66,6 +66,10 @@ def calibrated_urdf(
         )
     elif not text.tip_written:
         notes.append(f"no fixed joint holds link {arm.tip}, so its place on the last joint stays as it was")
+    if found.chain.tool_point_mm is not None:
+        notes.append(
+            f"link {TOOL_POINT_LINK} on {arm.tip} is the measured point, {_place(found.chain)} from it"
+        )
     return CalibratedFile(text.content, text.changed, tuple(notes))
 
 
@@ -80,17 +84,29 @@ def calibrated_yaml(template: Path, calibrated: Robot, nominal: Robot | None = N
 
 
 def _not_in_yaml(origins: OriginYaml, chain: SerialChain, found: CalibratedChain) -> tuple[str, ...]:
-    """What a kinematics file does not hold of the tool or the flange."""
-    if origins.flange is not None and found.tip_known:
-        return ()
+    """What a kinematics file does not hold of the tool, of its measured point, or of the flange."""
+    notes = []
+    if found.chain.tool_point_mm is not None:
+        place = ", ".join(f"{value:.4g}" for value in found.chain.tool_point_mm)
+        notes.append(
+            f"the measured point is no part of a kinematics file: it is {place} mm from its last frame"
+        )
     if not found.tip_known:
-        return ("the tool is no part of a kinematics file",)
+        return ("the tool is no part of a kinematics file", *notes)
+    if origins.flange is not None:
+        return tuple(notes)
     lost = invert(chain.last_T_tip) @ found.chain.last_T_tip
     off_mm = float(np.linalg.norm(lost[:3, 3]))
     turned_rad = float(np.linalg.norm(rotvec_from_rotation(lost[:3, :3])))
-    if off_mm < _LOST_MM and turned_rad < _LOST_RAD:
-        return ()
-    return (
-        f"the calibrated flange is {off_mm:.3g} mm and {np.degrees(turned_rad):.3g} deg off its nominal place on the "
-        "last joint's axis, for which a kinematics file has no number: it is lost",
-    )
+    if off_mm >= _LOST_MM or turned_rad >= _LOST_RAD:
+        notes.append(
+            f"the calibrated flange is {off_mm:.3g} mm and {np.degrees(turned_rad):.3g} deg off its nominal place on "
+            "the last joint's axis, for which a kinematics file has no number: it is lost"
+        )
+    return tuple(notes)
+
+
+def _place(chain: SerialChain) -> str:
+    """ "50.1, -29.5, 119.8 mm"."""
+    assert chain.tool_point_mm is not None
+    return f"{', '.join(f'{value:.4g}' for value in chain.tool_point_mm)} mm"

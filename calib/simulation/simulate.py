@@ -19,6 +19,7 @@ from calib.errors import CalibError
 from calib.jig import Jig
 from calib.kinematics.joint_range import random_poses
 from calib.kinematics.robot import Robot
+from calib.kinematics.tool_point import ending_at_tool_point
 from calib.simulation.carried_scanner import draw_watched_jig, looking_poses
 from calib.simulation.conditions import draw_conditions
 from calib.simulation.measured_dataset import Simulation, measure
@@ -105,6 +106,7 @@ def simulate_dataset(
             f"cannot simulate the effect {facing[0]} with a scanner on the flange: no fit takes it there; simulate a "
             "scanner in the room"
         )
+    robot = ending_at_tool_point(robot)
     if scans and not robot.carries_scanner:
         robot = with_jig(robot, jig)
     base_T_scanner = draw_scanner_pose(robot, rng=rng)

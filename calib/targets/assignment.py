@@ -175,7 +175,7 @@ def nominal_targets(dataset: Dataset, names: Sequence[str]) -> Array:
     out = np.full((len(names), len(dataset.poses), 3), np.nan)
     for k, name in enumerate(names):
         if name == "jig":
-            out[k] = chain.target_mm
+            out[k] = kinematics.tool_points(robot, chain)
             continue
         target = next((t for t in robot.targets if t.name == name), None)
         if target is not None and not target.in_room:

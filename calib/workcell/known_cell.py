@@ -16,6 +16,7 @@ from calib.jig import Jig, jig_geometry
 from calib.kinematics.chain import Chain, forward
 from calib.kinematics.joint_range import joint_range
 from calib.kinematics.robot import Robot
+from calib.kinematics.tool_point import ending_at_tool_point
 from calib.workcell.bodies.arm_bodies import FIXED, ArmBodies, arm_bodies
 from calib.workcell.bodies.link_mesh import load_link_mesh
 from calib.workcell.evident_field import MAX_INCIDENCE_DEG, evident_field, fitted_scanner_place
@@ -62,6 +63,7 @@ def workcell_of_robot(
     Raises:
         CalibError: a joint has no range.
     """
+    robot = ending_at_tool_point(robot)
     notes: list[str] = []
     if jig is not None:
         longer = with_jig(robot, jig)
@@ -122,6 +124,7 @@ def workcell_of_dataset(
             f"dataset {dataset.name}: the scanner is on the flange; which poses can be measured is known for a scanner "
             "in the room alone"
         )
+    dataset = replace(dataset, robot=ending_at_tool_point(dataset.robot))
     names = list(dict.fromkeys(str(name) for name in dataset.poses.setup))
     if setup is not None and setup not in names:
         raise CalibError(f"dataset {dataset.name}: no setup {setup!r}; its setups are {', '.join(names)}")

@@ -7,7 +7,6 @@ from datetime import datetime
 from pathlib import Path
 
 from calib.compensation.corrected_file import corrected_file
-from calib.compensation.target_correction import corrected_joints, needed_columns
 from calib.compensation.targets_csv import load_targets, require_conditions
 from calib.dataset.files.atomic_write import write_text_atomically
 from calib.dataset.files.folder import find_datasets, load_dataset
@@ -20,6 +19,7 @@ from calib.diagnosis.words.phrases import listed, untestable_line
 from calib.effects.catalogue import effects_named
 from calib.errors import CalibError, DatasetError, visible
 from calib.measurement.measured_points import require_corners, with_corners
+from calib.models.fitted_model import FittedModel
 from calib.models.model_file import save_model
 from calib.robot_formats.programs.point_lists import is_point_list, require_point_list
 from calib.screening.curves.effect_file import effect_file_text
@@ -80,18 +80,10 @@ def run_correct(options: CorrectOptions) -> int:
     require_plausible(result, options.force)
     if result.tool_shift is not None:
         print(visible(f"inspector: warning: {result.tool_shift.words}"), file=sys.stderr)
-    needed = needed_columns(result.model, result.fit.x, dataset.poses)
-    require_conditions(targets, needed, result.model.family_names)
-    correction = corrected_joints(
-        dataset.robot,
-        result.model,
-        targets.poses.q,
-        x=result.fit.x,
-        conditions=targets.poses,
-        what=options.what,
-    )
+    model, ids = FittedModel.of(result), targets.poses.ids
+    require_conditions(targets, model.needs, result.model.family_names)
+    correction = model.corrected_joints(targets.poses.q, targets.poses, options.what, dataset.robot, ids)
     write_text_atomically(options.out, corrected_file(options.out, targets, correction))
-    ids = targets.poses.ids
     show(options, documents.correction_document(correction, ids), correction.summary(ids))
     return 0 if correction.reached.all() else 1
 

@@ -33,7 +33,9 @@ def validate_model(options: ValidateOptions, path: Path) -> int:
     for name, was, now in (("train", before.train, after.train), ("test ", before.test, after.test)):
         if was is not None and now is not None:
             lines.append(f"{name} {figures_line(was, now)}")
-    show(options, document, "\n".join([*lines, *after.notes]))
+    if model.trained is not None:
+        lines.append(model.trained.words(dataset.robot, dataset.poses.q, dataset.poses.ids))
+    show(options, document, "\n".join(filter(None, [*lines, *after.notes])))
     return 0
 
 
@@ -48,7 +50,9 @@ def correct_by_model(options: CorrectOptions, path: Path) -> int:
         require_point_list(options.out, dataset.robot.is_revolute.tolist())
     targets = load_targets(options.joints, dataset.robot)
     require_conditions(targets, model.needs, model.model.family_names)
-    correction = model.corrected_joints(targets.poses.q, targets.poses, options.what, dataset.robot)
+    correction = model.corrected_joints(
+        targets.poses.q, targets.poses, options.what, dataset.robot, targets.poses.ids
+    )
     write_text_atomically(options.out, corrected_file(options.out, targets, correction))
     ids = targets.poses.ids
     show(options, documents.correction_document(correction, ids), correction.summary(ids))

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 from calib.calibration.pose_errors import PoseErrors, pose_errors_of
 from calib.calibration.result import Calibration
+from calib.compensation.target_correction import Correction
 from calib.dataset.dataset import Dataset
 from calib.diagnosis.result import Diagnosis
 from calib.identifiability.redundancy import Redundancy
 from calib.models.exported_table import ExportedTable, exported_table
+from calib.models.fitted_model import FittedModel
 from calib.screening.candidates import Screening
 from calib.screening.residual_tests import ResidualTests, run_residual_tests
 from inspector.session.measuring import with_redundancy
@@ -37,6 +39,7 @@ class Report:
     residuals: tuple[ModelResidual, ...]
     redundancy: Redundancy
     table: ExportedTable
+    correction: Correction | None = None  # of the measured poses, where the model has what no table can hold
 
     @property
     def dataset(self) -> Dataset:
@@ -66,7 +69,11 @@ def report_of(session: Session) -> Report:
             before = run_residual_tests(first.calibration.dataset, ranking.projected)
             residuals.insert(0, ModelResidual(ranking_of, pose_errors_of(first.calibration), before))
     table = exported_table(calibration, session.links_alone)
-    return Report(session, calibration, ranking, ranking_of, tuple(residuals), analysis, table)
+    correction = None
+    if calibration.model.family_names:
+        poses = calibration.dataset.poses
+        correction = FittedModel.of(calibration).corrected_joints(poses.q, poses, ids=poses.ids)
+    return Report(session, calibration, ranking, ranking_of, tuple(residuals), analysis, table, correction)
 
 
 def model_name(calibration: Calibration) -> str:

@@ -32,6 +32,7 @@ from inspector.report.arm_drawing import arm_drawing, stride
 from inspector.report.content import Report, model_name
 
 _AGAIN = 3  # poses to measure once more
+_ADVISED = 0.95  # of the measured poses have to be reached, or correcting targets is no advice
 _FIGURES = (("mean", "mean_mm"), ("RMS", "rmse_mm"), ("maximum", "max_mm"))
 
 
@@ -146,6 +147,14 @@ def _table_to_load(report: Report, told: HeadlineFacts) -> str:
 def _compensation(report: Report, told: HeadlineFacts) -> str:
     families = report.calibration.model.family_names
     names = numbers.listing(["the learned curves" if name == LEARNED else name for name in families])
+    correction = report.correction
+    if correction is not None and correction.reached.mean() < _ADVISED:
+        reached, count = int(correction.reached.sum()), len(correction.reached)
+        return (
+            f"No table can hold {names}, and corrected joint targets would not bring the arm there: only {reached} of "
+            f"the {count} measured poses are reached by motions that a correction can be. Mend the cause on the arm, "
+            "and calibrate again."
+        )
     return (
         f"Compensate {names}, which no table can hold: correct the joint targets of your programs (inspector correct), "
         f"and the error goes down to {told.shown(told.stages[-1].error_mm)}. Or mend the cause on the arm, and "

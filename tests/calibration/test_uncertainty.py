@@ -18,6 +18,7 @@ from calib.calibration.uncertainty import (
 )
 from calib.errors import FitError
 from calib.fitting.observations import conditions_at
+from calib.kinematics.tool_point import ending_at_tool_point
 from calib.screening.curves.joint_curves import learn_joint_curves
 from tests.support.arms import dataset_of, elementary_points, jang_arm, park_arm, perturbed
 
@@ -87,7 +88,8 @@ def test_predictions_err_as_much_as_they_say(range_rad: float) -> None:
         result = calibrate(dataset_of(robot, true, rng, poses=40, noise_mm=0.05, range_rad=range_rad))
         q = rng.uniform(-1.2 * range_rad, 1.2 * range_rad, (6, 6))
         covariance = prediction_covariance(result, q)
-        predicted = frames.apply(result.after.scanner_T_base[""], elementary_points(result.robot, q))
+        fitted = ending_at_tool_point(result.robot)
+        predicted = frames.apply(result.after.scanner_T_base[""], elementary_points(fitted, q))
         error = predicted - elementary_points(true, q)
         squared += np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error).tolist()
     assert 2.2 < float(np.mean(squared)) < 4.0

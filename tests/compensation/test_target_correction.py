@@ -23,6 +23,9 @@ from calib.effects.link_errors import LinkErrors
 from calib.errors import FitError
 from calib.fitting.model import Model, geometric_model
 from calib.kinematics.robot import Robot
+from calib.models.fitted_model import FittedModel
+from calib.options import FitOptions
+from calib.simulation.simulate import simulate_dataset
 from inspector.cli.parser import main
 from tests.support.arms import (
     dataset_of,
@@ -99,8 +102,10 @@ def test_real_arms_reach_nearly_every_target(name: str, what: str) -> None:
     true = perturbed(robot, rng, mm=0.3, rad=0.001)
     result = corrected_joints(robot, true, targets(robot, rng, 200), what=what)
     held_to_the_truth(result, true)
-    assert result.reached.mean() > (0.95 if what == "pose" else 0.99)
-    assert all("near singular" in reason for reason in result.reasons if reason)
+    assert result.reached.mean() > (0.93 if what == "pose" else 0.99)
+    assert np.degrees(np.abs(result.change)).max() <= 3.0 + 1e-9
+    why = ("near singular", "would have to change by more than 3 deg")
+    assert all(any(words in reason for words in why) for reason in result.reasons if reason)
     assert np.median(result.uncorrected_mm) > 0.5
 
 
@@ -168,7 +173,7 @@ def test_limits_hold_and_are_named() -> None:
 def test_a_redundant_arm_goes_round_a_limit() -> None:
     rng = np.random.default_rng(3)
     robot, seen = park_arm("panda"), 0
-    true = perturbed(robot, rng)
+    true = perturbed(robot, rng, mm=0.3, rad=0.001)
     q = targets(robot, rng, 30)
     free = corrected_joints(robot, true, q)
     for i in np.flatnonzero(free.reached):
@@ -181,7 +186,7 @@ def test_a_redundant_arm_goes_round_a_limit() -> None:
             held_to_the_truth(result, true)
             assert np.linalg.norm(result.change[0]) >= np.linalg.norm(free.change[i]) - 1e-9
             seen += 1
-    assert seen > 15
+    assert seen > 10
 
 
 def test_beyond_limits_beyond_reach_and_singular() -> None:
@@ -209,7 +214,7 @@ def test_beyond_limits_beyond_reach_and_singular() -> None:
     wrist = corrected_joints(robot, perturbed(robot, rng), [[0.3, 0.4, 1.1, 0.2, 0.0, 0.1]])
     assert not wrist.reached[0]
     assert "near singular" in wrist.reasons[0]
-    assert np.abs(wrist.change).max() <= np.radians(15.0) + 1e-12
+    assert np.abs(wrist.change).max() <= np.radians(3.0) + 1e-12
     assert wrist.position_error_mm[0] <= 1.0  # and still closer than without
 
 
@@ -338,8 +343,12 @@ def test_the_command(capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: P
     out = tmp_path / "corrected.csv"
     assert main(["correct", str(cell), "--joints", str(joints), "--out", str(out), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document["what"] == "pose"
-    assert document["unreached"] == []
+    assert document["what"] == "position"  # a point tells no attitude
+    assert "no attitude is claimed" in document["attitude"]
+    assert document["unreached"] == document["not_reached"] == []
+    assert document["reached"] == 2
+    assert 0.0 < document["largest_move_deg"] < 3.0
+    assert document["outside"] == []
     assert [t["pose"] for t in document["targets"]] == ["grip", "place"]
     assert all(t["position_error_mm"] <= 1e-9 and t["uncorrected_mm"] > 0.1 for t in document["targets"])
     written = pd.read_csv(out)
@@ -358,7 +367,16 @@ def test_the_command(capsys: pytest.CaptureFixture[str], cell: Path, tmp_path: P
     assert main(["correct", str(cell), "--joints", str(joints), "--out", str(out)]) == 1
     assert "2: missed by" in (words := capsys.readouterr().out)
     assert "J3 stands at its limit of 180 deg" in words
-    assert pd.read_csv(out)["reached"].tolist() == [True, False]
+    written = pd.read_csv(out)
+    assert written["reached"].tolist() == [True, False]
+    assert written.loc[1, [f"q{k}_deg" for k in range(1, 7)]].isna().all()
+    assert "1 pose is outside the joint ranges that were trained" in words
+    arguments = ["correct", str(cell), "--joints", str(joints), "--out", str(out), "--json"]
+    assert main(arguments) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert [one["pose"] for one in document["not_reached"]] == document["outside"] == ["2"]
+    assert "stands at its limit" in document["not_reached"][0]["why"]
+    assert document["targets"][1]["q"] is None
 
 
 def test_the_command_refuses_in_one_line(
@@ -477,3 +495,50 @@ def test_targets_have_the_conditions_that_poses_may_have(
         assert says in (said := capsys.readouterr().err)
         assert said.count("\n") == 1
         assert not out.exists()
+
+
+def test_full_poses_know_the_attitude_that_points_do_not() -> None:
+    rng = np.random.default_rng(3)
+    robot = builtin_robot("rb5")
+    dataset = simulate_dataset(robot, rng=rng, poses=40, orientation_sigma_rad=1e-4).dataset
+    q = targets(robot, rng, 60) * 0.6
+    poses = FittedModel.of(calibrate(dataset, FitOptions("pose"))).corrected_joints(q)
+    points = FittedModel.of(calibrate(dataset)).corrected_joints(q)
+    assert (poses.what, points.what) == ("pose", "position")
+    assert poses.attitude_sigma_rad is not None
+    assert points.attitude_sigma_rad is not None
+    assert poses.attitude_sigma_rad.max() < 1e-3 < points.attitude_sigma_rad.min()
+    for correction, least in (
+        (poses, 0.85),
+        (points, 0.95),
+    ):  # an attitude near a singular wrist takes large turns
+        assert correction.reached.mean() >= least
+        assert np.degrees(np.abs(correction.change[correction.reached])).max() <= 3.0 + 1e-9
+    exact = poses.reached & (poses.orientation_error_rad <= 1e-12)
+    assert exact.mean() > 0.8
+    assert poses.attitude_sigma_rad is not None
+    assert (poses.orientation_error_rad <= np.maximum(poses.attitude_sigma_rad, 1e-12))[poses.reached].all()
+
+
+def test_a_joint_whose_zero_is_far_off_may_be_corrected_by_as_much() -> None:
+    robot = builtin_robot("rb5")
+    table = robot.table.copy()
+    table[2, 3] += np.radians(5.0)
+    true = robot.with_table(table)
+    q = targets(robot, np.random.default_rng(0), 20) * 0.6
+    result = corrected_joints(robot, true, q, what="pose")
+    assert result.reached.all()
+    assert np.median(np.degrees(result.change[:, 2])) == pytest.approx(-5.0, abs=1e-6)
+
+
+def test_a_position_is_met_with_the_tool_turned_as_little_as_small_motions_allow() -> None:
+    """The free motion lessens the tool's turn, where the least motion alone would add to it."""
+    rng = np.random.default_rng(8)
+    robot = builtin_robot("rb5")
+    true = perturbed(robot, rng, mm=0.5, rad=0.002)
+    q = targets(robot, rng, 100) * 0.6
+    result = corrected_joints(robot, true, q, what="position")
+    assert result.reached.mean() > 0.97
+    turn = tool_axes(true, result.q) - tool_axes(robot, q)
+    before = tool_axes(true, q) - tool_axes(robot, q)
+    assert np.median(np.abs(turn).max(axis=1)) < 0.2 * np.median(np.abs(before).max(axis=1))

@@ -116,7 +116,7 @@ def test_degrees_as_typed_stay_as_typed(tmp_path: Path) -> None:
         ("max_mm = 50.0", "max_mm = -60.0", "not above min_mm"),
         ("[tool]", "[tooth]", "found no [tool]"),
         ("xyz_mm = [1.0, 2.0, 3.0]", "xyz_mm = [1.0, 2.0]", "three finite numbers"),
-        ('name = "smr2"', 'name = "jig"', "each target needs its own"),
+        ('name = "smr2"', 'name = "jig"\njoint = 1', "the tool's measured point is on the last link"),
         ("a_mm = 100.0", "a_mm = = 1", "not valid TOML"),
     ],
 )

@@ -14,9 +14,9 @@ from calib.corners.search import CornerSearch
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.points_csv import points_frame
 from calib.dataset.files.robot_toml import builtin_robot
-from calib.fitting.tool_point.placement import tool_point, with_tool_point
 from calib.frames import mean_rotation
 from calib.jig import Jig, jig_normals
+from calib.kinematics.tool_point import tool_point, with_tool_point
 from calib.measurement.face_labels import label_corners
 from calib.measurement.labels import FaceLabels
 from calib.measurement.measured_points import with_corners

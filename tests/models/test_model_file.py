@@ -22,6 +22,7 @@ from calib.compensation.target_correction import plain_poses
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.dataset.files.robot_toml import builtin_robot
+from calib.dataset.trained_range import TrainedRange
 from calib.diagnosis.search_space import add_in_turn
 from calib.effects.catalogue import CATALOGUE, effects_for, effects_named
 from calib.effects.catalogue.joints import StrainWave
@@ -104,8 +105,9 @@ def test_it_predicts_and_corrects_the_same(fitted: Calibration, dataset: Dataset
     predicted = loaded.predict(poses.q, poses)
     np.testing.assert_allclose(predicted, model.predict(x, poses), rtol=0, atol=1e-12)
     some = poses.select(np.arange(4))
-    expected = calib.corrected_joints(dataset.robot, model, some.q, x=x, conditions=some)
-    np.testing.assert_array_equal(loaded.corrected_joints(some.q, some).q, expected.q)
+    expected = calib.corrected_joints(dataset.robot, model, some.q, x=x, conditions=some, what="position")
+    np.testing.assert_array_equal(loaded.corrected_joints(some.q, some, "position").q, expected.q)
+    assert loaded.trained == TrainedRange.of(dataset)
     np.testing.assert_allclose(loaded.evaluate(dataset).error_mm, fitted.after.error_mm, rtol=0, atol=1e-12)
     with pytest.raises(FitError, match="depends on payload_kg, temperature_c"):
         loaded.predict(poses.q)

@@ -66,7 +66,9 @@ def test_a_test_error_of_a_multiple_of_the_training_error_is_a_warning() -> None
         assert expected == pytest.approx(
             np.sqrt((111 + 25) / (111 - 25)), abs=0.01
         )  # 19 and a frame of 37 poses
-        assert found.passed is (poses == 1)  # all of them break what the fit promised; of one it may be the pose
+        assert found.passed is (
+            poses == 1
+        )  # all of them break what the fit promised; of one it may be the pose
         assert f"test against training: {against.description}" in found.warnings
         if poses > 1:
             assert any(reason.startswith("promise: the test poses are off by") for reason in found.reasons)

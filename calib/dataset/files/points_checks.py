@@ -111,7 +111,7 @@ def order_doubt(robot: Robot, poses: Poses, points: Points, by_order: Mapping[st
     if robot.carries_scanner:
         tool = np.swapaxes(chain.base_T_flange[:, :3, :3], 1, 2)
     else:
-        by_points = _turn_by_points(chain.target_mm, points.xyz_mm[rows])
+        by_points = _turn_by_points(kinematics.tool_points(robot, chain), points.xyz_mm[rows])
     for placed in (None,) if by_points is None else (by_points, None):
         as_read_deg = _misfit_deg(tool, points.orientations.scanner_R_jig[rows], placed)
         fits = {order: _misfit_deg(tool, turns[rows], placed) for order, turns in by_order.items()}

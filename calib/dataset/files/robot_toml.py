@@ -12,7 +12,7 @@ import numpy as np
 import tomli_w
 
 from calib.errors import DatasetError
-from calib.kinematics.robot import TARGET_TOLERANCE_MM, Base, Joint, Robot, Target, Tool
+from calib.kinematics.robot import TARGET_TOLERANCE_MM, TOOL_POINT, Base, Joint, Robot, Target, Tool
 from calib.options import BUILTIN_ROBOTS
 from calib.text_files.toml_table import TomlTable
 
@@ -46,9 +46,11 @@ def load_robot(path: Path) -> Robot:
             raise table.error(
                 "xyz_mm", "the key is missing", "add xyz_mm = [x, y, z] in the last joint's frame"
             )
-        if name == "jig" or name in {target.name for target in targets}:
+        if name in {target.name for target in targets}:
+            raise table.error("name", f"found {name!r} a second time", "each target needs its own")
+        if name == TOOL_POINT and _joint_of(table, len(joints)) is not None:
             raise table.error(
-                "name", f"found {name!r} a second time", 'each target needs its own ("jig" is the tool)'
+                "joint", f"found one for {name!r}", "the tool's measured point is on the last link"
             )
         tolerance_mm = table.number("tolerance_mm", TARGET_TOLERANCE_MM, positive=True) or TARGET_TOLERANCE_MM
         targets.append(Target(name, xyz_mm, tolerance_mm, _joint_of(table, len(joints))))

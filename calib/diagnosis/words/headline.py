@@ -13,6 +13,7 @@ from calib.calibration.noise_level import FIT, NoiseLevel, noise_level
 from calib.calibration.result import Calibration
 from calib.diagnosis.words.conclusions import HeldOutError
 from calib.diagnosis.words.phrases import length_digits, listed, times_text
+from calib.fitting.tool_point.placement import ToolShift
 from calib.screening.curves.smooth_joint_error import LEARNED
 
 NOISE_AGREES = 1.5  # times the noise: up to this an error is what noise leaves, as few poses can tell
@@ -25,17 +26,18 @@ class ErrorStage:
 
     name: str  # "as delivered", "with calibrated links", "with joint_compliance"
     error_mm: float  # 3D RMSE
-    step: int | None  # which of the calibrations it is of; None for the nominal robot
+    step: int | None  # which of the calibrations it is of; None for the arm as delivered
     effects: tuple[str, ...] = ()  # that this stage added
 
 
 @dataclass(frozen=True)
 class Headline:
-    """The way from the nominal robot to the last model, and what noise alone would leave."""
+    """The way from the arm as delivered to the last model, and what noise alone would leave."""
 
-    stages: tuple[ErrorStage, ...]  # the nominal robot first
+    stages: tuple[ErrorStage, ...]  # the arm as delivered first
     noise: NoiseLevel
     of_test_poses: bool  # else there are none, and the errors are of the poses that were fitted
+    tool: ToolShift | None = None  # where the tool point was found, where robot.toml has it far off
 
     @property
     def noise_mm(self) -> float | None:
@@ -79,7 +81,7 @@ def headline_of(calibrations: Sequence[Calibration]) -> Headline:
         name = _name(new, with_links=len(stages) == 1)
         stages.append(ErrorStage(name, _error_mm(calibrations[step], of_test_poses), step, new))
         inside = effects
-    return Headline(tuple(stages), noise_level(last), of_test_poses)
+    return Headline(tuple(stages), noise_level(last), of_test_poses, last.tool_shift)
 
 
 def _on_the_way(effects: Sequence[tuple[str, ...]]) -> list[int]:
@@ -133,6 +135,11 @@ def headline_note(told: Headline) -> str:
         if told.of_test_poses
         else "3D error (RMS) at the poses that were fitted: there are no test poses, so nothing confirms it."
     )
+    if told.tool is not None:
+        of += (
+            f" The tool point was found {length_digits(told.tool.off_mm)} mm from where robot.toml has it; that is no "
+            "error of the arm and counts in none of these figures."
+        )
     if told.stages[-1].error_mm > told.stages[0].error_mm:
         of += " It rose: the fit is worse than robot.toml as it was, so do not put it on the robot."
     ratio = told.noise_ratio

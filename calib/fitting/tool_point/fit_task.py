@@ -8,14 +8,15 @@ import numpy as np
 
 from calib.array_types import Array, BoolArray
 from calib.effects.effect import Effect
-from calib.effects.link_errors import LinkErrors
+from calib.effects.link_errors import LinkErrors, TargetOffsets, target_parameter_names
 from calib.fitting.fit import Fit, Iteration
 from calib.fitting.model import Model
 from calib.fitting.observations import Observations, with_nominal_scanner_frames
 from calib.fitting.residual import Residuals
 from calib.fitting.residual_kinds import make_residuals
 from calib.fitting.robust import solve_with_tails
-from calib.fitting.tool_point.far_off import fitted_tool_point, search_tool_point, with_loose_tool
+from calib.fitting.tool_point.far_off import fitted_tool_point, search_tool_point, turning_tool_point
+from calib.fitting.tool_point.placement import with_found_tool
 from calib.fitting.trust_region import solve
 from calib.kinematics.robot import Robot
 from calib.options import FitOptions
@@ -43,6 +44,11 @@ class FitTask:
         assert isinstance(self.geometry[0], LinkErrors)
         return self.geometry[0]
 
+    @property
+    def offsets(self) -> TargetOffsets | None:
+        """Of the further targets that were measured; None where there are none."""
+        return next((effect for effect in self.geometry if isinstance(effect, TargetOffsets)), None)
+
     def of_geometry_alone(self) -> FitTask:
         """The corrections of robot.toml without the effects: where a fit of all begins."""
         return replace(self, model=Model(self.model.robot, self.geometry, self.model.held))
@@ -54,8 +60,8 @@ class FitTask:
     def fitted_to_tool(self) -> Fitted:
         """The fit with the tool point held near where robot.toml has it, or, where that is far off, near where it is.
 
-        The points alone tell that it is far off, or a fit that moves it further than tolerances allow. In the end the
-        fit has the last word. A scanner on the flange does not see the tool.
+        The points alone tell that it is far off, or a fit that moves it further than tolerances allow, or turns the tip
+        to move it. In the end the fit has the last word. A scanner on the flange does not see the tool.
         """
         if self.model.robot.carries_scanner:
             return self.fitted(None)
@@ -66,19 +72,22 @@ class FitTask:
             not self.options.prior
         ):  # then parameters that the data do not know move freely, and the tool with them
             return first
-        confirmed = fitted_tool_point(first.model, first.fit, self.links)
-        if (found is None) == (confirmed is None):
-            return first
-        second = self.fitted(confirmed)
-        if confirmed is not None and fitted_tool_point(second.model, second.fit, self.links) is None:
-            return first
-        return second
+        settled = first
+        confirmed = fitted_tool_point(first.model, first.fit, self.links, held)
+        if (found is None) != (confirmed is None):
+            second = self.fitted(confirmed)
+            if confirmed is None or fitted_tool_point(second.model, second.fit, self.links, held) is not None:
+                settled = second
+        if settled.model.tool_found is None:
+            turning = turning_tool_point(settled.model, settled.fit, self.links, held)
+            settled = settled if turning is None else self.fitted(turning)
+        return settled
 
     def fitted(self, tool_found: Robot | None, before: Fit | None = None) -> Fitted:
         """The fit from where `before` ended, else from the nominal robot, with its tool point where it was found."""
         model, prior = self.model, self.options.prior
         if tool_found is not None:
-            model = with_loose_tool(model, self.links, tool_found)
+            model = with_found_tool(model, self.links, self.offsets, self.observed, tool_found)
         observed = with_nominal_scanner_frames(self.observed, model.placed_robot)
         way: tuple[Iteration, ...] = ()  # of the fits before this one
         if before is not None:
@@ -106,14 +115,10 @@ class FitTask:
 def _to_found_tool(model: Model, residuals: Residuals) -> tuple[Iteration, ...]:
     """From the nominal robot to the same with its tool point where it was found, as if a step of the solver."""
     nominal = np.zeros(len(model.parameters))
-    change = dict(
-        zip(
-            model.robot.parameter_names,
-            (model.placed_robot.table - model.robot.table).ravel().tolist(),
-            strict=True,
-        )
-    )
-    found = np.array([change.get(p.name, 0.0) for p in model.parameters])
+    own = model.placed_robot.own_tool_point
+    assert own is not None
+    place_mm = dict(zip(target_parameter_names(own), own.xyz_mm, strict=True))
+    found = np.array([place_mm[p.name] - p.nominal if p.name in place_mm else 0.0 for p in model.parameters])
 
     def at(x: Array, step: float) -> Iteration:
         residual = residuals.residual(x)

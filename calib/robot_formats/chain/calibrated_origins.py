@@ -25,9 +25,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.array_types import Array, BoolArray
-from calib.frames import best_fit_rotation, invert, make_transform, rotation_from_rpy, skew
+from calib.frames import apply, best_fit_rotation, invert, make_transform, rotation_from_rpy, skew
 from calib.kinematics.robot import PARAMETER_KINDS, Robot
-from calib.robot_formats.chain.five_parameters import frames_at_zero, robot_of
+from calib.robot_formats.chain.five_parameters import frames_at_zero, robot_of, vector
 from calib.robot_formats.chain.serial_chain import RobotFileError, SerialChain, axis_frame
 
 _THETA = PARAMETER_KINDS.index("theta")
@@ -85,7 +85,15 @@ def with_calibration(
         joints.append(replace(joint, before_T_joint=invert(before) @ base_T_joint))
         before = base_T_joint
     last_T_tip = invert(before) @ after[-1] if tip_known else chain.last_T_tip
-    return CalibratedChain(replace(chain, joints=tuple(joints), last_T_tip=last_T_tip), tip_known)
+    own = calibrated.own_tool_point
+    tip_T_frame = invert(before @ last_T_tip) @ after[-2]
+    found = replace(
+        chain,
+        joints=tuple(joints),
+        last_T_tip=last_T_tip,
+        tool_point_mm=None if own is None else vector(apply(tip_T_frame, own.xyz_mm)),
+    )
+    return CalibratedChain(found, tip_known)
 
 
 def _by_lines(chain: SerialChain, base_T_chain: Array, lines: Array) -> list[Array]:

@@ -20,6 +20,7 @@ from calib.array_types import Array
 from calib.frames import apply, invert, make_transform, rotation_from_rpy, rpy_from_rotation
 from calib.kinematics.chain import forward
 from calib.kinematics.robot import Base, Joint, Robot, Tool, Vector
+from calib.kinematics.tool_point import tip_T_last
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, axis_frame
 
 _STEEP = np.sqrt(0.5)  # sine of the angle above which two axes are joined at their common normal
@@ -60,7 +61,7 @@ def robot_of(chain: SerialChain, near_mm: Sequence[ArrayLike] | None = None) -> 
         tool=Tool(*tool),
         gravity_m_s2=chain.gravity_m_s2,
         coupling=chain.coupling,
-        base=Base(_vector(xyz), (roll, pitch, yaw)),
+        base=Base(vector(xyz), (roll, pitch, yaw)),
     )
 
 
@@ -86,12 +87,19 @@ def chain_of(robot: Robot) -> SerialChain:
                 min=joint.min,
                 max=joint.max,
                 mass_kg=mass_kg,
-                com_mm=None if com_mm is None else _vector(apply(joint_T_frame, com_mm)),
+                com_mm=None if com_mm is None else vector(apply(joint_T_frame, com_mm)),
                 gear_ratio=joint.gear_ratio,
             )
         )
         before = joint_T_frame
-    return SerialChain(robot.name, tuple(joints), before @ row_transform(robot.tool.row), robot.gravity_m_s2)
+    own = robot.own_tool_point
+    return SerialChain(
+        robot.name,
+        tuple(joints),
+        before @ row_transform(robot.tool.row),
+        robot.gravity_m_s2,
+        tool_point_mm=None if own is None else vector(apply(tip_T_last(robot), own.xyz_mm)),
+    )
 
 
 def frames_at_zero(robot: Robot) -> Array:
@@ -174,7 +182,7 @@ def _least_turn(angle_rad: float) -> float:
 
 
 def _joint(joint: ChainJoint, row: Row, frame_T_joint: Array) -> Joint:
-    com_mm = None if joint.com_mm is None else _vector(apply(frame_T_joint, joint.com_mm))
+    com_mm = None if joint.com_mm is None else vector(apply(frame_T_joint, joint.com_mm))
     return Joint(
         *row,
         name=joint.name,
@@ -196,9 +204,10 @@ def _with_tool(robot: Robot) -> tuple[float | None, Vector | None]:
     moment = (link.mass_kg or 0.0) * np.array(link.com_mm or (0.0, 0.0, 0.0)) + tool.mass_kg * np.array(
         tool.com_mm
     )
-    return mass_kg, _vector(moment / mass_kg)
+    return mass_kg, vector(moment / mass_kg)
 
 
-def _vector(values: Array) -> Vector:
+def vector(values: Array) -> Vector:
+    """x, y, z (3,) mm without what rounding alone has left in them."""
     x, y, z = (0.0 if abs(value) < _ROUNDING_MM else float(value) for value in values)
     return (x, y, z)

@@ -10,12 +10,14 @@ import numpy as np
 
 from calib.array_types import Array
 from calib.errors import visible
-from calib.frames import invert, rpy_from_rotation
+from calib.frames import invert, make_transform, rpy_from_rotation
 from calib.robot_formats.chain.serial_chain import ChainJoint, RobotFileError, SerialChain, axis_frame
 from calib.robot_formats.urdf.chain import ArmPath
 from calib.robot_formats.urdf.safe_xml import Element
 from calib.robot_formats.urdf.tree import UrdfJoint
 
+TOOL_POINT_LINK = "tool_point"
+"""The link that holds the measured point of the tool, where that is not the tip itself; its axes are the tip's."""
 _GYRATION_M = (
     0.05  # robot.toml has no inertias, readers of URDF ask for some; gravity and places do not depend on it
 )
@@ -35,8 +37,9 @@ class UrdfText:
 def with_origins(arm: ArmPath, chain: SerialChain, comment: str = "") -> UrdfText:
     """The text of the arm's file with the origins of a chain that has its joints, their fixed ones kept.
 
-    Each joint that moves takes its own change; the tip's goes into the last fixed joint before it. Where an origin
-    changes and there is a comment, it stands behind the first line of <robot>.
+    Each joint that moves takes its own change; the tip's goes into the last fixed joint before it. A measured point of
+    its own becomes a link on the tip. Where an origin changes and there is a comment, it stands behind the first line
+    of <robot>.
     """
     wanted = iter([*(joint.before_T_joint for joint in chain.joints), chain.last_T_tip])
     edits: list[tuple[int, int, bytes]] = []
@@ -58,11 +61,21 @@ def with_origins(arm: ArmPath, chain: SerialChain, comment: str = "") -> UrdfTex
     else:
         tip_written = bool(np.abs(last - np.eye(4)).max() < 1e-9)
     content = arm.tree.file.content
+    added = ""
     if changed and comment:
-        start = arm.tree.file.root.start
-        end = _tag_end(content, start)
         words = comment.replace("--", "- -").rstrip("-")
-        edits.append((end, end, f"\n  <!-- {words} -->".encode()))
+        added = f"\n  <!-- {words} -->"
+    if chain.tool_point_mm is not None:
+        place = make_transform(np.eye(3), chain.tool_point_mm)
+        standing = arm.tree.joint_of.get(TOOL_POINT_LINK)
+        if standing is not None and standing.parent == arm.tip and not standing.moves:
+            edits += _edit(arm, standing, place, changed)
+        else:
+            names = {*arm.tree.links, *(joint.name for joint in arm.tree.joint_of.values())}
+            added += "".join(f"\n{line}" for line in _tool_point_lines(arm.tip, place, names))
+    if added:
+        end = _tag_end(content, arm.tree.file.root.start)
+        edits.append((end, end, added.encode()))
     for start, end, new in sorted(edits, reverse=True):
         content = content[:start] + new + content[end:]
     return UrdfText(content, tuple(changed), tip_written)
@@ -162,9 +175,11 @@ def plain_urdf(chain: SerialChain, comment: str = "") -> str:
             lines.append(f'    <limit lower="{low!r}" upper="{high!r}" effort="0" velocity="0"/>')
         lines.append("  </joint>")
         before = link
+    lines += [*_joint_lines("tool_fixed", "fixed", before, tip, chain.last_T_tip), "  </joint>"]
+    if chain.tool_point_mm is not None:
+        taken = {*names, *links, base, tip}
+        lines += _tool_point_lines(tip, make_transform(np.eye(3), chain.tool_point_mm), taken)
     lines += [
-        *_joint_lines("tool_fixed", "fixed", before, tip, chain.last_T_tip),
-        "  </joint>",
         "</robot>",
         "",
     ]
@@ -197,6 +212,17 @@ def _link(name: str, mass_kg: float | None, com_mm: tuple[float, float, float] |
         f'      <inertia ixx="{inertia!r}" ixy="0" ixz="0" iyy="{inertia!r}" iyz="0" izz="{inertia!r}"/>',
         "    </inertial>",
         "  </link>",
+    ]
+
+
+def _tool_point_lines(tip: str, place: Array, taken: set[str]) -> list[str]:
+    """A link on the tip at the measured point, under names that the file does not have yet."""
+    names = [TOOL_POINT_LINK, *(f"{TOOL_POINT_LINK}_{k}" for k in range(2, len(taken) + 3))]
+    link = next(name for name in names if name not in taken and f"{name}_fixed" not in taken)
+    return [
+        f"  <link name={quoteattr(link)}/>",
+        *_joint_lines(f"{link}_fixed", "fixed", tip, link, place),
+        "  </joint>",
     ]
 
 

@@ -110,7 +110,9 @@ def correct_arguments(sub: ArgumentParser) -> None:
         help="write the corrected targets: .csv, or a point list as .script (URScript), .dat (KRL), .mod (RAPID)",
     )
     sub.add_argument(
-        "--what", choices=CORRECTION_KINDS, help="default: pose for six joints and more, else position"
+        "--what",
+        choices=CORRECTION_KINDS,
+        help="what is brought right (default: pose where the fit knows the attitude, else position)",
     )
     sub.add_argument("--force", action="store_true", help="go on although the fit is no improvement")
     add_model(sub, "use this saved model and fit nothing")

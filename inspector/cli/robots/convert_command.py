@@ -55,7 +55,7 @@ def _not_in_urdf(robot: Robot) -> list[str]:
     x, y, z = robot.gravity_m_s2
     if x or y or z > 0.0:
         notes.append("the base does not stand upright: it hangs on a link world, whose z axis points up")
-    if robot.targets:
+    if any(target is not robot.own_tool_point for target in robot.targets):
         notes.append("further targets are left out")
     if any(joint.mass_kg for joint in robot.joints):
         notes.append("the inertias in it are placeholders, as robot.toml has masses only")

@@ -16,7 +16,7 @@ from calib.diagnosis.result import Diagnosis
 from calib.errors import CalibError
 from calib.identifiability.redundancy import Redundancy
 from calib.identifiability.structural import redundancy
-from calib.kinematics.chain import forward
+from calib.kinematics.chain import target_points
 from calib.kinematics.robot import Robot
 from inspector.figures import (
     plots,
@@ -115,7 +115,7 @@ def where_measured(dataset: Dataset, *, dark: bool = False) -> go.Figure:
     Needs no measured points, so it may be drawn of a dataset of scans or of poses that are planned.
     """
     poses, robot = dataset.poses, dataset.robot
-    place_mm = forward(robot.table, poses.q, robot.is_revolute, robot.base_T_first).target_mm
+    place_mm = target_points(robot, poses.q)
     drawn = residual_plots.places_by_role(place_mm, poses.ids, poses.role.tolist(), dark=dark)
     return titled(drawn, f"Where it is measured: {dataset.name}", dark=dark, height_px=_TALL_PX)
 

@@ -16,11 +16,13 @@ from calib.calibration.plausibility import implausibility_reason
 from calib.compensation.target_correction import corrected_joints
 from calib.dataset.dataset import Dataset
 from calib.dataset.files.folder import write_dataset
-from calib.dataset.files.robot_toml import builtin_robot
+from calib.dataset.files.robot_toml import builtin_robot, load_robot, robot_to_toml
 from calib.diagnosis.diagnose import diagnose
 from calib.effects.catalogue import effects_named
-from calib.fitting.tool_point.placement import tool_point, with_tool_point
+from calib.effects.link_errors import TOLERANCE_RAD
+from calib.fitting.tool_point.placement import tip_turn_rad
 from calib.kinematics.robot import Robot, Target
+from calib.kinematics.tool_point import tool_point, with_tool_point
 from calib.models.model_file import load_model, save_model
 from calib.options import FitOptions
 from calib.simulation.simulate import simulate_dataset
@@ -91,7 +93,7 @@ def test_several_setups_and_further_targets_do_not_mislead() -> None:
     further = replace(dataset.robot, targets=(Target("smr2", (12.0, -40.0, 80.0)),))
     twice = replace(dataset, robot=further)
     wrong = calibrate(with_wrong_tool(twice, (0.0, -150.0, 60.0)))
-    assert wrong.robot.targets == further.targets
+    assert wrong.robot.targets[1:] == further.targets
     assert wrong.after.test is not None
     assert wrong.after.test.rmse_mm == pytest.approx(right_mm, rel=1e-3)
 
@@ -135,8 +137,8 @@ def test_what_the_user_asks_for_wins() -> None:
     loose = calibrate(wrong, FitOptions(tolerances=tolerances))
     assert loose.model.tool_found is None
     narrow = calibrate(wrong, FitOptions(tolerances={"aTCP": 1e-6})).to_frame().set_index("name")
-    assert narrow.loc["aTCP", "tolerance"] == 1e-6
-    assert narrow.loc["dTCP", "tolerance"] > 50.0
+    assert narrow.loc["jig.x", "tolerance"] == 1e-6
+    assert narrow.loc["jig.z", "tolerance"] > 50.0
     held = calibrate(wrong, FitOptions(held=("aTCP", "dTCP", "thetaTCP")))
     assert held.model.tool_found is None
     np.testing.assert_array_equal(held.robot.table[-1, [0, 2, 3]], wrong.robot.table[-1, [0, 2, 3]])
@@ -181,16 +183,46 @@ def test_outliers_move_no_tool() -> None:
         assert calibrate(spoilt, options).tool_shift is None
 
 
-def test_a_row_turned_to_reach_the_point_turns_no_corrected_target(tmp_path: Path) -> None:
-    """The nominal tool's place and attitude are the goal; the row's theta says nothing of the tool's attitude."""
+def test_a_tool_that_is_found_keeps_its_attitude(tmp_path: Path) -> None:
+    """One measured point knows nothing of how the tool is turned about it, nor of the rows behind the last axis."""
     robot = builtin_robot("rb5")
     beside = with_tool_point(robot, tool_point(robot.table) + np.array([0.0, 30.0, 0.0]))
     q = np.random.default_rng(0).uniform(-0.3, 0.3, (4, 6)) + np.array([0.0, 0.3, 1.4, 0.5, 1.4, 0.0])
     result = calibrate(replace(simulated(beside), robot=robot))
     save_model(result, tmp_path / "model.json")
     assert result.model.tool_found is not None
-    assert abs(result.robot.tool.theta_rad - result.dataset.robot.tool.theta_rad) > 1.0
-    for model in (result.model, load_model(tmp_path / "model.json").model):
+    np.testing.assert_array_equal(result.robot.table[-2:], robot.table[-2:])
+    assert result.robot.own_tool_point is not None
+    np.testing.assert_allclose(result.robot.own_tool_point.xyz_mm, tool_point(beside.table), atol=2.0)
+    loaded = load_model(tmp_path / "model.json")
+    assert loaded.model.tool_found == result.model.tool_found
+    assert loaded.robot == result.robot
+    for model in (result.model, loaded.model):
         correction = corrected_joints(robot, model, q, x=result.fit.x, what="pose")
         assert correction.reached.all()
-        assert np.degrees(np.abs(correction.change)).max() < 10.0  # 30 mm; a row's turn would be 90 degrees
+        assert np.degrees(np.abs(correction.change)).max() < 3.0
+
+
+def test_a_tool_point_within_tolerance_is_told_apart_from_a_turn_of_the_tip() -> None:
+    """What the last rows reach only by turning the tip by more than their tolerances is a point of its own."""
+    robot = builtin_robot("rb5")
+    beside = with_tool_point(robot, tool_point(robot.table) + np.array([3.0, 3.0, 0.0]))
+    result = calibrate(replace(simulated(beside), robot=robot))
+    assert tip_turn_rad(robot, result.robot) <= TOLERANCE_RAD
+
+
+def test_a_calibrated_robot_with_a_tool_point_of_its_own_is_read_back_and_fitted(tmp_path: Path) -> None:
+    robot = builtin_robot("rb5")
+    beside = with_tool_point(robot, tool_point(robot.table) + np.array([0.0, 30.0, 50.0]))
+    dataset = replace(simulated(beside), robot=robot)
+    result = calibrate(dataset)
+    (tmp_path / "robot.toml").write_text(robot_to_toml(result.robot))
+    again = load_robot(tmp_path / "robot.toml")
+    assert again.targets == result.robot.targets
+    for residual in ("position", "distance"):
+        anew = calibrate(replace(dataset, robot=again), FitOptions(residual))
+        assert anew.model.tool_found is None
+        assert anew.before.test is not None
+        assert result.after.test is not None
+        assert anew.before.test.rmse_mm == pytest.approx(result.after.test.rmse_mm, rel=1e-6)
+        np.testing.assert_allclose(anew.robot.table[-2:], result.robot.table[-2:], atol=1e-12)

@@ -1,0 +1,245 @@
+"""Arms as URDF text, measured by a tracker at a ball that their files do not know; the truth is computed here alone."""
+
+from __future__ import annotations
+
+import csv
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+UR_LIKE = (
+    ("0 0 0.1807", "0 0 0", "0 0 1"),
+    ("0 0 0", "1.570796327 0 0", "0 0 1"),
+    ("-0.6127 0 0", "0 0 0", "0 0 1"),
+    ("-0.57155 0 0.17415", "0 0 0", "0 0 1"),
+    ("0 -0.11985 0", "1.570796327 0 0", "0 0 1"),
+    ("0 0.11655 0", "1.570796327 3.141592653589793 3.141592653589793", "0 0 1"),
+)
+SEVEN_AXES = (
+    ("0 0 0.333", "0 0 0", "0 0 1"),
+    ("0 0 0", "-1.5707963 0 0", "0 0 1"),
+    ("0 -0.316 0", "1.5707963 0 0", "0 0 1"),
+    ("0.0825 0 0", "1.5707963 0 0", "0 0 1"),
+    ("-0.0825 0.384 0", "-1.5707963 0 0", "0 0 1"),
+    ("0 0 0", "1.5707963 0 0", "0 0 1"),
+    ("0.088 0 0", "1.5707963 0 0", "0 0 1"),
+)
+OFFSET_WRIST = (
+    ("0 0 0.2", "0 0 0", "0 0 1"),
+    ("0.05 0 0.2", "0 0 0", "0 1 0"),
+    ("0 0 0.45", "0 0 0", "0 1 0"),
+    ("0.08 0.03 0.06", "0 0 0", "1 0 0"),
+    ("0.38 0.02 0.01", "0 0 0", "0 1 0"),
+    ("0.09 0 -0.015", "0 0 0", "1 0 0"),
+)
+TIP = ("0 0.0922 0.01", "0 0 1.57")  # of link ee_link on the last
+BALL_IN_TIP_MM = np.array([50.0, -30.0, 120.0])
+
+
+def numbers(text: str) -> np.ndarray:
+    return np.array([float(part) for part in text.split()])
+
+
+def turned(rpy: np.ndarray) -> np.ndarray:
+    """(3, 3) about the fixed x, then y, then z axis."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def about(axis: np.ndarray, angle: float) -> np.ndarray:
+    """(3, 3) by Rodrigues' formula."""
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+
+
+def placed(xyz_mm: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = turn, xyz_mm
+    return out
+
+
+def angle_between(one: np.ndarray, other: np.ndarray) -> float:
+    """Radians, exact for small ones."""
+    return float(2.0 * np.arcsin(min(np.linalg.norm(one - other) / np.sqrt(8.0), 1.0)))
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Origins (4, 4) and axes of the joints that turn, the tip on the last of them; mm and rad."""
+
+    origins: tuple[np.ndarray, ...]
+    axes: tuple[np.ndarray, ...]
+    tip: np.ndarray
+    zeros: np.ndarray
+
+    def last(self, q: np.ndarray) -> np.ndarray:
+        """(4, 4) the last joint's frame, which turns with it."""
+        at = np.eye(4)
+        for origin, axis, angle in zip(self.origins, self.axes, q + self.zeros, strict=True):
+            at = at @ origin @ placed(np.zeros(3), about(axis, angle))
+        return at
+
+    def tip_at(self, q: np.ndarray) -> np.ndarray:
+        return self.last(q) @ self.tip
+
+
+def urdf_text(joints: tuple[tuple[str, str, str], ...]) -> str:
+    lines = ['<?xml version="1.0"?>', '<robot name="arm">', '  <link name="base_link"/>']
+    parent = "base_link"
+    for k, (xyz, rpy, axis) in enumerate(joints, 1):
+        lines += [
+            f'  <link name="link_{k}"/>',
+            f'  <joint name="joint_{k}" type="revolute">',
+            f'    <parent link="{parent}"/>',
+            f'    <child link="link_{k}"/>',
+            f'    <origin xyz="{xyz}" rpy="{rpy}"/>',
+            f'    <axis xyz="{axis}"/>',
+            '    <limit lower="-6.2" upper="6.2" effort="100" velocity="2"/>',
+            "  </joint>",
+        ]
+        parent = f"link_{k}"
+    lines += [
+        '  <link name="ee_link"/>',
+        '  <joint name="ee_fixed_joint" type="fixed">',
+        f'    <parent link="{parent}"/>',
+        '    <child link="ee_link"/>',
+        f'    <origin xyz="{TIP[0]}" rpy="{TIP[1]}"/>',
+        "  </joint>",
+        "</robot>",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def read_urdf(text: str) -> Arm:
+    """The arm of a URDF as `urdf_text` writes it, whatever its origins have become."""
+    joints = {joint.get("name"): joint for joint in ET.fromstring(text).findall("joint")}
+
+    def origin(joint: ET.Element) -> np.ndarray:
+        found = joint.find("origin")
+        assert found is not None
+        return placed(1e3 * numbers(found.get("xyz", "")), turned(numbers(found.get("rpy", ""))))
+
+    moving = [joints[name] for name in sorted(joints) if re.fullmatch(r"joint_\d", name or "")]
+    axes = []
+    for joint in moving:
+        axis = joint.find("axis")
+        assert axis is not None
+        axes.append(numbers(axis.get("xyz", "")))
+    tip = origin(joints["ee_fixed_joint"])
+    return Arm(tuple(map(origin, moving)), tuple(axes), tip, np.zeros(len(axes)))
+
+
+def as_built(nominal: Arm, rng: np.random.Generator) -> Arm:
+    """The arm with errors of 1 mm and 2 mrad an axis in every origin, and of 2 mrad in every joint's zero."""
+    origins = [
+        origin @ placed(rng.normal(0.0, 1.0, 3), turned(rng.normal(0.0, 2e-3, 3)))
+        for origin in nominal.origins
+    ]
+    return Arm(tuple(origins), nominal.axes, nominal.tip, rng.normal(0.0, 2e-3, len(nominal.axes)))
+
+
+@dataclass(frozen=True)
+class Measured:
+    """An arm as drawn and as built, and the poses at which its ball was measured."""
+
+    nominal: Arm
+    true: Arm
+    q: np.ndarray  # (N, n)
+    is_test: np.ndarray  # (N,)
+    points_mm: np.ndarray  # (N, 3) in the tracker's frame
+    ball_mm: np.ndarray  # (3,) in the frame of the tip
+
+
+def measured(
+    joints: tuple[tuple[str, str, str], ...],
+    folder: Path,
+    seed: int = 0,
+    poses: int = 90,
+    ball_mm: np.ndarray = BALL_IN_TIP_MM,
+) -> Measured:
+    """Files as a user has them: robot.urdf, joints.csv, points.csv, targets.csv."""
+    rng = np.random.default_rng(seed)
+    text = urdf_text(joints)
+    nominal = read_urdf(text)
+    true = as_built(nominal, rng)
+    count = len(joints)
+    q = np.round(rng.uniform(-1.6, 1.6, (poses, count)), 6)
+    q[:, 1] = np.round(q[:, 1] * 0.6 - 0.5, 6)
+    is_test = np.arange(poses) % 3 == 2
+    ball = true.tip @ np.append(ball_mm, 1.0)
+    tracker = placed(rng.uniform(-2000.0, 2000.0, 3), about(rng.normal(size=3), 2.0))
+    exact = np.array([(tracker @ true.last(at) @ ball)[:3] for at in q])
+    points_mm = exact + rng.normal(0.0, 0.05, exact.shape)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "robot.urdf").write_text(text)
+    columns = [f"q{k}_rad" for k in range(1, count + 1)]
+    names = [f"P{k}" for k in range(poses)]
+    _write(folder / "joints.csv", ["pose", "role", *columns], [
+        [name, "test" if test else "train", *at] for name, test, at in zip(names, is_test, q.tolist(), strict=True)
+    ])  # fmt: skip
+    _write(folder / "points.csv", ["pose", "x_mm", "y_mm", "z_mm"], [
+        [name, *at] for name, at in zip(names, points_mm.tolist(), strict=True)
+    ])  # fmt: skip
+    targets = rng.uniform(-1.4, 1.4, (200, count))
+    targets[:, 1] = targets[:, 1] * 0.6 - 0.5
+    degrees = [f"q{k}_deg" for k in range(1, count + 1)]
+    rows = [[f"T{k}", *at] for k, at in enumerate(np.degrees(targets).tolist())]
+    _write(folder / "targets.csv", ["pose", *degrees], rows)
+    return Measured(nominal, true, q, is_test, points_mm, ball_mm)
+
+
+def _write(path: Path, header: list[str], rows: list[list[object]]) -> None:
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows([header, *rows])
+
+
+def rigid(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """(4, 4) by singular values (Kabsch)."""
+    mid, to = source.mean(axis=0), target.mean(axis=0)
+    u, _, vt = np.linalg.svd((source - mid).T @ (target - to))
+    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    turn = vt.T @ flip @ u.T
+    return placed(to - turn @ mid, turn)
+
+
+def held_out_mm(arm: Arm, seen: Measured, ball_mm: np.ndarray | None = None) -> float:
+    """3D RMS at the test poses of an arm with its ball in the tip's frame; None: where the training poses have it."""
+    train, frames = ~seen.is_test, np.array([arm.tip_at(at) for at in seen.q])
+    if ball_mm is None:
+        ball_mm = np.zeros(3)
+        for _ in range(200):
+            tracker = rigid((frames @ np.append(ball_mm, 1.0))[train, :3], seen.points_mm[train])
+            turns = (tracker @ frames)[train, :3, :3].reshape(-1, 3)
+            away = seen.points_mm[train] - (tracker @ frames)[train, :3, 3]
+            found = np.linalg.lstsq(turns, away.ravel(), rcond=None)[0]
+            ball_mm = ball_mm + (found - ball_mm)
+    at_mm = (frames @ np.append(ball_mm, 1.0))[:, :3]
+    tracker = rigid(at_mm[train], seen.points_mm[train])
+    off = at_mm @ tracker[:3, :3].T + tracker[:3, 3] - seen.points_mm
+    return float(np.sqrt(np.mean(np.sum(off[seen.is_test] ** 2, axis=1))))
+
+
+def tip_off(arm: Arm, seen: Measured) -> tuple[float, float]:
+    """How far the tip's attitude is off that of the true arm at the test poses, rad: mean, and of the nominal arm.
+
+    One turn of the whole arm is taken out: no tracker knows it.
+    """
+    out = []
+    for one in (arm, seen.nominal):
+        true = np.array([seen.true.tip_at(at)[:3, :3] for at in seen.q[seen.is_test]])
+        mine = np.array([one.tip_at(at)[:3, :3] for at in seen.q[seen.is_test]])
+        u, _, vt = np.linalg.svd(np.einsum("nij,nkj->ik", true, mine))
+        turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+        out.append(float(np.mean([angle_between(a, turn @ b) for a, b in zip(true, mine, strict=True)])))
+    return out[0], out[1]
