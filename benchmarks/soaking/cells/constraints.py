@@ -32,7 +32,7 @@ LOST_MM = 40.0  # a length that a fit moved by so much further than it is off is
 LOST_SHARE = 0.15  # of the arm's size, in the same sense
 BELOW = 0.15  # times the noise that was simulated: a residual below it is fitted to itself
 FREEDOM = 5.0  # equations left over, without which a residual tells nothing
-DIAGNOSED = 4  # one case in so many is diagnosed and checked, all are calibrated
+DIAGNOSED = 8  # one case in so many is diagnosed and checked too, all are calibrated
 
 _TABLES: dict[str, list[tuple[float, float, float, float]]] = {  # a mm, alpha rad, d mm, theta rad
     "7 joints": [
