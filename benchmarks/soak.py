@@ -1,13 +1,13 @@
 """Two hours of everything that can go wrong, on two cores; a run that was stopped goes on where it was.
 
-    python benchmarks/soak.py [--scale 0.01] [--only files|arms|constraints|invariances|clients|page] [--out FOLDER] [--jobs 2]
-                              [--seed 18] [--retry]
+    python benchmarks/soak.py [--scale 0.01] [--only files|arms|constraints|invariances|clients|page]
+                              [--out FOLDER] [--jobs 2] [--seed 18] [--retry]
 
 files        10,000 spoiled inputs of every kind, each given to a command: exit code 0, 1 or 2, one bounded line on 2,
              no traceback, no warning of Python's, no hang, nothing half-written, bounded memory; a quarter of them
              mean what they meant, and have to give the same result
 arms         1,000 random arms from calib/simulation/truth, diagnosed: errors against the bound, names against the truth
-constraints  10,000 random arms measured by balls in sockets, tips on planes and bars: none that lost its size is accepted
+constraints  10,000 random arms measured by sockets, planes and bars: no fit that lost the arm's size is accepted
 invariances  1,000 fits of such arms after the scanner or the rows moved, or names or units changed: the same result
 clients      20 hostile clients at a live server, one by one and all at once, beside an honest one
 page         5,000 operations on a page: no exception, no growing memory
@@ -35,7 +35,14 @@ for _path in (str(ROOT), str(ROOT / "benchmarks")):
 from soaking import pool, tell  # noqa: E402
 from soaking.record import Record, Result  # noqa: E402
 
-COUNTS = {"files": 10_000, "arms": 1000, "constraints": 10_000, "invariances": 1000, "clients": 21, "page": 5000}
+COUNTS = {
+    "files": 10_000,
+    "arms": 1000,
+    "constraints": 10_000,
+    "invariances": 1000,
+    "clients": 21,
+    "page": 5000,
+}
 MODULES = {
     "files": "soaking.inputs.files",
     "arms": "soaking.cells.arms",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from calib.consistency.data_problem import Beside, DataProblem, Suspicions, suspicions, weighed
@@ -11,6 +12,7 @@ from calib.diagnosis.effect_selection import FitStep, SelectedEffect
 from calib.diagnosis.moves import Stop
 from calib.diagnosis.result import Diagnosis
 from calib.diagnosis.search_space import SearchSpace
+from calib.diagnosis.stepwise import search_stepwise
 from calib.screening.curves.smooth_joint_error import LEARNED
 
 
@@ -36,11 +38,22 @@ def problem_beside_effects(
         return None
 
     def model(without: SelectedEffect | None) -> Beside:
-        kept = [effect for effect in last.selected if effect is not without]
-        return Beside(
-            tuple(effect.name for effect in kept),
-            "" if without is None else without.name,
-            lambda dataset: replace(space, dataset=dataset).fit(kept, None),
-        )
+        return _beside(space, [effect for effect in last.selected if effect is not without], without)
 
-    return weighed(last.calibration, open_hypotheses, [*map(model, last.selected), model(None)])
+    models = [*map(model, last.selected), model(None)]
+    if found.refused is not None and found.refused.why == "nature":
+        # What would explain the data is larger than nature has it, so the search stopped early: each mend gets its own.
+        for hypothesis in open_hypotheses:
+            mended = replace(space, dataset=hypothesis.of_dataset(last.calibration.dataset))
+            models.append(_beside(space, search_stepwise(mended, lambda words: None).steps[-1].selected))
+    return weighed(last.calibration, open_hypotheses, models)
+
+
+def _beside(
+    space: SearchSpace, kept: Sequence[SelectedEffect], without: SelectedEffect | None = None
+) -> Beside:
+    return Beside(
+        tuple(effect.name for effect in kept),
+        "" if without is None else without.name,
+        lambda dataset: replace(space, dataset=dataset).fit(kept, None),
+    )

@@ -36,7 +36,7 @@ _SLOW_WEIGHINGS = 25  # where each is settled before the next
 _SUSPECT = (
     15.0  # tolerances that a parameter was moved by, from which a fit is looked for nearer to the nominal arm
 )
-_OVERDETERMINED = 0.3  # share of the equations that have to be left over without the floor
+_OVERDETERMINED = 0.2  # share of the equations that have to be left over without the floor
 _ELSEWHERE = (
     5.0  # tolerances, the most that a parameter moves by where the noise is taken as less than the floor
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pandas as pd
 import pytest
 
 from calib.calibration.calibrate import calibrate
-from calib.dataset.dataset import Dataset
+from calib.dataset.dataset import Dataset, Scanner
 from calib.dataset.files.folder import load_dataset, write_dataset
 from calib.diagnosis.diagnose import diagnose
 from calib.errors import DatasetError
@@ -64,7 +65,7 @@ def test_every_fit_goes_on_without_them(folder: Path, residual: str) -> None:
 
 @pytest.mark.slow
 def test_check_and_diagnosis_take_them_as_a_note(folder: Path) -> None:
-    dataset = hide(folder, [5, 39])
+    dataset = replace(hide(folder, [5, 39]), scanner=Scanner())  # points without noise: no sigma is declared
     checked = check(dataset)
     (item,) = [item for item in checked.items if item.name == "dataset"]
     assert (item.passed, item.warning) == (None, False)

@@ -79,7 +79,7 @@ def with_calibration(
         turn_rad, slide_mm = _last_motion(
             invert(places[-1] @ last) @ after[-1], invert(last) @ chain.last_T_tip
         )
-        places[-1] = places[-1] @ last @ _about_axis(turn_rad, 0.0 if holds_tip else slide_mm) @ invert(last)
+        places[-1] = places[-1] @ last @ _about_axis(turn_rad, slide_mm) @ invert(last)
     joints, before = [], robot_T_chain
     for joint, base_T_joint in zip(chain.joints, places, strict=True):
         joints.append(replace(joint, before_T_joint=invert(before) @ base_T_joint))

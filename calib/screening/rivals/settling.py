@@ -55,9 +55,9 @@ def separations_mm(predictions: Predictions, poses: IndexArray, apart: BoolArray
             continue
         off = rivals[i].mean[poses] - rivals[j].mean[poses]
         spread = rivals[j].spread[poses]
-        covariance = np.eye(off.shape[1]) + spread @ np.swapaxes(spread, 1, 2)
-        square = np.einsum("kw,kw->k", off, np.linalg.solve(covariance, off[..., None])[..., 0])
-        least = np.minimum(least, np.sqrt(np.maximum(square, 0.0)))
+        beyond, own = np.linalg.eigh(spread @ np.swapaxes(spread, 1, 2))  # beside the noise, which is 1
+        along = np.einsum("kvw,kv->kw", own, off)
+        least = np.minimum(least, np.sqrt(np.sum(along**2 / (1.0 + np.clip(beyond, 0.0, None)), axis=1)))
     return np.where(np.isfinite(least), least * predictions.sigma_mm, 0.0)
 
 
