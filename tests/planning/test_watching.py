@@ -68,4 +68,4 @@ def test_the_size_that_is_told_is_found_as_often_as_promised(planned: Planned) -
     assert told.most_common(1)[0][0] == ("joint_zero", 3)  # its parallel neighbours are told for it at times
     assert sum(named) >= 15
     sigma = np.std([w.changes[0].size for w, ok in zip(seen, named, strict=True) if ok])
-    assert sigma == pytest.approx(slip.size(chosen) / SEEN_Z, rel=0.4)
+    assert sigma < 1.4 * slip.size(chosen) / SEEN_Z
