@@ -1,0 +1,92 @@
+"""The promise for test poses: kept by arms of which nothing is missing, broken by test poses that are off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.calibration.calibrate import calibrate
+from calib.calibration.held_out import HeldOutTest, held_out_test
+from calib.dataset.dataset import Dataset, Scanner
+from calib.screening.left_out import left_out_gain
+from tests.support.arms import dataset_of, jang_arm, perturbed, random_transform
+
+NOISE_MM = 0.05
+
+
+def arm(seed: int, *, poses: int = 90, test: int = 60) -> Dataset:
+    """Errors as large as the tolerances, so that the prior is right; few training poses, so that much is not known."""
+    rng = np.random.default_rng(seed)
+    robot = jang_arm()
+    true = perturbed(robot, rng, mm=1.0, rad=np.radians(0.5))
+    dataset = dataset_of(
+        robot, true, rng, poses=poses, test=test, noise_mm=NOISE_MM, base_T_scanner=random_transform(rng)
+    )
+    return replace(dataset, scanner=Scanner(NOISE_MM))
+
+
+def judged(dataset: Dataset, noise_from: str = "dataset") -> HeldOutTest:
+    test = held_out_test(calibrate(dataset), NOISE_MM, noise_from)
+    assert test is not None
+    return test
+
+
+@pytest.mark.slow
+def test_the_promise_is_kept_where_nothing_is_missing_although_little_is_known() -> None:
+    tests = [judged(arm(seed)) for seed in range(40)]
+    assert not any(test.is_broken for test in tests)
+    ratios = np.array([test.ratio for test in tests])
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.04)
+    assert np.std(ratios) < 0.12
+    promised = np.array([test.promised_mm for test in tests])
+    found = np.array([test.rmse_mm for test in tests])
+    assert np.median(promised) > 1.1 * np.sqrt(3.0) * NOISE_MM  # the parameters' part is no small one here
+    assert np.sqrt(np.mean(found**2) / np.mean(promised**2)) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("noise_from", ["dataset", "fit"])
+def test_test_poses_that_are_off_break_it_one_alone_does_not(noise_from: str) -> None:
+    dataset = arm(3, test=30)
+    points = dataset.points
+    assert points is not None
+    rng = np.random.default_rng(0)
+    is_test = dataset.poses.is_test[points.pose]
+    further = points.xyz_mm + 0.1 * is_test[:, None] * rng.normal(size=points.xyz_mm.shape)
+    assert judged(dataset.with_points(replace(points, xyz_mm=further)), noise_from).is_broken
+    one = points.xyz_mm.copy()
+    one[np.flatnonzero(is_test)[0]] += 2.0
+    alone = judged(dataset.with_points(replace(points, xyz_mm=one)), noise_from)
+    assert alone.ratio > 1.5
+    assert not alone.is_broken
+
+
+def test_test_poses_of_a_place_without_training_poses_are_held_against_their_own_frame() -> None:
+    dataset = arm(5, test=30)
+    setup = np.where(dataset.poses.is_test, "elsewhere", "here")
+    apart = replace(dataset, poses=replace(dataset.poses, setup=setup))
+    test = judged(apart)
+    assert not test.is_broken
+    assert test.ratio == pytest.approx(1.0, abs=0.25)
+
+
+def test_too_few_test_poses_and_no_noise_promise_nothing() -> None:
+    assert held_out_test(calibrate(arm(1, poses=43, test=3)), NOISE_MM, "dataset") is None
+    assert held_out_test(calibrate(arm(1)), 0.0, "dataset") is None
+
+
+def test_a_fit_gains_nothing_over_itself_and_much_over_the_nominal_arm() -> None:
+    dataset = arm(2)
+    fitted = calibrate(dataset)
+    still = left_out_gain(fitted, fitted)
+    assert still is not None
+    assert (still.share, still.standard_errors) == (0.0, 0.0)
+    held = calibrate(dataset, replace(fitted.options, held=("d1", "a2", "a3", "theta2", "theta3", "alpha4")))
+    gain = left_out_gain(held, fitted)
+    assert gain is not None
+    assert gain.share > 0.3
+    assert gain.standard_errors > 3.0
+    back = left_out_gain(fitted, held)
+    assert back is not None
+    assert back.standard_errors == pytest.approx(-gain.standard_errors)
