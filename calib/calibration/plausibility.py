@@ -72,7 +72,7 @@ def beyond_nature(calibration: Calibration) -> str:
             if bound is not None and abs(size) - 2.0 * sigma > bound.refused * bound.size:
                 return (
                     f"{full_name(effect, parameter)} came out as {told_size(size, parameter.unit)}, "
-                    f"{abs(size) / bound.size:.2g} times the most that such a cause has been known to have "
+                    f"{abs(size) / bound.size:.0f} times the most that such a cause has been known to have "
                     f"({bound.size:g} {bound.unit}; {bound.source})"
                 )
     return ""
