@@ -60,9 +60,9 @@ def held_out_test(calibration: Calibration, noise_mm: float, noise_from: str) ->
     With e the errors and L a root of the covariance that uncertain parameters and frames give them, all in units of the
     noise, e^T (1 + L L^T)^-1 e follows chi^2 with as many degrees of freedom as there are rows. The error of one
     parameter shows at every pose: a sum over single poses would count it again and again. Repeats of a pose count once,
-    by their mean. A setup without training
-    poses has its frame from its own points, which takes up to six rows. Test poses between the last training pose
-    before a step and the first one after it are left out: no fit can tell on which side of the step they are.
+    by their mean. A setup without training poses has its frame from its own points, which takes up to six rows. Test
+    poses between the last training pose before a step and the first one after it are left out: no fit can tell on which
+    side of the step they are.
 
     Args:
         calibration: a fit, with its errors at the test poses.

@@ -20,7 +20,6 @@ from calib.calibration.result import Calibration, is_declared
 from calib.consistency.agreement import Sample, misfit_mm, points_of_poses, training_sample
 from calib.consistency.hypotheses import (
     JOINT_SIGN,
-    JOINT_ZERO,
     ROBOT_TABLE,
     ROW_ORDER,
     Hypothesis,
@@ -30,6 +29,7 @@ from calib.consistency.hypotheses import (
     of_shifts,
     of_sister_tables,
     of_units,
+    simplest_of,
 )
 from calib.consistency.joint_reading import likely_readings, simple_readings
 from calib.consistency.row_matching import matched_rows
@@ -347,8 +347,7 @@ class _Tried:
             return self._undecided()
         most = max(map(self._gain, believed))
         enough = [h for h in believed if self._gain(h) > most - max(_AS_GOOD, _SLACK * most)]
-        simplest = min(map(_rank, enough))
-        good = sorted((h for h in enough if _rank(h) == simplest), key=self._gain, reverse=True)
+        good = sorted(simplest_of(enough), key=self._gain, reverse=True)
         best = good[0]
         as_good = tuple(h for h in good[1:] if self._gain(h) > self._gain(best) - _AS_GOOD)
         return Suspicions(self._problem(best, as_good))
@@ -392,14 +391,9 @@ def _turns_joints(hypothesis: Hypothesis) -> bool:
     return hypothesis.kind == JOINT_SIGN and reading is not None and not any(reading.offsets_rad)
 
 
-def _rank(hypothesis: Hypothesis) -> tuple[int, bool]:
-    """The less it changes the likelier; another zero is rarer than a turned joint, which may look the same."""
-    return hypothesis.edits, hypothesis.kind == JOINT_ZERO
-
-
 def _cost(hypothesis: Hypothesis) -> float:
     """Log of how many hypotheses of its kind there are: of all orders of the rows many fit a little."""
     if hypothesis.kind != ROW_ORDER or hypothesis.edits < 2:
         return 0.0
-    moved = sum(row != k for k, row in enumerate(hypothesis.rows))
+    moved = hypothesis.moved_rows
     return float(np.sum(np.log(np.arange(1, moved + 1)))) + 2.0 * moved

@@ -46,6 +46,11 @@ class Hypothesis:
     rows: tuple[int, ...] = ()  # (N,) the row of joints that belongs to each pose; -1: none
     edits: int = 1  # how many things it changes: of two that say as much the simpler one is taken
 
+    @property
+    def moved_rows(self) -> int:
+        """How many poses get the joints of another row."""
+        return sum(row != k for k, row in enumerate(self.rows))
+
     def of_sample(self, sample: Sample, robot: Robot) -> Sample:
         """The sample as it would be, where neither rows nor the robot are in question."""
         q = self._joints_of(sample.q, robot.is_revolute)
@@ -80,6 +85,16 @@ class Hypothesis:
         if approach is not None and self.reading is not None:
             approach = approach[:, list(self.reading.order)] * np.array(self.reading.signs)
         return replace(poses, q=q, approach=approach, came_from=np.zeros((0, 0)))
+
+
+def simplest_of(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Those that change the least; another zero is rarer than a turned joint, which may look the same."""
+
+    def rank(hypothesis: Hypothesis) -> tuple[int, bool]:
+        return hypothesis.edits, hypothesis.kind == JOINT_ZERO
+
+    least = min(map(rank, hypotheses))
+    return [hypothesis for hypothesis in hypotheses if rank(hypothesis) == least]
 
 
 def _scaled(points: Points, scale: float) -> Points:

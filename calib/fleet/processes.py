@@ -15,7 +15,10 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 _LOOK_S = 0.2  # between two looks at how a process fares
 _SHARE = 0.9  # of its part of the memory, beyond which a process is ended: others would be, by the system
@@ -39,7 +42,7 @@ class Processes(Executor):
         self._alive: set[_Worker] = set()
         self._lock, self._over = threading.Lock(), threading.Event()
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Have a function of a module called with values, all of which can be pickled."""
         return self._threads.submit(self._ask, (fn, args, kwargs))
 

@@ -12,7 +12,6 @@ from calib.calibration.result import Calibration
 from calib.consistency.agreement import points_of_poses, training_sample
 from calib.consistency.data_problem import DataProblem, is_beyond_effects
 from calib.consistency.hypotheses import (
-    JOINT_ZERO,
     ROW_ORDER,
     Hypothesis,
     column_names,
@@ -20,6 +19,7 @@ from calib.consistency.hypotheses import (
     of_reading,
     of_shifts,
     of_units,
+    simplest_of,
 )
 from calib.consistency.joint_reading import simple_readings
 from calib.consistency.row_matching import matched_rows
@@ -55,19 +55,14 @@ def sheet_problem(base: Calibration, new: Dataset) -> DataProblem | None:
         return None
     least = min(tried.values())
     good = [h for h, left_mm in tried.items() if left_mm < _AS_GOOD * least]
-    rank = min((h.edits, h.kind == JOINT_ZERO) for h in good)
-    best, *others = sorted(
-        (h for h in good if (h.edits, h.kind == JOINT_ZERO) == rank), key=tried.__getitem__
-    )
-    rivals = tuple(others)
-    return DataProblem(best, best.of_dataset(new), now_mm, tried[best], np.inf, rivals)
+    best, *rivals = sorted(simplest_of(good), key=tried.__getitem__)
+    return DataProblem(best, best.of_dataset(new), now_mm, tried[best], np.inf, tuple(rivals))
 
 
 def found_of(problem: DataProblem) -> Found:
     """What is wrong with the sheet as a change of the cell; its size is how many poses or joints it concerns."""
     if problem.kind == ROW_ORDER:
-        moved = sum(row != k for k, row in enumerate(problem.hypothesis.rows))
-        return Found(POSE_ORDER, None, "", float(moved), 0.0, "poses", 0.0, ())
+        return Found(POSE_ORDER, None, "", float(problem.hypothesis.moved_rows), 0.0, "poses", 0.0, ())
     joint = problem.joints[0] if len(problem.joints) == 1 else None
     return Found(problem.kind, joint, "", float(max(len(problem.joints), 1)), 0.0, "joints", 0.0, ())
 

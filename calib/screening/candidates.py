@@ -120,7 +120,7 @@ def screen(calibration: Calibration, families: Sequence[Family]) -> Screening:
     evidence = [columns.evaluate(-projected.residual, projected.freedom) for columns in tested]
     corrected = holm([e.p_value for e in evidence])
     overlaps = _overlaps(tested, evidence)
-    plain = cross_validated_rmse_mm(projected, np.zeros((len(projected.residual), 0)), np.zeros(0))
+    plain = cross_validated_rmse_mm(projected)
     candidates = [
         _not_of_single_poses(_candidate(projected, columns, e, p, of_family), plain)
         for columns, e, p, of_family in zip(tested, evidence, corrected, overlaps, strict=True)

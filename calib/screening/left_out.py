@@ -9,10 +9,13 @@ import numpy as np
 from calib.array_types import Array, IndexArray
 from calib.calibration.result import Calibration
 from calib.errors import FitError
+from calib.fitting.pose_means import mean_by_pose
 from calib.screening.projected_residual import ProjectedResidual, project_residual
 
 
-def left_out_errors_mm(projected: ProjectedResidual, columns: Array, spread: Array) -> Array:
+def left_out_errors_mm(
+    projected: ProjectedResidual, columns: Array | None = None, spread: Array | None = None
+) -> Array:
     """(R,) error in mm of each coordinate when its pose is predicted from all others (leave one pose out, linearised).
 
     e_i = (1 - H_ii)^-1 r_i for each pose's block of the hat matrix H of fitted directions and candidate; exact for a
@@ -20,10 +23,11 @@ def left_out_errors_mm(projected: ProjectedResidual, columns: Array, spread: Arr
 
     Args:
         projected: what a fit leaves over.
-        columns: (R, K) of a candidate, projected and whitened; none for the fit as it is.
+        columns: (R, K) of a candidate, projected and whitened; None for the fit as it is.
         spread: (K,) prior sigmas of its coefficients.
     """
-    residual, shrunk = projected.residual, columns * spread
+    residual = projected.residual
+    shrunk = np.zeros((len(residual), 0)) if columns is None or spread is None else columns * spread
     nuisance = projected.nuisance
     if nuisance is not None:  # back to where each row is of one pose, with the nuisance as further columns
         uncertain = nuisance.directions * nuisance.sizes
@@ -48,7 +52,9 @@ def left_out_errors_mm(projected: ProjectedResidual, columns: Array, spread: Arr
     return out
 
 
-def cross_validated_rmse_mm(projected: ProjectedResidual, columns: Array, spread: Array) -> float:
+def cross_validated_rmse_mm(
+    projected: ProjectedResidual, columns: Array | None = None, spread: Array | None = None
+) -> float:
     """RMS of a coordinate, mm, when each pose is predicted from all others (`left_out_errors_mm`)."""
     return float(np.sqrt(np.mean(left_out_errors_mm(projected, columns, spread) ** 2)))
 
@@ -78,19 +84,15 @@ def left_out_gain(before: Calibration, after: Calibration) -> LeftOutGain | None
 def _squared_errors(calibration: Calibration) -> Array:
     """(K,) mm^2 the squared 3D error at each training pose left out, then at each test pose; means over its points."""
     projected = project_residual(calibration)
-    error = left_out_errors_mm(projected, np.zeros((len(projected.residual), 0)), np.zeros(0)).reshape(-1, 3)
+    squared = np.sum(left_out_errors_mm(projected).reshape(-1, 3) ** 2, axis=1)
     after = calibration.after
     test = after.is_test[after.pose]
-    return np.concatenate(
-        [
-            _by_pose(np.sum(error**2, axis=1), projected.residuals.observed.points.pose),
-            _by_pose(np.sum(after.error_mm[test] ** 2, axis=1), after.pose[test]),
-        ]
-    )
+    of_test = np.sum(after.error_mm[test] ** 2, axis=1)
+    points = projected.residuals.observed.points
+    return np.concatenate([_pose_means(squared, points.pose), _pose_means(of_test, after.pose[test])])
 
 
-def _by_pose(values: Array, pose: IndexArray) -> Array:
-    if not len(values):
-        return values
-    row = np.unique(pose, return_inverse=True)[1]
-    return np.asarray(np.bincount(row, values) / np.bincount(row))
+def _pose_means(values: Array, pose: IndexArray) -> Array:
+    """The mean over the points of each pose that has any."""
+    poses, row = np.unique(pose, return_inverse=True)
+    return mean_by_pose(values, row, len(poses))

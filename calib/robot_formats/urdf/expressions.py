@@ -223,9 +223,11 @@ def _text(value: Any = "") -> str:
     return str(value)
 
 
-def _table(*given: Any, **named: Any) -> dict[Any, Any]:
+def _table(
+    *given: Mapping[object, object] | Iterable[tuple[object, object]], **named: object
+) -> dict[object, object]:
     _require(len(given) <= 1, "dict() takes one list or table")
-    return dict(*given, **named)
+    return dict(*given) | dict[object, object](named)
 
 
 def _range(*ends: Any) -> list[int]:

@@ -103,7 +103,7 @@ def _predict_left_out_poses(left: ProjectedResidual, members: list[SmoothJointEr
     ]
     spread = np.concatenate([np.array(m.prior_sigma_rad) for m in members]) / noise
     with_curves = cross_validated_rmse_mm(left, np.concatenate(columns, axis=1), spread)
-    return with_curves < cross_validated_rmse_mm(left, np.zeros((len(left.residual), 0)), np.zeros(0))
+    return with_curves < cross_validated_rmse_mm(left)
 
 
 def _told_joint_by_joint(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from importlib import import_module
 from typing import Any
 
@@ -24,8 +25,10 @@ class ResultFigure(go.Figure):  # type: ignore[misc]
     untrusted notebook shows that. Nothing is asked of the network.
     """
 
-    def _repr_mimebundle_(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
-        bundle: dict[str, Any] = super()._repr_mimebundle_(*args, **kwargs)
+    def _repr_mimebundle_(
+        self, include: Container[str] | None = None, exclude: Container[str] | None = None
+    ) -> dict[str, Any]:
+        bundle: dict[str, Any] = super()._repr_mimebundle_(include, exclude)
         try:
             return {**bundle, _SVG: to_svg(self)}
         except CalibError:  # plotly alone draws it
