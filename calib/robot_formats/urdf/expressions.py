@@ -227,7 +227,9 @@ def _table(
     *given: Mapping[object, object] | Iterable[tuple[object, object]], **named: object
 ) -> dict[object, object]:
     _require(len(given) <= 1, "dict() takes one list or table")
-    return dict(*given) | dict[object, object](named)
+    made: dict[object, object] = dict(*given)
+    made.update(named)
+    return made
 
 
 def _range(*ends: Any) -> list[int]:
