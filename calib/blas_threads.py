@@ -22,7 +22,7 @@ def one_blas_thread() -> Iterator[None]:
 
 @cache
 def _controller() -> Any:
-    """Of the BLAS libraries of numpy and scipy, each of which brings its own; both have to be loaded to be found."""
+    """The controller of the BLAS libraries that numpy and scipy bring; both have to be loaded for it to find theirs."""
     import scipy.linalg  # noqa: F401
 
     before = dict(os.environ)

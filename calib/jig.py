@@ -54,12 +54,12 @@ class Jig:
 
     @property
     def shortest_mm(self) -> float:
-        """Of the three edges."""
+        """The shortest of the three edges."""
         return min(self.edges_mm)
 
     @property
     def longest_mm(self) -> float:
-        """Of the three edges."""
+        """The longest of the three edges."""
         return max(self.edges_mm)
 
     def edge_words(self) -> str:

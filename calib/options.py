@@ -31,11 +31,11 @@ class FitOptions:
     held: tuple[str, ...] = ()
     """Names of parameters that stay at their nominal value."""
     tolerances: Mapping[str, float] = field(default_factory=dict)
-    """Of single link parameters, by name, in mm or rad, where the default of 1 mm and 0.5 deg is wrong."""
+    """Tolerances of single link parameters, by name, in mm or rad, where the default of 1 mm and 0.5 deg is wrong."""
     robust: bool = False
     """Leave poses out that stand out of all others (`calib.fitting.robust`); not for "distance"."""
     noise: NoiseShape | None = None
-    """Of the measured points, where it is known to differ from the declared one."""
+    """The shape of the measured points' noise, where it is known to differ from the declared one."""
 
     def with_residual(self, residual: str) -> FitOptions:
         """The same for another kind of residual."""

@@ -31,7 +31,7 @@ def map_as_completed(
 def futures_as_completed(
     function: Callable[[Item], Result], items: Iterable[Item], executor: Executor, in_flight: int
 ) -> Iterator[tuple[int, Future[Result]]]:
-    """As `map_as_completed`, with the future that is done: it may hold an exception, after which the others go on."""
+    """Yield each future as it is done (`map_as_completed`): it may hold an exception, and the others go on."""
     coming = enumerate(items)
     index_of: dict[Future[Result], int] = {}
     try:

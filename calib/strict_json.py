@@ -117,7 +117,7 @@ class JsonFile:
         self.fail([*place, *inside], told, next(needs, OUT_OF_RANGE))
 
     def checked_values(self, place: Place, values: Mapping[str, Any], kind: type[T]) -> dict[str, T]:
-        """As `checked`, each value of a mapping: msgspec's errors do not tell which of them is meant."""
+        """Check each value of a mapping by itself (`checked`): msgspec's errors do not tell which one is meant."""
         return {key: self.checked([*place, key], value, kind) for key, value in values.items()}
 
 

@@ -54,7 +54,7 @@ class Evaluation:
 
     @property
     def train(self) -> Figures | None:
-        """Of the poses that were fitted."""
+        """Errors of the poses that were fitted; None where there are none."""
         return self._figures(~self.is_test if self.is_outlier is None else ~self.is_test & ~self.is_outlier)
 
     @property

@@ -28,7 +28,7 @@ class OrientationFigures:
 
 @dataclass(frozen=True)
 class OrientationErrors:
-    """Of training and test poses; the scanner's frames and the jig's seat are fitted to training poses alone."""
+    """Orientation errors of training and test poses; frames and the jig's seat are of the training poses alone."""
 
     train: OrientationFigures | None
     test: OrientationFigures | None

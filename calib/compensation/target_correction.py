@@ -89,7 +89,7 @@ class Correction:
 
     @property
     def largest_move_deg(self) -> float:
-        """Of a turning joint over the targets that are reached; 0 where there are none."""
+        """Largest move of a revolute joint over the targets that are reached, deg; 0 where none is."""
         moved = np.abs(self.change[self.reached][:, self.robot.is_revolute])
         return float(np.degrees(moved.max(initial=0.0)))
 
@@ -108,7 +108,7 @@ class Correction:
         return f"{told}: the positions are corrected and no attitude is claimed"
 
     def summary(self, ids: Sequence[str] | None = None) -> str:
-        """As text, with the targets' names where they have any."""
+        """The correction in words, with the targets' names where they have any."""
         if len(self.q) == 0:
             return "no target"
         turning, moved = self.robot.is_revolute, np.abs(self.change[self.reached])

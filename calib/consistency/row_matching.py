@@ -54,7 +54,7 @@ def _apart_mm(points_mm: Array) -> float:
 
 
 def _best_order(arm_mm: Array, seen_mm: Array) -> IndexArray | None:
-    """As `matched_rows`, of all orders."""
+    """The order of rows that matches best among all orders; None where none matches."""
     best, least = None, np.inf
     for order in permutations(range(len(seen_mm))):
         mine = arm_mm[list(order)]

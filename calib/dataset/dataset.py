@@ -167,7 +167,7 @@ class Orientations:
         return np.asarray(np.isfinite(self.scanner_R_jig).all(axis=(1, 2)))
 
     def select(self, keep: ArrayLike) -> Orientations:
-        """As `Points.select`."""
+        """The orientations of some points, as `Points.select` takes them."""
         keep = np.asarray(keep)
         covariance, cross = self.covariance_rad2, self.cross_mm_rad
         return Orientations(

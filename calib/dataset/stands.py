@@ -239,7 +239,7 @@ class ShotCount:
 
     @classmethod
     def of(cls, dataset: Dataset) -> ShotCount:
-        """Of a dataset with points."""
+        """The number of repeat groups and of repeats in a dataset with points."""
         assert dataset.points is not None
         return cls(len(np.unique(stands_of(dataset)[dataset.points.pose])), len(dataset.points))
 

@@ -36,7 +36,7 @@ class Advice:
 
     @property
     def effect(self) -> str:
-        """That it adds or takes out; "" where it does neither."""
+        """The effect that the move adds or takes out; "" where it does neither."""
         match self.move:
             case AddCurves():
                 return LEARNED

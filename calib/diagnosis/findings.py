@@ -29,12 +29,12 @@ class Learned:
 
     @property
     def joints(self) -> tuple[int, ...]:
-        """That carry a curve, counted from 1."""
+        """Joints that carry a curve, counted from 1."""
         return joints_of(self.members)
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """That the curves run over."""
+        """Inputs that the curves run over."""
         return inputs_of(self.members)
 
 
@@ -49,7 +49,7 @@ class OpenSet:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of all, that in the model first."""
+        """Names of all effects of the set, the one in the model first."""
         return tuple(dict.fromkeys([self.effect, *self.twins, *self.untested]))
 
 

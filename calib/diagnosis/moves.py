@@ -52,7 +52,7 @@ class AddEffect:
 
     @property
     def name(self) -> str:
-        """Of the effect."""
+        """Name of the effect that is added."""
         return self.candidate.name
 
 

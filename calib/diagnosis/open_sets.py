@@ -66,7 +66,7 @@ class Doubt:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of all, those that cannot be tested last."""
+        """Names of all causes of the set, those that cannot be tested last."""
         return (*(rival.name for rival in self.rivals), *self.untested)
 
 

@@ -16,7 +16,7 @@ from calib.validation.comparison import Comparison
 
 
 def comparison_document(compared: Comparison) -> dict[str, Any]:
-    """Of `inspector compare --json`; sizes in mm and rad, or an effect's own unit."""
+    """What `inspector compare --json` prints; sizes in mm and rad, or an effect's own unit."""
     return {
         "names": compared.names,
         "differs": compared.differs,
@@ -48,7 +48,7 @@ def comparison_document(compared: Comparison) -> dict[str, Any]:
 
 
 def watch_document(seen: Sequence[Watched], repeats: Sequence[PoseFigures] = ()) -> dict[str, Any]:
-    """Of `inspector watch --json`: the last of the new datasets, all of them in order under "new", and repeats."""
+    """What `inspector watch --json` prints: the last new dataset, all of them in order under "new", and repeats."""
     documents = [watched_document(w) for w in seen]
     return {**documents[-1], "new": documents, "iso9283": [_repeated(p) for p in repeats]}
 
@@ -67,7 +67,7 @@ def _repeated(pose: PoseFigures) -> dict[str, Any]:
 
 
 def watched_document(w: Watched) -> dict[str, Any]:
-    """Of one new dataset: an entry of "new" in what `inspector watch --json` prints."""
+    """One new dataset as an entry of "new" in what `inspector watch --json` prints."""
     return {
         "name": w.name,
         "verdict": w.verdict,
@@ -89,7 +89,7 @@ def watched_document(w: Watched) -> dict[str, Any]:
 
 
 def _size(found: Found) -> dict[str, Any]:
-    """Of a change as if it were the only one; null where these poses do not show it."""
+    """The size of a change taken as the only one; null where these poses do not show it."""
     seen = math.isfinite(found.sigma)
     return {
         "what": found.what, "joint": found.joint, "size": found.size if seen else None,

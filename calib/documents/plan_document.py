@@ -10,7 +10,7 @@ from calib.planning.prediction import Prediction
 
 
 def plan_document(plan: Plan) -> dict[str, Any]:
-    """Of `inspector plan --json`; joints as commanded, in the units that `columns` name."""
+    """What `inspector plan --json` prints; joints as commanded, in the units that `columns` name."""
     robot = plan.start.dataset.robot
     table = poses_frame(plan.poses, robot)
     columns = joint_columns(robot)

@@ -120,11 +120,11 @@ class GravityLoads:
 
     @cached_property
     def unit_bendings(self) -> list[tuple[Array, Array]]:
-        """Of each link, see `unit_bending`."""
+        """What `unit_bending` gives for each link."""
         return [self.unit_bending(link) for link in range(self.robot.n_joints)]
 
     def unit_bending(self, link: int) -> tuple[Array, Array]:
-        """As `bending`, of 1 kg at each frame from the link's end on, and at the tool point: (N, K, 3), (N, K, 3)."""
+        """Bending by 1 kg at each frame from the link's end on and at the tool point: (N, K, 3) twice, as `bending`."""
         base_T_frame = self.chain.base_T_frame
         places_mm = base_T_frame[:, link + 1 :, :3, 3]  # (N, K, 3)
         at_root, at_end = (
@@ -135,7 +135,7 @@ class GravityLoads:
         return np.stack([turn for turn, _ in bent], axis=1), np.stack([shift for _, shift in bent], axis=1)
 
     def payload_bending(self, link: int) -> tuple[Array, Array]:
-        """As `bending`, of the payload alone: (N, 3), (N, 3)."""
+        """Bending by the payload alone: (N, 3), (N, 3) as `bending`."""
         at_root, at_end = (
             self.payload_moment_about(self.chain.base_T_frame[:, frame, :3, 3]) for frame in (link, link + 1)
         )
@@ -143,7 +143,7 @@ class GravityLoads:
 
     @cached_property
     def bendings(self) -> list[tuple[Array, Array]]:
-        """Of each link, see `bending`."""
+        """What `bending` gives for each link."""
         return [self.bending(link) for link in range(self.robot.n_joints)]
 
     def bending(self, link: int) -> tuple[Array, Array]:

@@ -22,7 +22,7 @@ def room_target(state: RobotState, target: str) -> Array:
 
 
 def room_target_by_state(state: RobotState, target: str) -> tuple[Array, Array]:
-    """As `room_target`, with its derivative by `state.vector` (N, 3, S)."""
+    """The target in the room (`room_target`) with its derivative by `state.vector` (N, 3, S)."""
     in_chain_mm, into_chain = _in_chain(state, target)
     seen_mm, by_table, by_place = kinematics.seen_from_flange(state.chain, in_chain_mm)
     by_place = by_place @ into_chain

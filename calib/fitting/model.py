@@ -42,7 +42,7 @@ class Model:
     effects: tuple[Effect, ...]
     held: frozenset[str] = frozenset()
     prior_sigmas: Mapping[str, float] = field(default_factory=dict)
-    """Of parameters, by full name, in place of their usual scale."""
+    """Prior sigmas of parameters, by full name, in place of their usual scale."""
     loads_of: Robot | None = None
     """At whose links gravity's loads are worked out; None: at those of the state itself."""
     tool_found: Robot | None = None

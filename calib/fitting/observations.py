@@ -186,7 +186,7 @@ def with_scanner_frames(
 def with_nominal_scanner_frames(
     observed: Observations, robot: Robot, chosen: BoolArray | None = None
 ) -> Observations:
-    """As `with_scanner_frames`, by the nominal robot without effects.
+    """The observations with scanner frames (`with_scanner_frames`) fitted to the nominal robot without effects.
 
     Effects of the scanner depend on where it stands; every fit and every evaluation takes these frames for them.
     """
@@ -232,7 +232,7 @@ def predict_points(model: Model, x: Array, observed: Observations) -> Array:
 
 
 def linearise_points(model: Model, x: Array, observed: Observations) -> tuple[Array, Array]:
-    """As `predict_points`, with the derivative by the model's free parameters (M, 3, P)."""
+    """The predicted points (`predict_points`) and their derivative by the model's free parameters (M, 3, P)."""
     poses, row = observed.used_poses
     points_mm = np.empty((len(observed.points), 3))
     jacobian = np.empty((len(observed.points), 3, len(model.parameters)))

@@ -130,7 +130,7 @@ class _Factors:
     g: Array
 
     def with_prior(self, weight: float, z: Array) -> _Factors:
-        """Of [A; w 1] with right-hand side [b; w z]: the same V, as w 1 is alike in all directions.
+        """The factors of [A; w 1] with right-hand side [b; w z]: the same V, as w 1 is alike in all directions.
 
         Directions without information are left out.
         """

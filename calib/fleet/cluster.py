@@ -22,7 +22,7 @@ _PURE = False  # of a submission: Dask would answer a second try with the failur
 
 @contextmanager
 def local_workers(count: int) -> Iterator[Workers]:
-    """As many processes of this machine, which nobody else can reach."""
+    """An executor with this many processes of this machine, which nobody else can reach."""
     with Processes(count) as executor:
         yield Workers(executor, count, own_processes=True)
 

@@ -248,7 +248,7 @@ def _hash(document: Mapping[str, object]) -> str:
 
 @cache
 def versions() -> dict[str, str]:
-    """Of what a row is computed with; of this program a hash of its files, which change between two versions."""
+    """Versions of what a row is computed with; of this program a hash of its files, as they change in between."""
     digest = hashlib.sha256()
     root = Path(calib.__file__).parent
     for path in sorted(root.rglob("*.py")):
@@ -259,7 +259,7 @@ def versions() -> dict[str, str]:
 
 @cache
 def one_blas_thread_for_good() -> None:
-    """Of a worker that may run several tasks at a time: one of them must not give the others their threads back."""
+    """Keep one BLAS thread in a worker for good: a task that ends must not give the others their threads back."""
     from threadpoolctl import threadpool_limits
 
     with one_blas_thread():

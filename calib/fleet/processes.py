@@ -48,7 +48,7 @@ class Processes(Executor):
 
     @property
     def pids(self) -> list[int]:
-        """Of the processes that run."""
+        """Process ids of the workers that run."""
         with self._lock:
             return [worker.pid for worker in self._alive]
 

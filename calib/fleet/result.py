@@ -44,7 +44,7 @@ class Fleet(Documented):
         return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
 
     def row(self, path: str) -> Row:
-        """Of a dataset that has one."""
+        """The row of a dataset that has one."""
         return next(row for row in self.rows if row.path == path)
 
     def worst(self, count: int = 10) -> tuple[Row, ...]:

@@ -103,7 +103,7 @@ def _columns_of_targets(
 def _columns_in_room(
     chain: kinematics.Chain, targets: tuple[Target, ...], of_target: IndexArray
 ) -> tuple[Array, Array]:
-    """As `_columns_of_targets`, of targets in the room that are seen from the flange, in its frame."""
+    """Columns (as `_columns_of_targets`) of targets in the room that are seen from the flange, in its frame."""
     places_mm = np.array([target.xyz_mm for target in targets])[of_target]
     points_mm, by_table, by_place = kinematics.seen_from_flange(chain, places_mm)
     by_places = np.zeros((len(of_target), 3, len(targets), 3))

@@ -64,7 +64,7 @@ class Redundancy(Documented, Viewed):
         return pd.DataFrame(self.pearson, index=self.parameters, columns=self.parameters)
 
     def summary(self) -> str:
-        """As text: redundant groups, parameters without influence, dependencies of three and more."""
+        """The result in words: redundant groups, parameters without influence, dependencies of three and more."""
         how = f", seen by {self.measured_by}" if self.measured_by else ""
         counts = (
             f"{len(self.parameters)} parameters{how}; Park's pairwise method keeps {len(self.kept)}, "

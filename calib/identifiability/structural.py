@@ -42,7 +42,7 @@ MEASURED_FROM_FLANGE = {
     "position": f"positions of targets in the room, seen from the flange, {_KNOWN_ON_FLANGE}",
     "pose": f"full poses of a jig that stands in the room anyhow, seen from the flange, {_KNOWN_ON_FLANGE}",
 }
-"""As `MEASURED_BY`, of an arm that carries the scanner."""
+"""What each residual measures (`MEASURED_BY`) for an arm that carries the scanner."""
 _SOMEWHERE_MM = (431.0, -287.0, 123.0)
 _OBSERVED = {"position": "the measured point", "pose": "the full pose, but for what the jig's seat takes up"}
 
@@ -163,7 +163,7 @@ def fewest_poses(robot: Robot, *, residual: str = "position", setups: int = 1, r
 def _at_training_poses(
     dataset: Dataset, residual: str, *, frame_known: bool
 ) -> tuple[Array, Array, tuple[str, ...], tuple[str, ...]]:
-    """As `columns_of`, with the names and units of the columns.
+    """The columns at the training poses (`columns_of`), with their names and units.
 
     Further targets that were measured there have rows of their own, and columns for where they sit; distances are of
     the tool point alone.
@@ -223,6 +223,6 @@ def _further_targets(robot: Robot, measured: Collection[str], residual: str) -> 
 
 
 def _names_and_units(robot: Robot, targets: tuple[Target, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Of the columns: the table's, then the places of targets."""
+    """Names and units of the columns: the table's, then those of the targets' places."""
     places = tuple(name for target in targets for name in target_parameter_names(target))
     return (*robot.parameter_names, *places), (*robot.parameter_units, *("mm" for _ in places))

@@ -123,7 +123,7 @@ def point_jacobian(chain: Chain, points_mm: ArrayLike) -> Array:
 
 
 def link_point_jacobian(chain: Chain, points_mm: ArrayLike, joint: int | None) -> Array:
-    """As `point_jacobian`, of points that are fixed to the link that a joint moves: what lies beyond moves none."""
+    """The Jacobian (`point_jacobian`) of points fixed to the link that a joint moves; joints beyond it move none."""
     out = point_jacobian(chain, points_mm)
     out[:, :, -1 if joint is None else joint :] = 0.0
     return out

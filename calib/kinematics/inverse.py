@@ -33,7 +33,7 @@ _FIRST_DAMPING, _LAST_DAMPING = 1e-8, 1e4  # shares of the largest squared singu
 
 
 Preference = Callable[[Array, IndexArray], tuple[Array, Array]]
-"""Of the goals `rows` (K,) at q (K, n): what is left of what is preferred (K, s), and its derivative by the scaled
+"""For the goals `rows` (K,) at q (K, n): what is left of what is preferred (K, s), and its derivative by the scaled
 joints (K, s, n); both are weighed against a joint's scaled motion."""
 
 
@@ -46,7 +46,7 @@ class InverseProblem(Protocol):
         ...
 
     def linearise(self, q: Array, rows: IndexArray) -> tuple[Array, Array]:
-        """Of the goals `rows` (K,) at q (K, n): what is left (K, m), mm, and the place by the scaled joints (K, m, n).
+        """For the goals `rows` (K,) at q (K, n): what is left (K, m), mm, and the place by the scaled joints (K, m, n).
 
         Turns count in mm too, times a length that the problem chooses.
         """
@@ -161,7 +161,7 @@ def _preferring(
     wanted: tuple[Array, Array],
     free: BoolArray,
 ) -> Array:
-    """As `_damped`, with the free motion in the metric W = 1 + S^T S: (K, n), of the joints that are free (K, n).
+    """A damped step (`_damped`) whose free motion is in the metric W = 1 + S^T S: (K, n), of the free joints (K, n).
 
     By W = L L^T the motion y = L^T dq counts evenly, and W^-1 (to_start + S^T r) is where it would go by itself.
     """

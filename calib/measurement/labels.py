@@ -53,7 +53,7 @@ class FaceLabels:
         return f"faces named by {_LABELLED_BY[self.by]} at {poses}{least}{angles}{refused}"
 
     def document(self) -> dict[str, Any]:
-        """As a JSON object; quaternions are w, x, y, z of scanner_R_jig."""
+        """The labels as a JSON object; quaternions are w, x, y, z of scanner_R_jig."""
         return {
             "named_by": self.by,
             "margin_unit": self.unit,

@@ -69,7 +69,7 @@ def label_faces(dataset: Dataset, searches: Mapping[str, CornerSearch]) -> FaceL
 
 
 def _orientations(labels: FaceLabels, ids: Sequence[str]) -> Orientations:
-    """Of the poses in order; NaN where the faces are not labelled, with finite covariances, which all are inverted."""
+    """Orientations of the poses in order; NaN, with finite covariances, where the faces are not labelled."""
     known = [labels.orientations.get(pose_id) for pose_id in ids]
     unknown = np.full((3, 3), np.nan)
     return Orientations(

@@ -32,7 +32,7 @@ class ExportedTable:
 
     @property
     def errors(self) -> Evaluation:
-        """Of the table alone."""
+        """Errors of the arm with the table alone."""
         return self.full.before if self.links is None else self.links.after
 
     @property
@@ -62,7 +62,7 @@ class ExportedTable:
         return comment + robot_to_toml(self.robot)
 
     def require_improvement(self, *, force: bool = False) -> None:
-        """As `Calibration.require_improvement`, of the table alone."""
+        """Raise as `Calibration.require_improvement` does, where the table alone is no improvement."""
         if self.links is not None:
             self.links.require_improvement(force=force)
 

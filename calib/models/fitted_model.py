@@ -227,7 +227,7 @@ class FittedModel:
 
 
 def program_version() -> str:
-    """Of this program."""
+    """The version of this program."""
     return version(PROGRAM)
 
 

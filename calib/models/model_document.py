@@ -32,7 +32,7 @@ class SavedParameter(msgspec.Struct, frozen=True):
 
 
 class SavedFigures(msgspec.Struct, frozen=True):
-    """As `calib.calibration.evaluation.Figures`."""
+    """Errors of a set of poses, as `calib.calibration.evaluation.Figures` has them."""
 
     points: int
     rmse_mm: NotNegative
@@ -43,7 +43,7 @@ class SavedFigures(msgspec.Struct, frozen=True):
 
 
 class SavedErrors(msgspec.Struct, frozen=True):
-    """Of the training poses and the test poses."""
+    """Errors of the training poses and the test poses."""
 
     train: SavedFigures | None = None
     test: SavedFigures | None = None

@@ -22,7 +22,7 @@ _SURE = 1e-4  # from here on the bound by the sum is told, draws are too few
 
 
 def weight(kind: Kind) -> float:
-    """Of a kind's p-value."""
+    """The weight of a kind's p-value."""
     return 1.0 if kind.what in USUAL else UNUSUAL_WEIGHT
 
 

@@ -115,7 +115,7 @@ class Cell:
 
     @property
     def p_unchanged(self) -> float:
-        """Of the most striking kind of change being as striking where nothing changed."""
+        """p-value of the most striking kind of change where nothing changed."""
         if self.scanner_known:
             return self.fixed.chance(self.fixed.tests(self.kinds_with_scanner))
         return self.free.chance(self.free.tests(self.kinds))

@@ -100,7 +100,7 @@ class ChangeTests:
 
     @classmethod
     def of(cls, residual: Array, spread: Spread, blocks: Array, base_freedom: float) -> ChangeTests:
-        """Of residuals (3 M,) whose covariance is that of `spread`."""
+        """The tests for residuals (3 M,) whose covariance is that of `spread`."""
         return cls(spread.whiten(residual), spread, blocks, base_freedom)
 
     def rows(self, kind: Kind) -> Array:
@@ -118,7 +118,7 @@ class ChangeTests:
         return self.y - basis @ (basis.T @ self.y), basis
 
     def tests(self, kinds: tuple[Kind, ...], given: list[Kind] | None = None) -> list[KindTest]:
-        """Of each kind beside those given; kinds that these poses cannot show beside those are left out."""
+        """The test of each kind given others; kinds that these poses cannot show beside those are left out."""
         rest, basis = self._rest(given or [])
         usual = np.sqrt(self.spread.total_weight(self.blocks) / len(self.y))  # by how much a movement counts
         out = []
@@ -140,7 +140,7 @@ class ChangeTests:
         return out
 
     def chance(self, tests: list[KindTest]) -> float:
-        """Of the most striking of these tests being as striking where there is nothing of them all."""
+        """Family-wise p-value of the most striking of these tests."""
         least = min((test.weighted for test in tests), default=1.0)
         bases, weights = [t.basis for t in tests], [weight(t.kind) for t in tests]
         return chance_of_least(bases, weights, least, self.base_freedom)
@@ -155,13 +155,13 @@ class ChangeTests:
         return float(np.sqrt(rest @ rest / max(self.spread.rows - basis.shape[1], 1)))
 
     def p_rest(self, given: list[Kind]) -> float:
-        """Of as much being left beside these changes by noise as it was."""
+        """p-value of the residual left after fitting the given changes, under the noise that was expected."""
         free = self.freedom(given)
         return f_sf(self.noise_ratio(given) ** 2, free, self.base_freedom) if free >= 1.0 else 1.0
 
     @property
     def p_noise(self) -> float:
-        """Of as much being left where nothing changed."""
+        """p-value of the residual under the noise that was expected, where nothing changed."""
         return self.p_rest([])
 
     def noise_explains(self, given: list[Kind], kind: Kind) -> bool:

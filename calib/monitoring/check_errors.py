@@ -29,7 +29,7 @@ class CheckErrors:
 
     @property
     def rmse_mm(self) -> float:
-        """Of the 3D error."""
+        """RMS of the 3D error, mm."""
         return float(np.sqrt(np.mean(np.sum(self.off_mm**2, axis=1))))
 
     @property
@@ -53,7 +53,7 @@ class CheckErrors:
         return tuple(self.poses.ids[int(i)] for i in self.pose)
 
     def visits(self, session: str) -> Visits:
-        """As ISO 9283's figures take them, in the base frame."""
+        """The visits to the poses in the base frame, as ISO 9283's figures take them."""
         return Visits(
             session, self.pose_ids, self.poses.q[self.pose], self.target, self.off_mm @ self.scanner_R_base
         )

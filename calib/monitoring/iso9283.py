@@ -58,7 +58,7 @@ class PoseFigures:
 
     @property
     def pose(self) -> str:
-        """As the first session calls it."""
+        """The pose's name in the first session."""
         return self.sessions[0].pose
 
     @property
@@ -86,7 +86,7 @@ def repeatability_mm(xyz_mm: Array) -> float:
 
 
 def pose_figures(sessions: Sequence[Visits]) -> tuple[PoseFigures, ...]:
-    """Of every pose that was visited more than once, within a session or over several."""
+    """The figures of every pose that was visited more than once, within a session or over several."""
     found: dict[tuple[object, ...], list[SessionFigures]] = {}
     for visits in sessions:
         rows_of: dict[tuple[object, ...], list[int]] = {}

@@ -83,7 +83,7 @@ def kind_words(kind: Kind) -> str:
 
 
 def kind_words_of(what: str, joint: int | None, parameter: str = "") -> str:
-    """As `kind_words`."""
+    """The words of a kind (`kind_words`) by its parts."""
     named = parameter if what in (LENGTH, ANGLE) else "" if joint is None else str(joint)
     return f"{what} {named}".strip()
 

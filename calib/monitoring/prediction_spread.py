@@ -28,7 +28,7 @@ class Spread:
 
     @classmethod
     def of(cls, columns: Array, covariance: Array, noise: float, blind: Array | None = None) -> Spread:
-        """Of unknowns with a covariance (P, P) whose columns are (3 M, P), and noise of a size in each row."""
+        """The spread by unknowns of covariance (P, P) and columns (3 M, P), and by noise of a size in each row."""
         blind = np.zeros((len(columns), 0)) if blind is None else np.linalg.svd(blind, full_matrices=False)[0]
         shared = columns @ covariance_root(covariance)
         length = np.linalg.norm(shared)
@@ -86,7 +86,7 @@ class ErrorCovariance:
 
     @property
     def sum_of_squares_mm4(self) -> float:
-        """Of all entries: the sum of the squared eigenvalues."""
+        """Sum of the squares of all entries, which is that of the squared eigenvalues."""
 
         def beside_own(columns: Array) -> float:
             seen = columns.reshape(len(self.own_mm2), 3, -1)

@@ -49,7 +49,7 @@ class Purpose(Protocol):
 
     @property
     def name(self) -> str:
-        """As --for takes it."""
+        """The purpose's name, as --for takes it."""
         ...
 
     @property

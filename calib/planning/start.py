@@ -90,7 +90,7 @@ class FromFit:
 
     @property
     def _last_setup(self) -> str:
-        """Of the training poses the last."""
+        """The setup of the training pose that was measured last."""
         poses, points = self.calibration.fitted_dataset.poses, self.calibration.fitted_dataset.points
         assert points is not None
         trained = points.pose[~poses.is_test[points.pose]]
@@ -127,7 +127,7 @@ class FromFit:
 
     @cached_property
     def _unknowns(self) -> Unknowns:
-        """Of the fit alone, which a plan asks for several times."""
+        """The unknowns of the fit alone, kept because a plan asks for them several times."""
         return self._unknowns_with(())
 
     def _unknowns_with(self, effects: Sequence[Effect]) -> Unknowns:

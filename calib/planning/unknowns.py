@@ -54,7 +54,7 @@ class Unknowns:
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """Of the first P unknowns."""
+        """Names of the first P unknowns."""
         return tuple(p.name for p in self.model.parameters)
 
     @property

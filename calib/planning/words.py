@@ -11,7 +11,7 @@ _SHOWN = (0, 5, 10, 15, 20, 30, 40, 50)  # counts of poses of the curve that are
 
 
 def plan_text(plan: Plan) -> str:
-    """As a terminal has it."""
+    """The plan as a terminal shows it."""
     table = poses_frame(plan.poses, plan.start.dataset.robot)
     sides = approach_columns(plan.start.dataset.robot)
     columns = [name for name in table.columns if name not in ("role", "setup", *sides)]

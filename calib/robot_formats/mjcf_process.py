@@ -159,7 +159,7 @@ class _Arm:
         )
 
     def _line(self, name: str = "") -> int:
-        """Of the element of a name; that of the whole where it stands in another file."""
+        """The line of the element with a name; that of the whole where it stands in another file."""
         return self._lines.get(name, self._lines[""])
 
     def _body_frame(self, body: int) -> Array:

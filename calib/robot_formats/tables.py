@@ -140,7 +140,7 @@ class _Table:
         return out
 
     def limits(self, end: str) -> list[float | None]:
-        """Of the joints, rad or mm; None where the table has none."""
+        """One end of the joints' ranges, rad or mm; None where the table has none."""
         if end not in self._columns:
             return [None] * len(self.joints)
         cells = self.table.text(self._columns[end][0])

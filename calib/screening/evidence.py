@@ -199,7 +199,7 @@ def _beside(y: Array, columns: Array, triangle: Array, spread: Array) -> tuple[A
 def _best_scales(
     y: Array, rest: float, triangle: Array, spread: Array, width: int, freedom: int
 ) -> tuple[Array, Array]:
-    """As `_best_scale` of each member alone, all `width` columns wide, beside those that have a spread: (G,), (G,)."""
+    """The best scale (`_best_scale`) of each member, `width` columns wide, beside those that have one: (G,), (G,)."""
     z, columns, fixed = _beside(y, triangle, triangle, spread)
     members = columns.T.reshape(-1, width, len(y))
     u, s, _ = np.linalg.svd(np.swapaxes(members, 1, 2), full_matrices=False)

@@ -41,7 +41,7 @@ class Nuisance:
 
     @classmethod
     def of(cls, columns: Array, residual: Array, freedom: int) -> Nuisance | None:
-        """Of projected columns (R, K), in the units of a projected residual (R,); None where nothing shows."""
+        """The nuisance of projected columns (R, K), in units of a projected residual (R,); None where nothing shows."""
         u, s, _ = np.linalg.svd(columns, full_matrices=False)
         shown = s > 1e-9 * np.sqrt(len(residual))
         u, s = u[:, shown], s[shown]

@@ -44,7 +44,7 @@ class ScanStatistic:
 
     @classmethod
     def at(cls, projected: ProjectedResidual, outlier: BoolArray) -> ScanStatistic:
-        """Of what a fit leaves over, without the points (M,) that stand out."""
+        """The statistic at what a fit leaves over, without the points (M,) that stand out."""
         directions: dict[Channel, Array] = {}
         for axis, name in enumerate("xyz"):
             directions[Channel(axis=name)] = np.broadcast_to(np.eye(3)[axis], (len(outlier), 3))

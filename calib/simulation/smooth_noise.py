@@ -39,7 +39,7 @@ def smooth_noise(
 
 
 def _gaussian_field(across_mm: Array, length_mm: float, rng: np.random.Generator) -> Array:
-    """Of correlation exp(-r^2 / 2 l^2): white noise filtered by a Gaussian of standard deviation l / sqrt(2)."""
+    """A field of correlation exp(-r^2 / 2 l^2): white noise filtered by a Gaussian with sigma l / sqrt(2)."""
     cell_mm = length_mm / _CELLS_A_LENGTH
     width = _CELLS_A_LENGTH / np.sqrt(2.0)  # of the filter, in cells
     margin = int(np.ceil(_REACH * width)) + 2

@@ -30,7 +30,7 @@ _FINDERS: dict[type, TargetFinder] = {
     PlaneSet: find_plane_set,
     Plate: find_plate_corner,
 }
-"""Of each shape. A new kind of target is a shape in `calib.target_shapes` and a line here."""
+"""The finder of each shape. A new kind of target is a shape in `calib.target_shapes` and a line here."""
 
 UserFunction = Callable[[Scan, Wanted], Any]
 

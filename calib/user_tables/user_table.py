@@ -73,7 +73,7 @@ def load_table(
 
 
 def parse_table(path: Path, text: str, fault: Callable[[str], None] | None = None) -> UserTable:
-    """As `load_table`, of a text that stands at a path."""
+    """The table (`load_table`) in a text that stands at a path."""
 
     def wrong(words: str) -> None:
         if fault is None:

@@ -64,7 +64,7 @@ def remounting(calibration: Calibration) -> Remounting | None:
 
 
 def _of_scanner(calibration: Calibration, rows: BoolArray) -> Remounting | None:
-    """Of test points that one setup saw."""
+    """A motion of the scanner that brings the test points back; None where they are of several setups."""
     after, measured_mm = calibration.after, _points(calibration).points.xyz_mm[rows]
     if len(np.unique(calibration.dataset.poses.setup[after.pose[rows]])) > 1:
         return None

@@ -32,7 +32,7 @@ _PLACES = 9  # of a parameter's value, beyond which there is rounding alone
 
 
 def calibration_html(calibration: Calibration) -> str:
-    """Of a calibration: the error before and after, what to be warned of, the parameters."""
+    """A calibration as HTML: the error before and after, what to be warned of, the parameters."""
     sections = [Section("Parameters", parameters(calibration))]
     return view_html(f"Calibration of {calibration.dataset.name}", calibration_head(calibration), sections)
 
@@ -92,7 +92,7 @@ def parameters(calibration: Calibration) -> list[Block]:
 
 
 def diagnosis_html(diagnosis: Diagnosis) -> str:
-    """Of a diagnosis: the way of the error, the verdict, the steps; why, the ranking, the last fit's parameters."""
+    """A diagnosis as HTML: how the error fell, the verdict, the steps; why, the ranking, the last fit's parameters."""
     shown = ("train_rmse_mm", "test_rmse_mm", "sigma_mm", "margin")
     rows = [
         (step["effect"], *(_digits(step[key]) for key in shown))

@@ -20,7 +20,7 @@ _APART = 2.0  # sigmas from which a parameter is listed as different
 
 
 def plan_html(plan: Plan) -> str:
-    """Of a plan: the error now and then, the poses in the order of measuring, why each, what was assumed."""
+    """A plan as HTML: the error now and then, the poses in the order of measuring, why each, what was assumed."""
     return view_html(f"Plan for {plan.start.dataset.name}", plan_head(plan), plan_sections(plan))
 
 
@@ -59,7 +59,7 @@ def plan_sections(plan: Plan) -> list[Section]:
 
 
 def watched_html(seen: Watched) -> str:
-    """Of one later measurement of a cell: what changed, each joint and the tool, what could not have been seen."""
+    """A later measurement of a cell as HTML: what changed, each joint and the tool, what could not have been seen."""
     return view_html(f"Watch: {seen.name}", watched_head(seen), watched_sections([seen]))
 
 
@@ -91,7 +91,7 @@ def _size(size: float, sigma: float) -> str:
 
 
 def comparison_html(compared: Comparison) -> str:
-    """Of two calibrations: what differs, and every parameter that is more than two sigmas apart."""
+    """A comparison as HTML: what differs, and every parameter that is more than two sigmas apart."""
     rows = []
     for p in sorted(compared.parameters, key=lambda p: -abs(p.z)):
         if abs(p.z) >= _APART:

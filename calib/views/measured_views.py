@@ -14,7 +14,7 @@ _DIGITS = 2  # of degrees and mm in tables of the robot
 
 
 def dataset_html(dataset: Dataset) -> str:
-    """Of a dataset: what it holds, its conditions and doubts; below, the arm's table and how far each joint moves."""
+    """A dataset as HTML: what it holds, its conditions and doubts; below, the table and how far each joint moves."""
     return view_html(f"Dataset {dataset.name}", dataset_head(dataset), dataset_sections(dataset))
 
 
@@ -80,7 +80,7 @@ def _measured(dataset: Dataset) -> str:
 
 
 def corners_html(batch: CornerBatch) -> str:
-    """Of the searches of a dataset's scans: how many corners, why some have none, and each with its sigma."""
+    """The searches of scans as HTML: how many corners, why some scans have none, and each corner with its sigma."""
     found = {pose_id: search for pose_id, search in batch.items() if search.corner is not None}
     failed = [(pose_id, search.failure) for pose_id, search in batch.items() if search.corner is None]
     sigmas = [search.corner.sigma_mm() for search in found.values() if search.corner is not None]

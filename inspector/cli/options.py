@@ -20,7 +20,7 @@ class Output:
 
 @dataclass(frozen=True, kw_only=True)
 class ServeOptions:
-    """Of `serve`."""
+    """Options of `serve`."""
 
     path: Path
     host: str
@@ -32,7 +32,7 @@ class ServeOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class CornersOptions(Output):
-    """Of `corners`."""
+    """Options of `corners`."""
 
     path: Path
     out: Path | None
@@ -43,7 +43,7 @@ class CornersOptions(Output):
 
 @dataclass(frozen=True, kw_only=True)
 class RedundancyOptions(Output):
-    """Of `redundancy`."""
+    """Options of `redundancy`."""
 
     path: Path
     out: Path | None
@@ -79,7 +79,7 @@ class _FittingOptions(Output):
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrateOptions(_FittingOptions):
-    """Of `calibrate`."""
+    """Options of `calibrate`."""
 
     add: Sequence[str]
     out: Path | None
@@ -96,7 +96,7 @@ class CalibrateOptions(_FittingOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ValidateOptions(_FittingOptions):
-    """Of `validate`."""
+    """Options of `validate`."""
 
     folds: int
     model: Path | None  # a model.json in place of fits
@@ -104,7 +104,7 @@ class ValidateOptions(_FittingOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class CorrectOptions(_FittingOptions):
-    """Of `correct`."""
+    """Options of `correct`."""
 
     add: Sequence[str]
     model: Path | None  # a model.json in place of a fit
@@ -116,7 +116,7 @@ class CorrectOptions(_FittingOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnoseOptions(_FittingOptions):
-    """Of `diagnose`."""
+    """Options of `diagnose`."""
 
     max_steps: int
     learned_out: Path | None
@@ -126,7 +126,7 @@ class DiagnoseOptions(_FittingOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class CompareOptions(Output):
-    """Of `compare`: both datasets are fitted alike."""
+    """Options of `compare`: both datasets are fitted alike."""
 
     path: Path
     other: Path
@@ -142,7 +142,7 @@ class CompareOptions(Output):
 
 @dataclass(frozen=True, kw_only=True)
 class WatchOptions(Output):
-    """Of `watch`."""
+    """Options of `watch`."""
 
     path: Path
     new: Sequence[Path]
@@ -159,7 +159,7 @@ class WatchOptions(Output):
 
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions(_FittingOptions):
-    """Of `report`."""
+    """Options of `report`."""
 
     out: Path
     force: bool
@@ -167,7 +167,7 @@ class ReportOptions(_FittingOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class SampleOptions(Output):
-    """Of `sample`."""
+    """Options of `sample`."""
 
     name: str | None  # None: they are listed
     out: Path | None  # None: a folder of the sample's name
@@ -175,7 +175,7 @@ class SampleOptions(Output):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulateOptions(Output):
-    """Of `simulate`."""
+    """Options of `simulate`."""
 
     path: Path
     robot: str
@@ -192,14 +192,14 @@ class SimulateOptions(Output):
 
 @dataclass(frozen=True, kw_only=True)
 class CheckOptions(_FittingOptions):
-    """Of `check`."""
+    """Options of `check`."""
 
     max_test_rmse_mm: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
 class FleetOptions(Output):
-    """Of `fleet`."""
+    """Options of `fleet`."""
 
     path: Path
     out: Path
@@ -224,7 +224,7 @@ class RobotFileOptions(Output):
 
 @dataclass(frozen=True, kw_only=True)
 class PlanOptions(_FittingOptions, RobotFileOptions):
-    """Of `plan`."""
+    """Options of `plan`."""
 
     poses: int | None
     add: int | None
@@ -240,7 +240,7 @@ class PlanOptions(_FittingOptions, RobotFileOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ConvertOptions(RobotFileOptions):
-    """Of `convert`."""
+    """Options of `convert`."""
 
     source: Path
     out: Path
@@ -250,7 +250,7 @@ class ConvertOptions(RobotFileOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ImportOptions(RobotFileOptions):
-    """Of `import`."""
+    """Options of `import`."""
 
     path: Path
     robot: str | None

@@ -26,7 +26,7 @@ EXTRA_OF = {
     "plotly": "page",
     "PIL": "page",
 }
-"""Of packages that not every installation has, the extra of pyproject.toml that brings them."""
+"""The extra of pyproject.toml that brings each package which not every installation has."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -24,13 +24,13 @@ def stages() -> Iterator[OnStep | None]:
 
 
 def cores() -> int:
-    """That this process may run on."""
+    """Number of CPU cores this process may run on."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
 def processes(scans: int, wanted: int | None = None) -> Iterator[Executor | None]:
-    """As many processes as wanted; by default one for each core, where there are at least MIN_SCANS_FOR_PROCESSES."""
+    """An executor with the wanted processes; by default one a core, from MIN_SCANS_FOR_PROCESSES scans on."""
     count = min(scans, cores() if wanted is None else wanted)
     if count < 2 or (wanted is None and scans < MIN_SCANS_FOR_PROCESSES):
         yield None

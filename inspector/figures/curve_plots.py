@@ -96,7 +96,7 @@ def joint_curves(
 
 
 def _range(curve: FittedCurve) -> tuple[float, float]:
-    """Of the axis of errors: all that is inside the measured range, and of what is outside as much as is readable."""
+    """The range of the axis of errors: all within the measured range, and of what is outside as much as is readable."""
     value, half = curve.scale * curve.value, 2.0 * curve.scale * curve.sigma
     inside = curve.inside
     low, high = float((value - half)[inside].min()), float((value + half)[inside].max())

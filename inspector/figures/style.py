@@ -31,12 +31,12 @@ SHOWS_STEP = {"ask": "step"}  # the same of points whose `ids` are steps of the 
 
 
 def selects_joint(joint: int) -> dict[str, object]:
-    """Of a trace that is about one joint, from 1: a click on any of its points picks that."""
+    """Meta of a trace that is about one joint, from 1: a click on any of its points picks that joint."""
     return {"ask": "joint", "value": joint}
 
 
 def selects_joint_of_row(joints: Mapping[str, int]) -> dict[str, object]:
-    """Of a heatmap: a click on a cell picks the joint, from 1, of the label of its row."""
+    """Meta of a heatmap: a click on a cell picks the joint, from 1, of the label of its row."""
     return {"ask": "joint", "rows": dict(joints)}
 
 

@@ -37,7 +37,7 @@ class Beside:
 
     @classmethod
     def of(cls, name: str, calibration: Calibration, errors: PoseErrors | None = None) -> Beside:
-        """Of a calibration."""
+        """The entry of a calibration."""
         errors = errors or pose_errors_of(calibration)
         return cls(name, calibration, errors.pose_ids, errors.error_length_mm, errors.inputs)
 

@@ -26,7 +26,7 @@ class Undo:
 
     @classmethod
     def of(cls, saved: Saved) -> Undo:
-        """As a session file has it; one without undo has the steps of its history to go back by."""
+        """The undo of a session file; one that has none gets the steps of its history to go back by."""
         past = saved.past
         if not past and not saved.future:
             past = tuple(SavedModel(saved.history[:count]) for count in range(2, len(saved.history)))

@@ -17,7 +17,7 @@ def write_text_atomically(path: Path, text: str) -> None:
 
 
 def write_bytes_atomically(path: Path, content: bytes) -> None:
-    """As `write_text_atomically`. A terminal or a pipe is written to directly.
+    """Write bytes as `write_text_atomically` writes text; a terminal or a pipe is written to directly.
 
     Raises DatasetError where the path is a folder or cannot be written.
     """

@@ -179,7 +179,7 @@ def _unexplained(verdict: facts.Unexplained, reasons: str) -> str:
 
 
 def promise_text(test: HeldOutTest) -> str:
-    """That the test poses are off by more than noise and an uncertain fit leave there, and what may be behind it."""
+    """A sentence on test poses that are off by more than was promised, and what may be behind it."""
     return (
         f"the test poses are off by {length_text(test.rmse_mm)}, where the noise and what the fit does not know promise "
         f"{length_text(test.promised_mm)}: they were measured in another way or on another day, or they show what the "

@@ -36,7 +36,7 @@ def visible_mm(candidate: Candidate, before: Calibration) -> float | None:
 
 
 def error_change(before: Calibration, after: Calibration) -> ErrorChange | None:
-    """That of the test poses where there are any, else that of the training poses."""
+    """How the test poses' error changes from one fit to the next; without test poses, the training poses' error."""
     if before.after.test is not None and after.after.test is not None:
         return ErrorChange(True, before.after.test.rmse_mm, after.after.test.rmse_mm)
     if before.after.train is not None and after.after.train is not None:

@@ -129,7 +129,7 @@ def noise_words(told: Headline) -> str:
 
 
 def headline_note(told: Headline) -> str:
-    """Of which poses the figures are, and whether noise alone is left, in a sentence or two."""
+    """Which poses the figures are of, and whether noise alone is left, in a sentence or two."""
     of = (
         "3D error (RMS) at test poses, which no fit saw."
         if told.of_test_poses

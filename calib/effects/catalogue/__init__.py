@@ -99,7 +99,7 @@ def family_of(dataset: Dataset, name: str, more: Sequence[Family] = ()) -> Famil
 
 
 def available_family(dataset: Dataset, name: str, more: Sequence[Family] = ()) -> Family:
-    """As `family_of`. Raises CalibError for a family that this dataset cannot test, too, and says what would help."""
+    """The family of a name (`family_of`) that this dataset can test; else CalibError says what would help."""
     family = family_of(dataset, name, more)
     if family.why_not:
         raise CalibError(f"effect {name} cannot be fitted here: {family.why_not}; {family.would_help}")

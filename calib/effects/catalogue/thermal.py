@@ -91,7 +91,7 @@ class WarmUp(ShapedEffect):
         return 1.0 - np.exp(-(time_s - self.start_s) / (60.0 * self.minutes))[:, None]
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
-        """As of a rod."""
+        """What the growth means on this arm, as of a rod of its length."""
         return f"{1e3 * value:.2g} mm a metre once warm, after some {self.minutes} minutes"
 
     @classmethod

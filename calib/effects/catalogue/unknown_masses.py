@@ -103,7 +103,7 @@ class JointComplianceUnknownMasses:
         return state.add_joint_error(self.joint, torques @ np.array(list(values.values())))
 
     def meaning(self, parameter: Parameter, value: float, state: RobotState) -> str:
-        """That of the compliance itself; "" for a product with an unknown mass."""
+        """What the compliance means on this arm; "" for a product with an unknown mass."""
         if parameter.unit != "rad/Nm":
             return ""
         return turn_and_stiffness(value, state.gravity_torques_nm[:, self.joint])

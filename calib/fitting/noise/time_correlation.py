@@ -29,7 +29,7 @@ class Moments:
 
     @classmethod
     def of(cls, poses: Poses, row: IndexArray) -> Moments:
-        """Of points measured at these rows (M,) of the poses."""
+        """The moments of points measured at these rows (M,) of the poses."""
         time = poses.time_s
         known = time is not None and len(np.unique(time)) > 2
         at = np.arange(len(poses), dtype=float) if time is None or not known else time
@@ -40,7 +40,7 @@ class Moments:
         return cls(of_point.reshape(-1), gap, not known)
 
     def select(self, keep: IndexArray) -> Moments:
-        """Of some points only; the moments stay."""
+        """The same for some of the points; the moments stay."""
         return Moments(self.of_point[keep], self.gap, self.in_poses)
 
     def products(self, wanders: Sequence[Wander], rows: Array) -> Iterator[tuple[Array, float]]:

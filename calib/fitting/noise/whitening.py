@@ -24,7 +24,7 @@ class Whitening:
 
     @classmethod
     def of(cls, shape: NoiseShape, poses: Poses, row: IndexArray, residual: Array) -> Whitening | None:
-        """Of points measured at these rows (M,) of the poses, by their residual (3 M,); None where they are white."""
+        """The whitening of points at rows (M,) of the poses, by their residual (3 M,); None where they are white."""
         if shape.wander is None and shape.tail is None:
             return None
         moments = Moments.of(poses, row)

@@ -46,7 +46,7 @@ class FitTask:
 
     @property
     def offsets(self) -> TargetOffsets | None:
-        """Of the further targets that were measured; None where there are none."""
+        """The offsets of the further targets that were measured; None where there are none."""
         return next((effect for effect in self.geometry if isinstance(effect, TargetOffsets)), None)
 
     def of_geometry_alone(self) -> FitTask:

@@ -48,7 +48,7 @@ class ToolPointProblem:
     def of(
         cls, observed: Observations, robot: Robot, nominal_mm: Array, directions: Array
     ) -> ToolPointProblem:
-        """Of the tool's points: further targets are given in the last joint's frame and do not depend on p."""
+        """The problem for the tool's points: further targets, in the last joint's frame, do not depend on p."""
         poses, row = observed.used_poses
         is_tool = observed.points.target == "jig"
         flange = kinematics.forward(

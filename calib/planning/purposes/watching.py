@@ -137,7 +137,7 @@ def _all_usual(situation: Situation) -> list[Kind]:
 
 
 def _question(rows: Array, known: Array, change: Array, unit: float) -> Question:
-    """Of a change (N, r, K) beside unknowns (N, r, U)."""
+    """The question after a change (N, r, K) beside unknowns (N, r, U)."""
     count = change.shape[2]
     wanted = np.concatenate([np.zeros((len(known), count)), unit * np.eye(count)])
     return Question(np.concatenate([rows, unit * change], axis=2), _beside(known, count), wanted)

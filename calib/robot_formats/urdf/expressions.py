@@ -359,7 +359,7 @@ class _Evaluation:
             raise ExpressionError(" ".join(str(error).split())[:200] or type(error).__name__) from None
 
     def data(self, node: ast.AST, depth: int) -> Any:
-        """As `value`, but plain data."""
+        """The value of a node (`value`), which has to be plain data."""
         value = self.value(node, depth)
         if isinstance(value, Function | Namespace):
             raise ExpressionError("takes a function or a namespace for a value")

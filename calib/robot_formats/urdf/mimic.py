@@ -30,7 +30,7 @@ class Following:
 
 
 def followings(file: XmlFile, moving: Sequence[UrdfJoint]) -> tuple[Following, ...]:
-    """Of the joints of an arm, in order. Raises RobotFileError: a master beside the arm, a circle, unlike kinds."""
+    """How each joint follows others. Raises RobotFileError: a master beside the arm, a circle, unlike kinds."""
     by_name = {joint.name: i for i, joint in enumerate(moving)}
     return tuple(_following(file, moving, by_name, i) for i in range(len(moving)))
 

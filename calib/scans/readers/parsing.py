@@ -85,7 +85,7 @@ def columns_of(path: Path, names: Sequence[str]) -> tuple[list[int], bool]:
 
 
 def doubles(values: np.ndarray) -> Array:
-    """As float64. Any bits are a float32, also those of a signalling NaN, whose warning is suppressed."""
+    """The values as float64; any bits are a float32, also those of a signalling NaN, whose warning is suppressed."""
     with np.errstate(invalid="ignore"):
         return values.astype(np.float64)
 

@@ -45,7 +45,7 @@ class FittedCurve:
 
     @property
     def unit(self) -> str:
-        """Of the curve as people read it."""
+        """The curve's unit as people read it."""
         return "mrad" if self.is_revolute else "mm"
 
     @property

@@ -43,12 +43,12 @@ class LearnedCurves:
 
     @property
     def joints(self) -> tuple[int, ...]:
-        """That carry a curve, counted from 1."""
+        """Joints that carry a curve, counted from 1."""
         return joints_of(self.members)
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """That the curves run over."""
+        """Inputs that the curves run over."""
         return inputs_of(self.members)
 
 
@@ -150,7 +150,7 @@ def _evidence_of(chosen: list[_Candidate], left: ProjectedResidual) -> CurveEvid
 
 
 def _over_angles(left: ProjectedResidual) -> Iterator[_Candidate]:
-    """Of every revolute joint that the data see, over its own angle."""
+    """A candidate curve for every revolute joint that the data see, over its own angle."""
     directions = joint_directions(left)
     for j, joint in enumerate(left.residuals.model.robot.joints):
         if joint.is_revolute:
@@ -164,7 +164,7 @@ def _over_angles(left: ProjectedResidual) -> Iterator[_Candidate]:
 
 
 def _over_other_inputs(left: ProjectedResidual) -> Iterator[_Candidate]:
-    """Of every joint, over what else varies: its torque, a sum of two angles, temperature, time, a further column."""
+    """Candidate curves of every joint over its torque, a sum of two angles, temperature, time, a further column."""
     robot, poses, directions = left.residuals.model.robot, left.state.poses, joint_directions(left)
     shared = [name for name in ("temperature_c", "time_s", "payload_kg") if getattr(poses, name) is not None]
     shared += [name for name, of in further_inputs(poses).items() if _is_number(poses.extra[of])]

@@ -44,7 +44,7 @@ class CurveModes:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the K curves."""
+        """Names of the K curves."""
         return tuple(f"mode{k + 1}" for k in range(self.weights.shape[1]))
 
 
@@ -76,7 +76,7 @@ class FormulaTerm:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of its columns."""
+        """Names of the term's columns."""
         return (f"sin{self.order}", f"cos{self.order}") if self.kind == "harmonic" else (self.kind,)
 
 
@@ -93,7 +93,7 @@ class FormulaModes:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the K columns; a number where two are alike."""
+        """Names of the K columns; a number tells two that are alike."""
         plain = [name for term in self.terms for name in term.names]
         return tuple(
             name if plain.count(name) == 1 else f"{name}_{plain[: k + 1].count(name)}"

@@ -36,7 +36,7 @@ class LinearResidual:
 
     @classmethod
     def of(cls, projected: ProjectedResidual) -> LinearResidual:
-        """Of a fit whose noise has no shape yet."""
+        """The residual of a fit whose noise has no shape yet."""
         observed = projected.residuals.observed
         poses, row = observed.used_poses
         missed, fitted = projected.residual, projected.basis

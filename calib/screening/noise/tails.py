@@ -31,7 +31,7 @@ class TailTest:
 
 
 def judge_tails(standardised: Array) -> TailTest:
-    """Of residuals (M, 3) in units of white noise."""
+    """The test of the tails of residuals (M, 3) in units of white noise."""
     square = np.sum(standardised**2, axis=1)
     each = (standardised**2).ravel()
     normal = _normal(square.sum(), 3 * len(square))

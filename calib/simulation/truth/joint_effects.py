@@ -45,7 +45,7 @@ class HighHarmonic(TransmissionError):
 
 @dataclass(frozen=True, eq=False)
 class FineRipple(TransmissionError):
-    """As transmission error, 23 times a turn. Not in the catalogue."""
+    """A transmission error 23 times a turn, which the catalogue does not have."""
 
     name = "fine_ripple"
     harmonics: tuple[float, ...] = (23.0,)

@@ -60,4 +60,4 @@ def on_faces(base_T_jig: Array, edges_mm: Array) -> Array:
 
 
 _SHARES = ((0.1, 0.1), (0.33, 0.33), (0.85, 0.07), (0.07, 0.85))
-"""Of a face's two edges: near the apex, in the middle, and near the ends of the edges."""
+"""Shares of a face's two edges: near the apex, in the middle, and near the ends of the edges."""

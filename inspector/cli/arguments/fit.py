@@ -19,7 +19,7 @@ from inspector.cli.arguments.shared import (
 
 
 def calibrate_arguments(sub: ArgumentParser) -> None:
-    """Of `calibrate`."""
+    """Add the arguments of `calibrate`."""
     sub.add_argument(
         "--out", type=Path, metavar="FILE", help="write robot.toml, its table the best without effects"
     )
@@ -58,7 +58,7 @@ def calibrate_arguments(sub: ArgumentParser) -> None:
 
 
 def compare_arguments(sub: ArgumentParser) -> None:
-    """Of `compare`."""
+    """Add the arguments of `compare`."""
     sub.add_argument("other", type=Path, metavar="OTHER", help="dataset folder to compare it with")
     add_residual(sub)
     add_effects(sub)
@@ -67,7 +67,7 @@ def compare_arguments(sub: ArgumentParser) -> None:
 
 
 def watch_arguments(sub: ArgumentParser) -> None:
-    """Of `watch`."""
+    """Add the arguments of `watch`."""
     sub.add_argument(
         "new", type=Path, nargs="+", metavar="NEW", help="dataset folder of check poses, three or more"
     )
@@ -90,7 +90,7 @@ def watch_arguments(sub: ArgumentParser) -> None:
 
 
 def validate_arguments(sub: ArgumentParser) -> None:
-    """Of `validate`."""
+    """Add the arguments of `validate`."""
     sub.add_argument("--folds", type=int, default=DEFAULT_FOLDS, help=f"default {DEFAULT_FOLDS}")
     add_model(sub, "errors of this saved model at the dataset's points, as it is")
     add_fit(sub)
@@ -98,7 +98,7 @@ def validate_arguments(sub: ArgumentParser) -> None:
 
 
 def correct_arguments(sub: ArgumentParser) -> None:
-    """Of `correct`."""
+    """Add the arguments of `correct`."""
     sub.add_argument(
         "--joints", type=Path, required=True, metavar="FILE", help="targets, columns as poses.csv"
     )

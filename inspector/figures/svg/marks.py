@@ -78,7 +78,7 @@ def symbol(
 
 
 def line_colour(trace: Trace) -> str:
-    """Of a trace's line."""
+    """The colour of a trace's line."""
     return str((trace.get("line") or {}).get("color", "var(--ink)"))
 
 

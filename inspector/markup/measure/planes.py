@@ -61,7 +61,7 @@ def _rejected(number: int, why: str) -> elements.Html:
 
 
 def passes_note(search: CornerSearch) -> str:
-    """That a scan was looked at more often than usual, where it was: it is at the edge of what can be searched."""
+    """A note where a scan was looked at more often than usual: it is at the edge of what can be searched."""
     if search.search_passes <= _USUAL_PASSES:
         return ""
     if search.corner is None:

@@ -19,7 +19,7 @@ USUAL_NOTE = (
 
 
 def each_rows(seen: Sequence[Watched]) -> list[tuple[str, ...]]:
-    """Of EACH, a row a measurement; dates do not break."""
+    """The rows of the table EACH, one a measurement; dates do not break."""
     return [
         (
             w.name, w.when.replace("-", "\u2011") or "–", w.verdict, numbers.typeset("; ".join(w.told)) or "–",
@@ -48,7 +48,7 @@ def _size(found: Found) -> str:
 
 
 def repeat_rows(repeats: Sequence[PoseFigures]) -> list[tuple[str, ...]]:
-    """Of REPEATS, mm; RP and AP of the last session, drift over all."""
+    """The rows of the table REPEATS, mm; RP and AP of the last session, drift over all."""
     return [
         (
             p.pose, f"{sum(s.visits for s in p.sessions)} in {len(p.sessions)}",
