@@ -48,7 +48,7 @@ def finding(of: tuple[CheckItem, ...], name: str) -> CheckItem:
 
 @pytest.mark.slow
 def test_a_test_error_of_a_multiple_of_the_training_error_is_a_warning() -> None:
-    """That names the worst pose; where the test poses together are off by more than was promised, the check fails."""
+    """The warning names the worst pose; where all test poses are off by more than was promised, the check fails."""
     good = finding(check(measured()).items, "test against training")
     assert (good.passed, good.warning) == (None, False)
     for poses, least in ((13, 10.0), (1, 2.0)):

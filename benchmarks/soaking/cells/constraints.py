@@ -155,7 +155,7 @@ def draw(number: int, seed: int) -> ConstrainedArm:
 
 
 def _seats(kind: str, table: Array, rng: np.random.Generator) -> list[tuple[Array, Array, Array]] | None:
-    """Of a place: where the tip is brought, in which directions it is held, and what the fixture says of the place."""
+    """The seats of a place: where the tip is brought, which directions hold it, and what the fixture says of it."""
     middle = tips_mm(table, rng.uniform(-1.2, 1.2, (1, len(table) - 1)))[0]
     every = np.eye(3)
     if kind == "planes":
