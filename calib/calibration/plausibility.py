@@ -99,7 +99,8 @@ def too_good(calibration: Calibration) -> str:
     of = "the declared sigma" if declared else f"the {BEST_SIGMA_MM:g} mm of the best instruments for arms"
     return (
         f"{calibration.sigma_mm:.2g} mm a coordinate are left, {fit.noise / floor:.2g} times {of}: no measurement is "
-        "that good, so the model was fitted to itself, the points were computed, or sigma was declared far too large"
+        "that good, so the model was fitted to itself, the points were computed, or sigma was declared far too large: "
+        "declare what repeats of one pose show"
     )
 
 

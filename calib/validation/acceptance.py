@@ -291,18 +291,20 @@ def _promise(diagnosis: Diagnosis) -> list[CheckItem]:
     return [CheckItem("promise", True, words)]
 
 
-def _doubted(name: str, calibration: Calibration, doubt: str) -> CheckItem:
-    """A failure of a fit that cannot be, or is too good for the declared noise; a warning where none is declared."""
-    fails = bool(doubt) or is_declared(calibration.dataset)
-    return CheckItem(name, False if fails else None, doubt or too_good(calibration), warning=not fails)
+def _too_good(name: str, calibration: Calibration) -> list[CheckItem]:
+    """A failure of a fit that leaves far less than the declared noise; a warning where none is declared."""
+    words, declared = too_good(calibration), is_declared(calibration.dataset)
+    return [CheckItem(name, False if declared else None, words, warning=not declared)] if words else []
 
 
 def _left_by_diagnosis(diagnosis: Diagnosis) -> list[CheckItem]:
     """A failure where the model at the end leaves many times the declared noise, or far too little, or is no arm."""
     last = diagnosis.calibration
     doubt = implausibility_reason(last) if last.model.added_effects else ""
-    if doubt or too_good(last):
-        return [_doubted("model", last, doubt)]
+    if doubt:
+        return [CheckItem("model", False, doubt)]
+    if surprise := _too_good("model", last):
+        return surprise
     if not is_declared(last.dataset) or not last.fit.noise > MAX_LEFT_RATIO:
         return []
     what = " with ".join(["the links", *(["all that was found"] if last.model.family_names else [])])
@@ -332,8 +334,8 @@ def _residual(calibration: Calibration) -> list[CheckItem]:
     declared = is_declared(calibration.dataset)
     ratio_words = _beside_the_noise(calibration)
     doubt = implausibility_reason(calibration)
-    if not doubt and too_good(calibration):
-        return [_doubted("residual", calibration, doubt)]
+    if not doubt and (surprise := _too_good("residual", calibration)):
+        return surprise
     if not doubt and declared and noise > MAX_SIGMA_RATIO:
         doubt = "the model does not describe these data; check joint signs, units and the order of the poses"
     if doubt:
